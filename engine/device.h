@@ -1,0 +1,43 @@
+/// Where the hand is, and where the force goes.
+#pragma once
+
+#include <string>
+
+#include "engine/coupling.h"
+#include "engine/types.h"
+
+namespace palpate {
+
+/// What a device can do, and where each number comes from.
+struct DeviceInfo {
+  std::string name;
+  ForceLimits limits;             ///< [N], [N/s].
+  double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m].
+  double workspace_radius = 0.1;  ///< [m], about the origin of W.
+  std::string source;             ///< Of the numbers above.
+};
+
+/// One reading of the hand.
+struct HandState {
+  Vec3 position = Vec3::Zero();  ///< The probe in W [m].
+};
+
+/// A hand on an arm, real or simulated. One thread at a time.
+class Device {
+ public:
+  Device() = default;
+  Device(const Device&) = delete;
+  Device& operator=(const Device&) = delete;
+  virtual ~Device() = default;
+
+  [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
+  /// The newest position. RT: no allocation, no lock.
+  [[nodiscard]] virtual HandState read() noexcept = 0;
+  /// Sends a force [N] that has passed limitForce; it holds until the next one. A device in virtual
+  /// time moves on by one tick. RT: no allocation, no lock.
+  virtual void write(const Vec3& force) noexcept = 0;
+  /// True when there is nothing more to read, as at the end of a recorded path.
+  [[nodiscard]] virtual bool ended() const noexcept { return false; }
+};
+
+}  // namespace palpate

@@ -1,0 +1,34 @@
+/// Errors of loading, building and opening. Nothing in the tick throws.
+#pragma once
+
+#include <stdexcept>
+#include <string>
+
+namespace palpate {
+
+/// One line for the user: what was being done, why it cannot be, what to do about it.
+class Error : public std::runtime_error {
+ public:
+  Error(const std::string& what, const std::string& why, const std::string& remedy)
+      : std::runtime_error(what + ": " + why + ": " + remedy) {}
+};
+
+/// A file or grid that cannot be felt.
+class VolumeError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A scene description that is wrong; `what` names the JSON path, as /modes/0/of.
+class SceneError : public Error {
+ public:
+  using Error::Error;
+};
+
+/// A device, or the description of a simulated one, that cannot be used.
+class DeviceError : public Error {
+ public:
+  using Error::Error;
+};
+
+}  // namespace palpate

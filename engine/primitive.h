@@ -1,0 +1,57 @@
+/// The haptic primitives of Lundin et al., section 4.1: eqs (8), (9), (11), (13).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// The paper closes this list: directed force and constraints of three, two and one degrees of
+/// freedom. A fifth kind should make every `switch` complain.
+enum class PrimitiveKind : std::uint8_t {
+  kForce,  ///< eq. (8): constant force along `direction`; `position` is ignored.
+  kPoint,  ///< eq. (9): constant pull towards `position`; `direction` is ignored.
+  kLine,   ///< eq. (11): constant pull towards the line through `position` along `direction`.
+  kPlane,  ///< eq. (13): constant push along `direction`, only behind the plane (eq. 12).
+};
+
+/// One primitive in W.
+struct Primitive {
+  PrimitiveKind kind = PrimitiveKind::kForce;
+  Vec3 position = Vec3::Zero();    ///< x_i [m].
+  Vec3 direction = Vec3::UnitX();  ///< q_i, unit length (to 1e-6).
+  double strength = 0.0;           ///< s_i [N], >= 0.
+};
+
+/// Most primitives that one tick may balance.
+inline constexpr std::size_t kMaxPrimitives = 1024;
+
+/// The primitives of one tick. Its memory is taken when it is made, none afterwards.
+class PrimitiveSet {
+ public:
+  PrimitiveSet() : items_(kMaxPrimitives) {}
+
+  /// Appends one primitive; false, and nothing changed, when the set is full.
+  /// RT: no allocation.
+  [[nodiscard]] bool tryAdd(const Primitive& primitive) noexcept {
+    if (count_ == items_.size()) return false;
+    items_[count_++] = primitive;
+    return true;
+  }
+
+  void clear() noexcept { count_ = 0; }
+  [[nodiscard]] std::size_t size() const noexcept { return count_; }
+  [[nodiscard]] std::span<const Primitive> items() const noexcept {
+    return {items_.data(), count_};
+  }
+
+ private:
+  std::vector<Primitive> items_;
+  std::size_t count_ = 0;
+};
+
+}  // namespace palpate

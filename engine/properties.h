@@ -1,0 +1,28 @@
+/// The properties of the volumes at one point, between the fields and the modes.
+#pragma once
+
+#include <array>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// Most scalars, and most vectors, that the modes of one scene may read.
+inline constexpr int kMaxProperties = 64;
+
+/// Step 1 of the paper's figure 1: what was sampled at the proxy, indexed by the small integers
+/// that the graph hands out. Modes see nothing else of the volumes.
+struct Properties {
+  struct Scalar {
+    double value = 0.0;
+    bool inside = false;  ///< False where there is no data.
+  };
+  struct Vector {
+    Vec3 value = Vec3::Zero();
+    bool inside = false;
+  };
+  std::array<Scalar, kMaxProperties> scalars;
+  std::array<Vector, kMaxProperties> vectors;
+};
+
+}  // namespace palpate

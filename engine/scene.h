@@ -1,0 +1,57 @@
+/// Everything one tick needs to know about the world: built off the haptic thread, then const.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "engine/coupling.h"
+#include "engine/field.h"
+#include "engine/graph.h"
+#include "engine/solver.h"
+
+namespace palpate {
+
+/// Accuracy of the motion within a tick.
+struct StepParams {
+  int max_substeps = 8;  ///< The proxy moves at most a voxel at a time where there is data; at the
+                         ///< cap the rest of the way waits for the next tick. 1 to 64.
+};
+
+/// Fields, graph and parameters. Immutable once made; readers and the proxy's memory live
+/// elsewhere.
+struct Scene {
+  std::uint64_t id = 0;  ///< Unique in the process: a proxy notices that its scene was swapped.
+  Graph graph;
+  CouplingParams coupling;
+  StepParams step;
+  SolverParams solver;
+};
+
+/// Checks and compiles a scene from fields by name. Throws SceneError; slow, allocates.
+[[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
+                                                     const std::map<std::string, FieldPtr>& fields,
+                                                     const CouplingParams& coupling = {},
+                                                     const StepParams& step = {});
+
+/// What one thread's reads change: a cache for each field that a scene reads. Its memory is taken
+/// when it is made, so that a swapped scene costs no allocation.
+class Reader {
+ public:
+  Reader() : caches_(kMaxFields) {}
+
+  /// Readies the caches for a scene; nothing where it is the scene of the last call.
+  /// RT: no allocation. Cost: O(fields).
+  void bind(const Scene& scene) noexcept;
+
+  /// Step 1 of the paper's figure 1: samples what the graph wants at p_W [m]. Call bind first.
+  /// Returns how many fields were read. RT: no allocation.
+  int sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcept PALPATE_NONBLOCKING;
+
+ private:
+  std::vector<FieldCache> caches_;
+  std::uint64_t scene_id_ = 0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,295 @@
+#include "engine/solver.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Geometry>
+
+namespace palpate {
+namespace {
+
+constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+
+/// A primitive other than a directed force, as sigma |P (y - a)|: P projects on the point's three,
+/// the line's two or the plane's one constrained directions. Lengths in units of S/k with the
+/// origin at the spring's end, forces in units of S, so that sigmas add up to 1.
+struct Term {
+  PrimitiveKind kind;
+  double sigma;
+  Vec3 a;  ///< anchor
+  Vec3 q;  ///< unit direction
+  Vec3 z;  ///< multiplier: the primitive's force is -sigma z, |z| <= 1, in the range of P
+};
+
+Vec3 project(const Term& term, const Vec3& d) noexcept {
+  switch (term.kind) {
+    case PrimitiveKind::kPoint:
+      return d;
+    case PrimitiveKind::kLine:
+      return d - term.q * term.q.dot(d);
+    case PrimitiveKind::kPlane:
+      return term.q * term.q.dot(d);
+    case PrimitiveKind::kForce:
+      break;
+  }
+  return Vec3::Zero();
+}
+
+/// H += c P.
+void addProjector(const Term& term, double c, Mat3& H) noexcept {
+  if (term.kind != PrimitiveKind::kPlane) H.diagonal().array() += c;
+  if (term.kind == PrimitiveKind::kLine) H.noalias() -= (c * term.q) * term.q.transpose();
+  if (term.kind == PrimitiveKind::kPlane) H.noalias() += (c * term.q) * term.q.transpose();
+}
+
+/// Solves H x = b for a symmetric H with eigenvalues >= 1, by L D L^T.
+Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
+  const double l10 = H(1, 0) / H(0, 0);
+  const double l20 = H(2, 0) / H(0, 0);
+  const double d1 = H(1, 1) - l10 * H(1, 0);
+  const double m = H(2, 1) - l10 * H(2, 0);
+  const double l21 = m / d1;
+  const double d2 = H(2, 2) - l20 * H(2, 0) - l21 * m;
+  const double y1 = b[1] - l10 * b[0];
+  const double y2 = b[2] - l20 * b[0] - l21 * y1;
+  Vec3 x;
+  x[2] = y2 / d2;
+  x[1] = y1 / d1 - l21 * x[2];
+  x[0] = b[0] / H(0, 0) - l10 * x[1] - l20 * x[2];
+  return x;
+}
+
+/// The primitives, dimensionless, and what restores metres.
+struct Problem {
+  Vec3 w;         ///< the spring's end, relative to the probe [m]: directed forces only move it
+  double length;  ///< S/k [m]
+  std::span<Term> terms;
+};
+
+/// Gradient at y of the potential with each norm replaced by its Moreau envelope around z, and,
+/// if asked for, its (generalised) Hessian.
+Vec3 envelopeGradient(std::span<const Term> terms, double gamma, const Vec3& y,
+                      Mat3* hessian) noexcept {
+  Vec3 g = y;
+  if (hessian != nullptr) hessian->setIdentity();
+  for (const Term& term : terms) {
+    const Vec3 u = term.z + project(term, y - term.a) / gamma;
+    const double r2 = u.squaredNorm();
+    if (r2 <= 1.0) {
+      g += term.sigma * u;
+      if (hessian != nullptr) addProjector(term, term.sigma / gamma, *hessian);
+      continue;
+    }
+    const double r = std::sqrt(r2);
+    const Vec3 e = u / r;
+    g += term.sigma * e;
+    if (hessian != nullptr && term.kind != PrimitiveKind::kPlane) {
+      const double c = term.sigma / (gamma * r);
+      addProjector(term, c, *hessian);
+      hessian->noalias() -= (c * e) * e.transpose();
+    }
+  }
+  return g;
+}
+
+/// Semismooth Newton on the envelope from y, which becomes its minimiser (nearly). Returns the
+/// number of linear solves, at most `budget`.
+int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3& y) noexcept {
+  constexpr int kMaxTrials = 24;
+  // The slope is minus the squared distance to the model's minimiser in the model's own metric:
+  // well below the width of a kink, or down at the rounding of y.
+  const double target = std::max(1e-3 * gamma * gamma, 1e-26);
+  Mat3 H;
+  Vec3 g = envelopeGradient(terms, gamma, y, &H);
+  int solves = 0;
+  while (solves < budget) {
+    const Vec3 step = -solve3(H, g);
+    ++solves;
+    const double slope = g.dot(step);  // < 0: the envelope falls by about -slope/2
+    double t = 1.0;
+    Vec3 trial = y + step;
+    g = envelopeGradient(terms, gamma, trial, &H);
+
+    // Where the full step passes the valley, find the place on the way where the slope is small.
+    // The slope is monotone in t, and unlike an energy difference it does not drown in rounding.
+    double low = 0.0;
+    double low_slope = slope;
+    double high = 1.0;
+    double high_slope = g.dot(step);
+    for (int i = 0; i < kMaxTrials && high_slope > -0.3 * slope; ++i) {
+      t = std::clamp(low + (high - low) * low_slope / (low_slope - high_slope),
+                     low + 0.1 * (high - low), high - 0.1 * (high - low));
+      trial = y + t * step;
+      g = envelopeGradient(terms, gamma, trial, &H);
+      const double trial_slope = g.dot(step);
+      if (std::abs(trial_slope) <= -0.3 * slope) break;
+      if (trial_slope > 0.0) {
+        high = t;
+        high_slope = trial_slope;
+      } else {
+        low = t;
+        low_slope = trial_slope;
+      }
+    }
+    y = trial;
+    if (-slope <= target) break;
+  }
+  return solves;
+}
+
+/// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
+/// The dual point is the multipliers, but d/|d| for a primitive that y is clearly off.
+double certify(std::span<const Term> terms, double gamma, const Vec3& y) noexcept {
+  double gap = 0.0;
+  Vec3 imbalance = y;
+  for (const Term& term : terms) {
+    const Vec3 d = project(term, y - term.a);
+    const double distance = d.norm();
+    if (distance > gamma) {
+      imbalance += (term.sigma / distance) * d;
+    } else {
+      gap += term.sigma * std::max(0.0, distance - term.z.dot(d));
+      imbalance += term.sigma * term.z;
+    }
+  }
+  return std::sqrt(2.0 * gap + imbalance.squaredNorm());
+}
+
+/// Proximal method of multipliers: envelopes around z, minimised by Newton, tightened until the
+/// certificate holds. Kinks come out exact and nothing degenerates as the tolerance falls.
+void solveGeneral(const Problem& problem, const SolverParams& params,
+                  SolveResult& result) noexcept {
+  constexpr double kFirstGamma = 0.3;
+  constexpr double kGammaFactor = 0.1;
+  constexpr double kLastGamma = 1e-5;
+
+  Vec3 y = Vec3::Zero();
+  Vec3 best = y;
+  double best_bound = 1.0;  // |y*| <= 1 always: all primitives together pull with at most S
+  double gamma = kFirstGamma;
+  int left = params.max_iterations;
+  while (left > 0) {
+    left -= minimiseEnvelope(problem.terms, gamma, left, y);
+    for (Term& term : problem.terms) {
+      const Vec3 u = term.z + project(term, y - term.a) / gamma;
+      const double r = u.norm();
+      term.z = r > 1.0 ? Vec3(u / r) : u;
+    }
+    const double bound = certify(problem.terms, gamma, y);
+    if (bound < best_bound) {
+      best_bound = bound;
+      best = y;
+    }
+    if (best_bound <= params.tolerance) break;
+    gamma = std::max(kGammaFactor * gamma, kLastGamma);
+  }
+  result.iterations = params.max_iterations - left;
+  result.offset = problem.w + problem.length * best;
+  result.error_bound = problem.length * best_bound;
+  if (best_bound > params.tolerance) result.status = SolveStatus::kIterationLimit;
+}
+
+/// The balance of one primitive and the spring: the soft threshold, exact.
+Vec3 balanceOne(const Problem& problem) noexcept {
+  const Term& term = problem.terms.front();
+  const Vec3 d = project(term, term.a);  // from the spring's end to the primitive
+  const double distance = d.norm();
+  // The spring's end is within the primitive's reach S/k: the proxy is on it.
+  if (distance <= 1.0) return problem.w + problem.length * d;
+  return problem.w + (problem.length / distance) * d;
+}
+
+bool valid(const Primitive& primitive) noexcept {
+  if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
+  if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
+  if (primitive.kind == PrimitiveKind::kPoint) return true;
+  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
+}
+
+/// Moves directed forces into the spring's end and the rest into terms, dimensionless.
+template <std::size_t Capacity>
+void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+                      const SolverParams& params, SolveResult& result) noexcept {
+  std::array<Term, Capacity> storage;
+  Problem problem{Vec3::Zero(), 0.0, {}};
+
+  // max(0, t) = (t + |t|)/2: a plane is half a directed force and half a norm.
+  std::size_t count = 0;
+  double sum = 0.0;
+  double reach = 0.0;  // largest distance that enters, for the rounding
+  for (const Primitive& primitive : primitives) {
+    if (primitive.strength <= 0.0) continue;
+    const bool plane = primitive.kind == PrimitiveKind::kPlane;
+    const double share = plane ? 0.5 * primitive.strength : primitive.strength;
+    if (plane || primitive.kind == PrimitiveKind::kForce) {
+      problem.w += (share / stiffness) * primitive.direction;
+    }
+    if (primitive.kind == PrimitiveKind::kForce) continue;
+    Term& term = storage[count++];
+    term.kind = primitive.kind;
+    term.sigma = share;
+    term.a = primitive.position - probe;
+    term.q = primitive.direction;
+    sum += share;
+    reach = std::max(reach, term.a.lpNorm<Eigen::Infinity>());
+  }
+  problem.terms = {storage.data(), count};
+  problem.length = sum / stiffness;
+  reach = std::max(reach, problem.w.lpNorm<Eigen::Infinity>());
+  const double rounding = 8.0 * kEpsilon * reach;
+
+  // Nothing but directed forces, or strengths that cannot move the proxy beyond rounding.
+  if (problem.length <= rounding || problem.length < std::numeric_limits<double>::min()) {
+    result.offset = problem.w;
+    result.error_bound = problem.length + rounding;
+    return;
+  }
+
+  for (Term& term : problem.terms) {
+    term.a = (term.a - problem.w) / problem.length;
+    term.sigma /= sum;
+    term.z.setZero();
+  }
+  if (count == 1) {
+    result.offset = balanceOne(problem);
+    result.error_bound = rounding;
+    return;
+  }
+  result.solver = SolverKind::kGeneral;
+  solveGeneral(problem, params, result);
+  result.error_bound += rounding;
+}
+
+}  // namespace
+
+SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+                       const Vec3& start, const SolverParams& params) noexcept {
+  constexpr std::size_t kFew = 16;
+  SolveResult result;
+  const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
+                    primitives.size() <= kMaxPrimitives &&
+                    std::all_of(primitives.begin(), primitives.end(), valid);
+  if (good) {
+    // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.
+    if (primitives.size() <= kFew) {
+      solveWithStorage<kFew>(probe, stiffness, primitives, params, result);
+    } else {
+      solveWithStorage<kMaxPrimitives>(probe, stiffness, primitives, params, result);
+    }
+  }
+  // Sums and quotients of finite numbers can still overflow.
+  if (!good || !result.offset.allFinite() || !std::isfinite(result.error_bound)) {
+    result = {};
+    result.status = SolveStatus::kBadInput;
+    result.proxy = start;
+    result.offset = start - probe;
+    if (!result.offset.allFinite()) result.offset.setZero();
+    return result;
+  }
+  result.proxy = probe + result.offset;
+  return result;
+}
+
+}  // namespace palpate

@@ -1,0 +1,70 @@
+/// The balance: where the primitives hold the coupling spring. Lundin et al., section 4.2.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "engine/primitive.h"
+#include "engine/types.h"
+
+namespace palpate {
+
+/// How a solve ended. Every value is safe to act on: `proxy` is finite whenever `start` is.
+enum class SolveStatus : std::uint8_t {
+  kConverged,       ///< error_bound is within the tolerance.
+  kIterationLimit,  ///< Best point found so far; error_bound says how far off it can be.
+  kBadInput,        ///< A NaN, an infinity, stiffness <= 0, strength < 0, a direction that is not
+                    ///< unit length or too many primitives came in; proxy is `start`, unchanged.
+};
+
+/// What answered.
+enum class SolverKind : std::uint8_t {
+  kClosedForm,  ///< At most one primitive other than directed forces.
+  kGeneral,     ///< Proximal method of multipliers.
+};
+
+struct SolverParams {
+  /// Wanted error_bound as a share of S/k, S the sum of strengths: the proxy is never farther than
+  /// S/k from the probe.
+  double tolerance = 1e-6;
+  /// Most 3x3 linear solves.
+  int max_iterations = 60;
+};
+
+struct SolveResult {
+  Vec3 proxy = Vec3::Zero();   ///< [m]
+  Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], not rounded to the probe's magnitude: the
+                               ///< spring's force is k times this.
+  double error_bound = 0.0;  ///< [m], at least the distance of probe + offset to the exact answer.
+  int iterations = 0;        ///< 3x3 linear solves; 0 for the closed form.
+  SolverKind solver = SolverKind::kClosedForm;
+  SolveStatus status = SolveStatus::kConverged;
+};
+
+/// Finds the proxy position at which the primitives balance the coupling spring.
+///
+/// Minimises the potential whose gradient is minus the residual force of eq. (14),
+///
+///     E(x) = k/2 |x - probe|^2 - sum_force s q.x + sum_point s |x - x_i|
+///            + sum_line s |(I - q q^T)(x - x_i)| + sum_plane s max(0, q.(x_i - x)),
+///
+/// whose minimiser is the solution of eq. (15). With k > 0 and strengths >= 0 it is strongly
+/// convex, so the answer is unique and does not depend on `start`.
+/// Departures from the paper: at a kink (proxy exactly on a plane, line or point) eq. (14) takes
+/// the primitive's force as zero; we take any force of its set, because the balance usually lies on
+/// a kink. And the smallest |f_res|, which section 4.2 searches, is not always the balance
+/// (tests/engine/paper_test.cpp has a case), so we stop by the duality gap:
+/// |x - x*| <= sqrt(2 gap / k).
+///
+/// @param probe       Hand position [m].
+/// @param stiffness   Coupling stiffness k of eq. (3) [N/m], > 0.
+/// @param primitives  Balanced together; at most kMaxPrimitives.
+/// @param start       Returned as the proxy when the input is bad, normally the last proxy [m].
+///
+/// RT: no allocation, no lock, no system call; up to 150 KB of stack, touched only as far as there
+/// are primitives. Cost: O(primitives) per iteration. Deterministic.
+[[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
+                                     std::span<const Primitive> primitives, const Vec3& start,
+                                     const SolverParams& params = {}) noexcept PALPATE_NONBLOCKING;
+
+}  // namespace palpate

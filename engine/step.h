@@ -1,0 +1,93 @@
+/// The tick: read the hand, sample, balance, couple, limit. No clock, no thread, no device.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "engine/coupling.h"
+#include "engine/device.h"
+#include "engine/mode.h"
+#include "engine/primitive.h"
+#include "engine/scene.h"
+#include "engine/solver.h"
+
+namespace palpate {
+
+/// How a tick ended, worst first in the order of severity. Each is safe to send.
+enum class StepStatus : std::uint8_t {
+  kConverged,       ///< All is well.
+  kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Raise
+                    ///< max_substeps or the rate if it happens often.
+  kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
+  kDropped,         ///< More primitives than kMaxPrimitives: some were left out.
+  kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
+                    ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
+};
+
+/// What one tick did.
+struct StepReport {
+  Vec3 force = Vec3::Zero();   ///< For the device, after limitForce [N].
+  Vec3 wanted = Vec3::Zero();  ///< Before it [N].
+  Vec3 proxy = Vec3::Zero();   ///< [m]
+  double error_bound = 0.0;    ///< Of the last balance [m].
+  double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]:
+                               ///< max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2).
+  int iterations = 0;          ///< Linear solves, all sub-steps.
+  int substeps = 0;
+  int samples = 0;                              ///< Field reads, all sub-steps.
+  int primitives = 0;                           ///< Balanced in the last sub-step.
+  SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
+  StepStatus status = StepStatus::kConverged;
+  bool limited = false;  ///< limitForce changed the force.
+};
+
+/// What the proxy remembers from tick to tick, and the memory that the tick works in.
+class ProxyState {
+ public:
+  /// `limits`: of the device that the force goes to. Allocates; the tick does not.
+  explicit ProxyState(const ForceLimits& limits = {}) : limits_(limits), memories_(kMaxModes) {}
+
+  /// Lets force out again after a fault; the proxy starts anew at the hand.
+  void clearFault() noexcept {
+    faulted_ = false;
+    placed_ = false;
+  }
+  [[nodiscard]] bool faulted() const noexcept { return faulted_; }
+  [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
+  [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
+  [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
+
+ private:
+  friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&,
+                               double) noexcept;
+  friend class Tick;
+
+  ForceLimits limits_;
+  std::vector<ModeMemory> memories_;
+  PrimitiveSet primitives_;
+  Properties properties_;
+  std::uint64_t scene_id_ = 0;
+  bool placed_ = false;
+  bool faulted_ = false;
+  Vec3 proxy_ = Vec3::Zero();
+  Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].
+  Vec3 sent_ = Vec3::Zero();    ///< Force of the last tick [N].
+};
+
+/// One tick of the engine: steps 1 to 3 of the paper's figure 1.
+///
+/// The proxy starts at the first probe position. Where there is data it moves at most one voxel
+/// before properties are read again. A scene that differs from the last tick's keeps the proxy
+/// where it is and forgets contacts.
+///
+/// @param reader  This thread's; bound to the scene as needed.
+/// @param hand    Position [m]; a NaN or infinity is a fault: zero force, latched.
+/// @param dt      Time since the last tick [s], > 0; else the force may not grow.
+/// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or so.
+[[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
+                                    ProxyState& state, double dt) noexcept PALPATE_NONBLOCKING;
+
+/// The word for traces.
+[[nodiscard]] const char* wordFor(StepStatus status) noexcept;
+
+}  // namespace palpate

@@ -1,0 +1,53 @@
+#include "engine/transfer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace palpate {
+
+TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
+  if (!std::isfinite(constant) || constant < 0.0) {
+    throw std::invalid_argument("a strength must be a finite number >= 0");
+  }
+}
+
+TransferFunction TransferFunction::window(double level, double width, double max) {
+  if (!std::isfinite(level) || !std::isfinite(width) || !std::isfinite(max)) {
+    throw std::invalid_argument("a window's level, width and max must be finite");
+  }
+  if (width <= 0.0) throw std::invalid_argument("a window's width must be > 0");
+  return piecewise({{level - 0.5 * width, 0.0}, {level + 0.5 * width, max}});
+}
+
+TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
+  if (knots.empty()) throw std::invalid_argument("a piecewise curve needs at least one point");
+  for (const Knot& knot : knots) {
+    if (!std::isfinite(knot.first) || !std::isfinite(knot.second)) {
+      throw std::invalid_argument("a curve's points must be finite");
+    }
+    if (knot.second < 0.0) {
+      throw std::invalid_argument("a curve's outputs must be >= 0: turn a force round by sense");
+    }
+  }
+  const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };
+  if (!std::is_sorted(knots.begin(), knots.end(), ascending)) {
+    throw std::invalid_argument("a curve's inputs must ascend");
+  }
+  return TransferFunction(std::move(knots));
+}
+
+double TransferFunction::operator()(double x) const noexcept {
+  if (std::isnan(x)) return 0.0;
+  if (knots_.size() == 1) return knots_.front().second;
+  const auto after =
+      std::upper_bound(knots_.begin(), knots_.end(), x,
+                       [](double input, const Knot& knot) { return input < knot.first; });
+  if (after == knots_.begin()) return knots_.front().second;
+  if (after == knots_.end()) return knots_.back().second;
+  const Knot& a = *(after - 1);
+  const Knot& b = *after;
+  return a.second + (b.second - a.second) * ((x - a.first) / (b.first - a.first));
+}
+
+}  // namespace palpate

@@ -1,0 +1,35 @@
+/// Transfer functions: from a property's value to a strength.
+#pragma once
+
+#include <utility>
+#include <vector>
+
+namespace palpate {
+
+/// A piecewise-linear curve through knots, constant before the first and after the last. A number
+/// is one knot, a window two (the field's PiecewiseFunction and WindowFunction).
+class TransferFunction {
+ public:
+  using Knot = std::pair<double, double>;  ///< input, output
+
+  /// The number itself, >= 0, for every input. Throws std::invalid_argument.
+  TransferFunction(double constant = 0.0);  // NOLINT(google-explicit-constructor): a number is one
+  /// Rises linearly from 0 at level - width/2 to max at level + width/2. width > 0, max >= 0.
+  [[nodiscard]] static TransferFunction window(double level, double width, double max);
+  /// Through knots of ascending input (two equal inputs are a step, the later one counts from there
+  /// on) and outputs >= 0. At least one; all finite.
+  [[nodiscard]] static TransferFunction piecewise(std::vector<Knot> knots);
+
+  /// True if the input does not matter.
+  [[nodiscard]] bool isConstant() const noexcept { return knots_.size() == 1; }
+  [[nodiscard]] const std::vector<Knot>& knots() const noexcept { return knots_; }
+
+  /// The curve at x; 0 for NaN. RT: no allocation. Cost: O(log knots).
+  [[nodiscard]] double operator()(double x) const noexcept;
+
+ private:
+  explicit TransferFunction(std::vector<Knot> knots) : knots_(std::move(knots)) {}
+  std::vector<Knot> knots_;
+};
+
+}  // namespace palpate

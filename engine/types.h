@@ -1,0 +1,33 @@
+/// Numbers of the engine: SI units, right-handed world W (the user's hand space), doubles.
+#pragma once
+
+#include <Eigen/Core>
+
+/// Marks a function of the tick: no allocation, no lock, no system call. RealtimeSanitizer checks
+/// it where the compiler has one (clang 20); elsewhere the tests count.
+#if defined(__has_cpp_attribute)
+#if __has_cpp_attribute(clang::nonblocking)
+#define PALPATE_NONBLOCKING [[clang::nonblocking]]
+#endif
+#endif
+#ifndef PALPATE_NONBLOCKING
+#define PALPATE_NONBLOCKING
+#endif
+
+namespace palpate {
+
+/// A position [m], displacement [m], force [N] or unit direction in W. Fixed size: never allocates.
+using Vec3 = Eigen::Vector3d;
+using Mat3 = Eigen::Matrix3d;
+
+/// Axis-aligned box in W [m]. Empty while lower > upper.
+struct Box {
+  Vec3 lower = Vec3::Constant(1.0);
+  Vec3 upper = Vec3::Constant(-1.0);
+
+  [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
+  [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }
+  [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }
+};
+
+}  // namespace palpate

@@ -1,0 +1,323 @@
+#include "samplers/vdb_field.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <new>
+
+#include <openvdb/openvdb.h>
+#include <openvdb/tree/ValueAccessor.h>
+
+#include "engine/error.h"
+#include "samplers/volume_grid.h"
+
+namespace palpate {
+namespace {
+
+using openvdb::Coord;
+
+/// A 4 x 4 x 4 block of voxels around a cell: index (i, j, k) is [16 i + 4 j + k], the cell's own
+/// corners are 1 and 2 along each axis.
+template <class T>
+struct Block {
+  std::array<T, 64> values;
+  int active_corners = 0;  ///< Of the cell's eight.
+
+  static constexpr int at(int i, int j, int k) noexcept { return 16 * i + 4 * j + k; }
+};
+
+/// Copies the block whose lowest corner is `low`, leaf by leaf: at most eight look-ups.
+template <class Accessor, class T>
+void copyBlock(const Accessor& accessor, const Coord& low, Block<T>& block) noexcept {
+  const auto corner = [](int i) { return i == 1 || i == 2; };
+  block.active_corners = 0;
+  // Along each axis the block lies in one leaf or two: [0, split) and [split, 4).
+  std::array<int, 3> split{};
+  for (int a = 0; a < 3; ++a) {
+    split[static_cast<std::size_t>(a)] = std::min(4, 8 - (low[a] & 7));
+  }
+  for (int i0 = 0; i0 < 4; i0 = i0 < split[0] ? split[0] : 4) {
+    const int i1 = i0 < split[0] ? split[0] : 4;
+    for (int j0 = 0; j0 < 4; j0 = j0 < split[1] ? split[1] : 4) {
+      const int j1 = j0 < split[1] ? split[1] : 4;
+      for (int k0 = 0; k0 < 4; k0 = k0 < split[2] ? split[2] : 4) {
+        const int k1 = k0 < split[2] ? split[2] : 4;
+        const Coord first = low.offsetBy(i0, j0, k0);
+        const auto* leaf = accessor.probeConstLeaf(first);
+        const bool tile_on = leaf == nullptr && accessor.isValueOn(first);
+        const T tile = leaf == nullptr ? accessor.getValue(first) : openvdb::zeroVal<T>();
+        const T* data = leaf == nullptr ? nullptr : leaf->buffer().data();
+        for (int i = i0; i < i1; ++i) {
+          for (int j = j0; j < j1; ++j) {
+            for (int k = k0; k < k1; ++k) {
+              const auto offset = static_cast<openvdb::Index>(
+                  (((low[0] + i) & 7) << 6) | (((low[1] + j) & 7) << 3) | ((low[2] + k) & 7));
+              block.values[static_cast<std::size_t>(Block<T>::at(i, j, k))] =
+                  data == nullptr ? tile : data[offset];
+              if (corner(i) && corner(j) && corner(k)) {
+                block.active_corners += (leaf == nullptr ? tile_on : leaf->isValueOn(offset));
+              }
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
+/// N numbers at a cell's corners, corner (i, j, k) at [4 i + 2 j + k], as coefficients of the
+/// trilinear polynomial c0 + c1 u + c2 v + c3 w + c4 uv + c5 uw + c6 vw + c7 uvw.
+template <int N>
+struct Trilinear {
+  using Row = Eigen::Array<double, N, 1>;
+  std::array<Row, 8> c;
+
+  void fit(const std::array<Row, 8>& d) noexcept {
+    c[0] = d[0];
+    c[1] = d[4] - d[0];
+    c[2] = d[2] - d[0];
+    c[3] = d[1] - d[0];
+    c[4] = (d[6] - d[2]) - c[1];
+    c[5] = (d[5] - d[1]) - c[1];
+    c[6] = (d[3] - d[1]) - c[2];
+    c[7] = (d[7] - d[3]) - (d[5] - d[1]) - c[4];
+  }
+
+  [[nodiscard]] Row operator()(const Vec3& t) const noexcept {
+    const Row uv = c[4] + c[7] * t.z();
+    const Row u = c[1] + c[5] * t.z();
+    const Row v = c[2] + c[6] * t.z();
+    return c[0] + c[3] * t.z() + v * t.y() + (u + uv * t.y()) * t.x();
+  }
+
+  /// Gradient of row `n`'s polynomial.
+  [[nodiscard]] Vec3 slope(const Vec3& t, Eigen::Index n) const noexcept {
+    const double uv = c[4][n] + c[7][n] * t.z();
+    return {c[1][n] + c[5][n] * t.z() + uv * t.y(), c[2][n] + c[6][n] * t.z() + uv * t.x(),
+            c[3][n] + c[5][n] * t.x() + (c[6][n] + c[7][n] * t.x()) * t.y()};
+  }
+};
+
+constexpr int kNoCell = std::numeric_limits<int>::max();
+
+/// What a reader keeps of a grid: the accessor and the last cell.
+template <class GridT, int N>
+struct CellCache {
+  using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
+  Accessor accessor;
+  std::array<int, 3> cell{kNoCell, kNoCell, kNoCell};
+  bool inside = false;
+  Trilinear<N> poly;
+
+  explicit CellCache(const GridT& grid) : accessor(grid.tree()) {}
+};
+
+/// The map between W and a grid's index space, and what follows from it.
+struct IndexMap {
+  Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
+  Vec3 origin_I;
+  Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
+  Mat3 rotation;             ///< file to W
+
+  IndexMap(const Volume::Grid& grid, const Placement& placement) {
+    const Mat3 index_from_file = grid.linear.inverse();
+    index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
+    origin_I = -index_from_world * placement.translate - index_from_file * grid.origin;
+    gradient_from_index = placement.rotation * index_from_file.transpose();
+    rotation = placement.rotation;
+  }
+};
+
+/// Splits p_I into cell and position in it; false where it is no place in a grid.
+bool locate(const Vec3& p_I, std::array<int, 3>& cell, Vec3& t) noexcept {
+  if (!(p_I.cwiseAbs().maxCoeff() < 1e9)) return false;  // false for NaN as well
+  for (int a = 0; a < 3; ++a) {
+    const double floor = std::floor(p_I[a]);
+    cell[static_cast<std::size_t>(a)] = static_cast<int>(floor);
+    t[a] = p_I[a] - floor;
+  }
+  return !p_I.hasNaN();
+}
+
+Vec3 asVec3(const openvdb::Vec3d& v) noexcept {
+  return {v.x(), v.y(), v.z()};
+}
+
+FieldFrame frameOf(const Volume& volume, const Placement& placement) {
+  // One voxel wider than the active voxels' centres: a cell at the edge has an active corner.
+  FieldFrame frame;
+  frame.voxel = volume.info().voxel.minCoeff() * placement.scale;
+  frame.metres_per_unit = placement.scale;
+  const Box& file = volume.info().bounds;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 p_F;
+    for (int a = 0; a < 3; ++a) {
+      const bool upper = ((corner >> a) & 1) != 0;
+      const double margin = volume.info().voxel.maxCoeff();
+      p_F[a] = upper ? file.upper[a] + margin : file.lower[a] - margin;
+    }
+    const Vec3 p_W = placement(p_F);
+    frame.bounds.lower = corner == 0 ? p_W : Vec3(frame.bounds.lower.cwiseMin(p_W));
+    frame.bounds.upper = corner == 0 ? p_W : Vec3(frame.bounds.upper.cwiseMax(p_W));
+  }
+  return frame;
+}
+
+/// Corners needed for `inside`.
+int cornersNeeded(const Volume& volume) {
+  return volume.info().grid_class == GridClass::kLevelSet ? 8 : 1;
+}
+
+/// Rows of a cell: value and its central differences along the index axes.
+template <class GridT>
+class VdbScalarField final : public ScalarField {
+  using Value = typename GridT::ValueType;
+  using Cache = CellCache<GridT, 4>;
+  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
+
+ public:
+  VdbScalarField(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
+                 const Placement& placement)
+      : ScalarField(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        grid_(std::move(grid)),
+        map_(volume_->grid(), placement),
+        corners_needed_(cornersNeeded(*volume_)) {}
+
+  void reset(FieldCache& cache) const noexcept override {
+    ::new (cache.bytes.data()) Cache(*grid_);
+  }
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
+    std::array<int, 3> cell{};
+    Vec3 t;
+    ScalarSample out;
+    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) {
+      out.value = static_cast<double>(grid_->background());
+      return out;
+    }
+    if (cell != cache.cell) load(cell, cache);
+    const Eigen::Array4d row = cache.poly(t);
+    out.value = row[0];
+    out.gradient = map_.gradient_from_index * Vec3(row[1], row[2], row[3]);
+    out.cell_gradient = map_.gradient_from_index * cache.poly.slope(t, 0);
+    out.inside = cache.inside;
+    return out;
+  }
+
+ private:
+  void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
+    Block<Value> block;
+    copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
+    std::array<Eigen::Array4d, 8> corners;
+    for (int n = 0; n < 8; ++n) {
+      const int at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
+      const auto v = [&](int offset) {
+        return static_cast<double>(block.values[static_cast<std::size_t>(at + offset)]);
+      };
+      corners[static_cast<std::size_t>(n)] = {v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),
+                                              0.5 * (v(1) - v(-1))};
+    }
+    cache.poly.fit(corners);
+    cache.inside = block.active_corners >= corners_needed_;
+    cache.cell = cell;
+  }
+
+  std::shared_ptr<const Volume> volume_;
+  typename GridT::ConstPtr grid_;
+  IndexMap map_;
+  int corners_needed_;
+};
+
+/// Rows of a cell: the three components, then their central differences, axis by axis.
+template <class GridT>
+class VdbVectorField final : public VectorField {
+  using Value = typename GridT::ValueType;
+  using Cache = CellCache<GridT, 12>;
+  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
+
+ public:
+  VdbVectorField(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
+                 const Placement& placement)
+      : VectorField(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        grid_(std::move(grid)),
+        map_(volume_->grid(), placement),
+        corners_needed_(cornersNeeded(*volume_)) {}
+
+  void reset(FieldCache& cache) const noexcept override {
+    ::new (cache.bytes.data()) Cache(*grid_);
+  }
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
+    std::array<int, 3> cell{};
+    Vec3 t;
+    VectorSample out;
+    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) {
+      out.value = map_.rotation * asVec3(openvdb::Vec3d(grid_->background()));
+      return out;
+    }
+    if (cell != cache.cell) load(cell, cache);
+    const Eigen::Array<double, 12, 1> row = cache.poly(t);
+    out.value = map_.rotation * row.head<3>().matrix();
+    // d v_F / d index, columns are axes; then both indices into W.
+    Mat3 J;
+    J << row[3], row[6], row[9], row[4], row[7], row[10], row[5], row[8], row[11];
+    out.jacobian = map_.rotation * J * map_.gradient_from_index.transpose();
+    out.inside = cache.inside;
+    return out;
+  }
+
+ private:
+  void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
+    Block<Value> block;
+    copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
+    std::array<Eigen::Array<double, 12, 1>, 8> corners;
+    for (int n = 0; n < 8; ++n) {
+      const int at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
+      const auto v = [&](int offset) {
+        return asVec3(openvdb::Vec3d(block.values[static_cast<std::size_t>(at + offset)]));
+      };
+      corners[static_cast<std::size_t>(n)] << v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),
+          0.5 * (v(1) - v(-1));
+    }
+    cache.poly.fit(corners);
+    cache.inside = block.active_corners >= corners_needed_;
+    cache.cell = cell;
+  }
+
+  std::shared_ptr<const Volume> volume_;
+  typename GridT::ConstPtr grid_;
+  IndexMap map_;
+  int corners_needed_;
+};
+
+}  // namespace
+
+Placement fitInto(const Box& bounds_F, double size) {
+  const double longest = bounds_F.size().maxCoeff();
+  if (!(longest > 0.0) || !std::isfinite(longest)) {
+    throw VolumeError("place", "the volume has no extent to fit", "give its scale instead");
+  }
+  Placement placement;
+  placement.scale = size / longest;
+  placement.translate = -placement.scale * bounds_F.centre();
+  return placement;
+}
+
+FieldPtr makeVdbField(std::shared_ptr<const Volume> volume, const Placement& placement) {
+  return std::visit(
+      [&](const auto& grid) -> FieldPtr {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
+        if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+          return std::make_shared<const VdbScalarField<GridT>>(volume, grid, placement);
+        } else {
+          return std::make_shared<const VdbVectorField<GridT>>(volume, grid, placement);
+        }
+      },
+      volume->grid().data);
+}
+
+}  // namespace palpate

@@ -1,0 +1,332 @@
+#include "samplers/volume.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <mutex>
+#include <utility>
+
+#include <openvdb/io/Archive.h>
+#include <openvdb/io/File.h>
+#include <openvdb/io/GridDescriptor.h>
+#include <openvdb/tree/LeafManager.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_reduce.h>
+
+#include "engine/error.h"
+#include "engine/graph.h"
+#include "samplers/volume_grid.h"
+
+namespace palpate {
+namespace {
+
+void initialise() {
+  static std::once_flag once;
+  std::call_once(once, [] { openvdb::initialize(); });
+}
+
+/// Finite, lowest and highest of a grid's values. `v` counts as active or as any stored value.
+struct Range {
+  double lowest = std::numeric_limits<double>::infinity();
+  double highest = -std::numeric_limits<double>::infinity();
+  std::uint64_t non_finite = 0;
+
+  void add(double v, bool active) noexcept {
+    if (!std::isfinite(v)) {
+      ++non_finite;
+    } else if (active) {
+      lowest = std::min(lowest, v);
+      highest = std::max(highest, v);
+    }
+  }
+  void join(const Range& other) noexcept {
+    lowest = std::min(lowest, other.lowest);
+    highest = std::max(highest, other.highest);
+    non_finite += other.non_finite;
+  }
+};
+
+template <class T>
+double sizeOf(const T& value) noexcept {
+  if constexpr (std::is_arithmetic_v<T>) {
+    return static_cast<double>(value);
+  } else {
+    return openvdb::Vec3d(value).length();
+  }
+}
+
+template <class GridT>
+Range rangeOf(const GridT& grid) {
+  using Tree = typename GridT::TreeType;
+  const openvdb::tree::LeafManager<const Tree> leaves(grid.tree());
+  Range range = tbb::parallel_reduce(
+      leaves.leafRange(), Range{},
+      [](const auto& part, Range sum) {
+        for (auto leaf = part.begin(); leaf; ++leaf) {
+          for (auto value = leaf->cbeginValueAll(); value; ++value) {
+            sum.add(sizeOf(*value), value.isValueOn());
+          }
+        }
+        return sum;
+      },
+      [](Range a, const Range& b) {
+        a.join(b);
+        return a;
+      });
+  // Tiles, above the leaves.
+  auto tile = grid.cbeginValueAll();
+  tile.setMaxDepth(Tree::ValueAllCIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) range.add(sizeOf(*tile), tile.isValueOn());
+  range.add(sizeOf(grid.background()), false);
+  return range;
+}
+
+Vec3 vec(const openvdb::Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// file = linear * index + origin; false where the map is not affine or is singular.
+bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
+  const openvdb::math::Transform& transform = grid.transform();
+  if (!transform.isLinear()) return false;
+  origin = vec(transform.indexToWorld(openvdb::Vec3d(0, 0, 0)));
+  for (int i = 0; i < 3; ++i) {
+    openvdb::Vec3d e(0, 0, 0);
+    e[i] = 1.0;
+    linear.col(i) = vec(transform.indexToWorld(e)) - origin;
+  }
+  const double size = linear.col(0).norm() * linear.col(1).norm() * linear.col(2).norm();
+  return origin.allFinite() && linear.allFinite() && std::abs(linear.determinant()) > 1e-9 * size &&
+         size > 0.0;
+}
+
+GridClass classOf(const openvdb::GridBase& grid) {
+  switch (grid.getGridClass()) {
+    case openvdb::GRID_LEVEL_SET:
+      return GridClass::kLevelSet;
+    case openvdb::GRID_FOG_VOLUME:
+      return GridClass::kFog;
+    case openvdb::GRID_STAGGERED:
+      return GridClass::kStaggered;
+    default:
+      return GridClass::kUnknown;
+  }
+}
+
+/// Describes a grid and, where it can be felt, wraps it.
+std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& name,
+                                                           const openvdb::GridBase::Ptr& base) {
+  GridInfo info;
+  auto grid = std::make_unique<Volume::Grid>();
+  info.name = name;
+  info.type = base->valueType();
+  info.grid_class = classOf(*base);
+  info.half = base->saveFloatAsHalf();
+  info.active_voxels = base->activeVoxelCount();
+  info.memory = base->memUsage();
+
+  const bool affine = affineMap(*base, grid->linear, grid->origin);
+  if (affine) {
+    info.voxel = grid->linear.colwise().norm().transpose();
+    const openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
+    if (info.active_voxels > 0) {
+      for (int corner = 0; corner < 8; ++corner) {
+        Vec3 p_I;
+        for (int a = 0; a < 3; ++a) {
+          p_I[a] = (((corner >> a) & 1) != 0) ? active.max()[a] : active.min()[a];
+        }
+        const Vec3 p_F = grid->linear * p_I + grid->origin;
+        info.bounds.lower = corner == 0 ? p_F : Vec3(info.bounds.lower.cwiseMin(p_F));
+        info.bounds.upper = corner == 0 ? p_F : Vec3(info.bounds.upper.cwiseMax(p_F));
+      }
+    }
+  }
+
+  bool typed = false;
+  const auto take = [&](const auto& pointer, bool vector) {
+    if (!pointer) return;
+    typed = true;
+    info.vector = vector;
+    info.background = sizeOf(pointer->background());
+    const Range range = rangeOf(*pointer);
+    info.non_finite = range.non_finite;
+    if (range.lowest <= range.highest) {
+      info.lowest = range.lowest;
+      info.highest = range.highest;
+    }
+    grid->data = typename std::decay_t<decltype(*pointer)>::ConstPtr(pointer);
+  };
+  take(openvdb::gridPtrCast<openvdb::FloatGrid>(base), false);
+  take(openvdb::gridPtrCast<openvdb::DoubleGrid>(base), false);
+  take(openvdb::gridPtrCast<openvdb::Vec3SGrid>(base), true);
+  take(openvdb::gridPtrCast<openvdb::Vec3DGrid>(base), true);
+
+  if (!typed) {
+    info.refusal = "it is of type " + info.type +
+                   ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
+  } else if (!base->transform().isLinear()) {
+    info.refusal = "it has a frustum transform: resample it to an affine grid";
+  } else if (!affine) {
+    info.refusal = "its transform is singular or not finite: write it with a valid voxel size";
+  } else if (info.active_voxels == 0) {
+    info.refusal = "it has no active voxel: write the grid with its values active";
+  } else if (info.non_finite > 0) {
+    info.refusal = std::to_string(info.non_finite) +
+                   " of its values are NaN or infinite: replace them before writing the file";
+  }
+  return {std::move(info), std::move(grid)};
+}
+
+/// Reads a file's table of contents to see that no grid reaches past the end: OpenVDB itself
+/// takes what a cut file lacks for zeros.
+class TableOfContents : public openvdb::io::Archive {
+ public:
+  static bool complete(const std::filesystem::path& file) {
+    std::ifstream stream(file, std::ios::binary);
+    TableOfContents table;
+    table.readHeader(stream);
+    openvdb::MetaMap metadata;
+    metadata.readMeta(stream);
+    const auto size = static_cast<std::int64_t>(std::filesystem::file_size(file));
+    const std::int32_t count = readGridCount(stream);
+    for (std::int32_t i = 0; i < count; ++i) {
+      openvdb::io::GridDescriptor descriptor;
+      descriptor.read(stream);
+      if (!stream || descriptor.getGridPos() > size || descriptor.getBlockPos() > size ||
+          descriptor.getEndPos() > size) {
+        return false;
+      }
+      descriptor.seekToEnd(stream);
+    }
+    return static_cast<bool>(stream) && count >= 0;
+  }
+};
+
+/// An OpenVDB file, checked; its errors turned into ours.
+class VdbFile {
+ public:
+  explicit VdbFile(const std::filesystem::path& path) : path_(path), file_(path.string()) {
+    initialise();
+    std::error_code error;
+    const auto status = std::filesystem::status(path, error);
+    if (!std::filesystem::exists(status)) {
+      throw VolumeError(path.string(), "no such file", "check the path");
+    }
+    if (!std::filesystem::is_regular_file(status)) {
+      throw VolumeError(path.string(), "it is not a file", "give a .vdb file");
+    }
+    std::ifstream stream(path, std::ios::binary);
+    std::uint32_t magic = 0;
+    stream.read(reinterpret_cast<char*>(&magic), sizeof magic);
+    if (!stream.is_open()) {
+      throw VolumeError(path.string(), "it cannot be read", "check its permissions");
+    }
+    if (!stream || magic != openvdb::OPENVDB_MAGIC) {
+      throw VolumeError(path.string(), "it is not a .vdb file",
+                        "convert it, e.g. with palpate import");
+    }
+    guarded([&] {
+      if (!TableOfContents::complete(path)) {
+        throw VolumeError(path.string(), "it is truncated", "copy or write it again");
+      }
+      file_.open(/*delayLoad=*/false);
+    });
+  }
+
+  [[nodiscard]] std::vector<std::string> names() const {
+    std::vector<std::string> names;
+    for (auto name = file_.beginName(); name != file_.endName(); ++name) names.push_back(*name);
+    return names;
+  }
+
+  openvdb::GridBase::Ptr read(const std::string& name) {
+    openvdb::GridBase::Ptr grid;
+    guarded([&] { grid = file_.readGrid(name); });
+    if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
+    return grid;
+  }
+
+ private:
+  /// OpenVDB's message in one line.
+  template <class Body>
+  void guarded(Body body) const {
+    try {
+      body();
+    } catch (const Error&) {
+      throw;
+    } catch (const std::exception& e) {
+      std::string why = e.what();
+      std::replace(why.begin(), why.end(), '\n', ' ');
+      throw VolumeError(path_.string(), "it cannot be read (" + why + ")",
+                        "it may be damaged or of a newer format: write it again");
+    }
+  }
+
+  std::filesystem::path path_;
+  openvdb::io::File file_;
+};
+
+}  // namespace
+
+Volume::Volume(GridInfo info, std::unique_ptr<const Grid> grid)
+    : info_(std::move(info)), grid_(std::move(grid)) {}
+
+Volume::~Volume() = default;
+
+std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
+  VdbFile vdb(file);
+  std::vector<GridInfo> infos;
+  for (const std::string& name : vdb.names()) {
+    infos.push_back(examine(name, vdb.read(name)).first);
+  }
+  if (infos.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  return infos;
+}
+
+std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
+                                         const std::string& grid) {
+  VdbFile vdb(file);
+  const std::vector<std::string> names = vdb.names();
+  if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+
+  std::string all;
+  for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+  std::string wanted = grid;
+  if (wanted.empty()) {
+    if (names.size() > 1) {
+      throw VolumeError(file.string(), "it holds more than one grid", "name one of " + all);
+    }
+    wanted = names.front();
+  }
+  if (std::find(names.begin(), names.end(), wanted) == names.end()) {
+    const std::string near = nearestName(wanted, names);
+    throw VolumeError(file.string(), "there is no grid \"" + wanted + "\"",
+                      near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
+  }
+
+  auto [info, data] = examine(wanted, vdb.read(wanted));
+  if (!info.refusal.empty()) {
+    const auto colon = info.refusal.find(": ");
+    throw VolumeError(file.string() + ": grid \"" + wanted + "\"", info.refusal.substr(0, colon),
+                      info.refusal.substr(colon + 2));
+  }
+  return std::make_shared<Volume>(std::move(info), std::move(data));
+}
+
+const char* wordFor(GridClass grid_class) noexcept {
+  switch (grid_class) {
+    case GridClass::kUnknown:
+      return "unknown";
+    case GridClass::kLevelSet:
+      return "level set";
+    case GridClass::kFog:
+      return "fog volume";
+    case GridClass::kStaggered:
+      return "staggered";
+  }
+  return "";
+}
+
+}  // namespace palpate

@@ -1,0 +1,121 @@
+#include "engine/graph.h"
+
+#include <catch2/catch.hpp>
+
+#include "engine/error.h"
+#include "engine/scene.h"
+#include "samplers/analytic_field.h"
+
+using namespace palpate;
+using Catch::Contains;
+
+namespace {
+
+std::map<std::string, FieldPtr> fields() {
+  return {{"head", makeSphere(Vec3::Zero(), 0.05)},
+          {"flow", makeVortex(Vec3::Zero(), {0, 0, 2}, 0.1, 0.1)}};
+}
+
+ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength = 1.0) {
+  ModeSpec spec;
+  spec.kind = kind;
+  spec.of = of;
+  spec.strength = std::move(strength);
+  return spec;
+}
+
+}  // namespace
+
+TEST_CASE("a property that two modes read is sampled once", "[graph]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "head"), mode(ModeKind::kSurface, "head"),
+                mode(ModeKind::kViscosity, "head", TransferFunction::window(0, 1, 1))};
+  const Graph graph = compileGraph(spec, fields());
+  CHECK(graph.scalar_reads.size() == 1);
+  CHECK(graph.vector_reads.empty());
+  CHECK(graph.scalar_properties == std::vector<std::string>{"head"});
+  CHECK(graph.vector_properties ==
+        std::vector<std::string>{"gradient of head", "cell gradient of head"});
+  CHECK(graph.unused == std::vector<std::string>{"flow"});
+}
+
+TEST_CASE("a property that no mode reads is not sampled", "[graph]") {
+  GraphSpec spec;
+  spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}},
+                 {"spin", {Derivation::kCurl, "flow"}}};
+  spec.modes = {mode(ModeKind::kFollow, "flow")};
+  const Graph graph = compileGraph(spec, fields());
+  REQUIRE(graph.vector_reads.size() == 1);
+  CHECK(graph.vector_reads[0].curl == -1);
+  CHECK(graph.vector_reads[0].divergence == -1);
+  CHECK(graph.magnitudes.empty());
+  CHECK(graph.unused == std::vector<std::string>{"head", "speed", "spin"});
+}
+
+TEST_CASE("derived fields reach the modes with their values", "[graph]") {
+  GraphSpec spec;
+  spec.fields = {{"spin", {Derivation::kCurl, "flow"}},
+                 {"swirl", {Derivation::kMagnitude, "spin"}},
+                 {"source", {Derivation::kDivergence, "flow"}},
+                 {"slope", {Derivation::kGradient, "head"}}};
+  spec.modes = {mode(ModeKind::kForce, "spin"), mode(ModeKind::kForce, "slope"),
+                mode(ModeKind::kViscosity, "source")};
+  spec.modes[0].by = "swirl";
+  spec.modes[0].strength = TransferFunction::piecewise({{0, 0}, {8, 8}});
+  const auto scene = makeScene(spec, fields());
+  Reader reader;
+  reader.bind(*scene);
+  Properties at;
+  CHECK(reader.sample(*scene, {0.01, 0.02, 0}, at) == 2);
+  const auto& force = std::get<ForceMode>(scene->graph.modes[0]);
+  CHECK((at.vectors[static_cast<std::size_t>(force.vector)].value - Vec3(0, 0, 4)).norm() < 1e-12);
+  CHECK(force.strength(at) == Approx(4.0));
+  const auto& slope = std::get<ForceMode>(scene->graph.modes[1]);
+  CHECK(at.vectors[static_cast<std::size_t>(slope.vector)].value.norm() == Approx(1.0));
+}
+
+TEST_CASE("what is wrong in a graph is named by its JSON path, with a remedy", "[graph]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "heda")};
+  const auto error = [&] {
+    try {
+      (void)compileGraph(spec, fields());
+    } catch (const SceneError& e) {
+      return std::string(e.what());
+    }
+    return std::string("no error");
+  };
+  CHECK(error() == "/modes/0/of: there is no volume or field \"heda\": did you mean \"head\"?");
+  spec.modes = {mode(ModeKind::kFollow, "head")};
+  CHECK_THAT(error(), Contains("/modes/0/of") && Contains("needs a vector"));
+  spec.modes = {mode(ModeKind::kIsosurface, "flow")};
+  CHECK_THAT(error(), Contains("needs a scalar volume"));
+  spec.modes = {mode(ModeKind::kViscosity, "head")};
+  spec.modes[0].by = "flow";
+  CHECK_THAT(error(), Contains("/modes/0/by") && Contains("is a vector"));
+  spec.modes = {};
+  CHECK_THAT(error(), Contains("/modes") && Contains("no mode"));
+
+  spec.modes = {mode(ModeKind::kFollow, "flow")};
+  spec.fields = {{"a", {Derivation::kMagnitude, "b"}}, {"b", {Derivation::kMagnitude, "a"}}};
+  CHECK_THAT(error(), Contains("/fields/") && Contains("derived from itself"));
+  spec.fields = {{"a", {Derivation::kMagnitude, "head"}}};
+  CHECK_THAT(error(), Contains("/fields/a") && Contains("is a scalar"));
+  spec.fields = {{"a", {Derivation::kCurl, "head"}}};
+  CHECK_THAT(error(), Contains("give a vector volume"));
+  spec.fields = {{"head", {Derivation::kMagnitude, "flow"}}};
+  CHECK_THAT(error(), Contains("same name"));
+}
+
+TEST_CASE("coupling and steps are checked before anything runs", "[graph]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kSurface, "head")};
+  CHECK_THROWS_WITH(makeScene(spec, fields(), {0.0, 0.0}), Contains("/coupling/stiffness"));
+  CHECK_THROWS_WITH(makeScene(spec, fields(), {500.0, -1.0}), Contains("/coupling/damping"));
+  CHECK_THROWS_WITH(makeScene(spec, fields(), {}, {0}), Contains("/accuracy/max_substeps"));
+}
+
+TEST_CASE("the nearest name is suggested, a far one is not", "[graph]") {
+  CHECK(nearestName("denisty", {"heat", "density"}) == "density");
+  CHECK(nearestName("velocity", {"heat", "density"}).empty());
+}

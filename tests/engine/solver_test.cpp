@@ -1,0 +1,244 @@
+#include "engine/solver.h"
+
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/reference_solver.h"
+
+using namespace palpate;
+using palpate::test::describe;
+using palpate::test::Random;
+using palpate::test::Reference;
+using palpate::test::solveReference;
+
+namespace {
+
+constexpr double kStiffness = 500.0;
+
+Primitive plane(const Vec3& position, const Vec3& normal, double strength) {
+  return {PrimitiveKind::kPlane, position, normal.normalized(), strength};
+}
+
+}  // namespace
+
+TEST_CASE("with nothing to balance the proxy is at the probe", "[solver]") {
+  const Vec3 probe(0.1, -0.2, 0.3);
+  const SolveResult r = solveProxy(probe, kStiffness, {}, Vec3::Zero());
+  CHECK(r.status == SolveStatus::kConverged);
+  CHECK(r.proxy == probe);
+  CHECK(r.error_bound < 1e-15);
+}
+
+TEST_CASE("a directed force moves the proxy by s/k", "[solver][eq8]") {
+  const std::vector<Primitive> set{{PrimitiveKind::kForce, Vec3::Zero(), Vec3::UnitZ(), 2.0}};
+  const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, set, Vec3::Zero());
+  CHECK((r.offset - Vec3(0, 0, 2.0 / kStiffness)).norm() < 1e-18);
+  CHECK(r.solver == SolverKind::kClosedForm);
+}
+
+TEST_CASE("point, line and plane hold the proxy within s/k and follow it beyond",
+          "[solver][eq9][eq11][eq13]") {
+  const PrimitiveKind kind =
+      GENERATE(PrimitiveKind::kPoint, PrimitiveKind::kLine, PrimitiveKind::kPlane);
+  const Vec3 q = Vec3(1, 2, 2) / 3.0;
+  const Vec3 at(0.01, 0.02, 0.03);
+  const Vec3 away = kind == PrimitiveKind::kLine ? Vec3(q.unitOrthogonal()) : Vec3(-q);
+  const std::vector<Primitive> set{{kind, at, q, 1.0}};
+  const double reach = 1.0 / kStiffness;
+  for (const double depth : {0.0, 0.3 * reach, reach, 1.7 * reach, 20 * reach}) {
+    CAPTURE(static_cast<int>(kind), depth);
+    const Vec3 probe = at + depth * away;
+    const SolveResult r = solveProxy(probe, kStiffness, set, probe);
+    const double held = std::min(depth, reach);
+    CHECK((r.offset + held * away).norm() < 1e-16);
+    CHECK(r.iterations == 0);
+    CHECK(r.error_bound < 1e-15);
+  }
+}
+
+TEST_CASE("a plane pushes only from behind", "[solver][eq12]") {
+  const std::vector<Primitive> set{plane(Vec3::Zero(), Vec3::UnitX(), 3.0)};
+  const Vec3 probe(1e-3, 5e-3, 0);
+  CHECK(solveProxy(probe, kStiffness, set, probe).offset.norm() == 0.0);
+}
+
+TEST_CASE("the certified bound holds against the reference, for any start", "[solver]") {
+  Random random(11);
+  double worst = 0.0;
+  long limited = 0;
+  const long n = test::cases(3000);
+  for (long i = 0; i < n; ++i) {
+    std::vector<Primitive> set;
+    const int count = 1 + random.integer(8);
+    for (int j = 0; j < count; ++j) set.push_back(random.primitive());
+    if (i % 3 == 0) {
+      for (Primitive& p : set) p.position = set.front().position;  // modes place them together
+    }
+    const Vec3 probe = random.inCube(5e-3);
+    const double k = random.logUniform(30.0, 1e4);
+    const SolveResult r = solveProxy(probe, k, set, random.inCube(1.0));
+    const Reference ref = solveReference(probe, k, set);
+    double sum = 0.0;
+    for (const Primitive& p : set) sum += p.strength;
+    const double error = (r.offset - ref.offset).norm();
+    worst = std::max(worst, error * k / sum);
+    limited += r.status != SolveStatus::kConverged;
+    if (error > r.error_bound + ref.error_bound) {
+      FAIL("farther from the reference (" << error << " m) than the bound " << r.error_bound
+                                          << " + " << ref.error_bound << ": "
+                                          << describe(probe, k, set));
+    }
+    if (r.status == SolveStatus::kConverged) {
+      REQUIRE(r.error_bound <= std::max(1e-6 * sum / k, 1e-12));
+    }
+  }
+  WARN("worst distance to the reference " << worst << " S/k; iteration limit " << limited << " of "
+                                          << n);
+  CHECK(limited * 1000 <= n);
+}
+
+TEST_CASE("the answer turns and moves with the problem", "[solver]") {
+  Random random(5);
+  for (int i = 0; i < 300; ++i) {
+    const Mat3 R = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
+    const Vec3 t = random.inCube(0.1);
+    std::vector<Primitive> set;
+    std::vector<Primitive> turned;
+    double sum = 0.0;
+    for (int j = 0; j < 4; ++j) {
+      set.push_back(random.primitive());
+      turned.push_back(set.back());
+      turned.back().position = R * turned.back().position + t;
+      turned.back().direction = (R * turned.back().direction).normalized();
+      sum += set.back().strength;
+    }
+    const Vec3 probe = random.inCube(5e-3);
+    const SolveResult a = solveProxy(probe, kStiffness, set, probe);
+    const SolveResult b = solveProxy(R * probe + t, kStiffness, turned, probe);
+    CAPTURE(describe(probe, kStiffness, set));
+    // The turned problem's own numbers are rounded at 0.1 m.
+    CHECK((R * a.offset - b.offset).norm() <= a.error_bound + b.error_bound + 1e-16);
+  }
+}
+
+TEST_CASE("zero-strength primitives change nothing", "[solver]") {
+  Random random(6);
+  for (int i = 0; i < 300; ++i) {
+    std::vector<Primitive> set{random.primitive(), random.primitive()};
+    const Vec3 probe = random.inCube(5e-3);
+    const SolveResult a = solveProxy(probe, kStiffness, set, probe);
+    set.push_back(random.primitive());
+    set.back().strength = 0.0;
+    const SolveResult b = solveProxy(probe, kStiffness, set, probe);
+    CHECK(a.offset == b.offset);
+  }
+}
+
+TEST_CASE("the same input gives the same bits", "[solver]") {
+  Random random(8);
+  std::vector<Primitive> set;
+  for (int j = 0; j < 20; ++j) set.push_back(random.primitive());
+  const SolveResult a = solveProxy(Vec3(1e-3, 0, 0), kStiffness, set, Vec3::Zero());
+  const SolveResult b = solveProxy(Vec3(1e-3, 0, 0), kStiffness, set, Vec3::Ones());
+  CHECK(a.offset == b.offset);
+  CHECK(a.iterations == b.iterations);
+}
+
+TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
+  const double width = GENERATE(0.0, 1e-6, 1e-3);
+  const std::vector<Primitive> set{plane({0, 0, 0}, {0, 0, 1}, 2.0),
+                                   plane({0, 0, width}, {0, 0, -1}, 2.0)};
+  for (const double z : {-1e-3, 0.0, 0.5 * width, width, 2e-3}) {
+    const Vec3 probe(1e-3, 2e-3, z);
+    const SolveResult r = solveProxy(probe, kStiffness, set, probe);
+    CAPTURE(width, z);
+    CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
+    CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
+  }
+}
+
+TEST_CASE("up to 1,024 primitives are balanced; more are refused", "[solver]") {
+  Random random(9);
+  std::vector<Primitive> set;
+  for (std::size_t j = 0; j < kMaxPrimitives; ++j) set.push_back(random.primitive());
+  const SolveResult r = solveProxy(Vec3::Zero(), kStiffness, set, Vec3::Zero());
+  CHECK(r.status == SolveStatus::kConverged);
+  set.push_back(random.primitive());
+  CHECK(solveProxy(Vec3::Zero(), kStiffness, set, Vec3::Zero()).status == SolveStatus::kBadInput);
+}
+
+TEST_CASE("bad input gives a status, and the proxy stays at the start", "[solver]") {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  const Primitive good = plane({0, 0, 0}, {0, 0, 1}, 1.0);
+  const Vec3 start(1, 2, 3);
+  const auto status = [&](const Vec3& probe, double k, const Primitive& p) {
+    const SolveResult r = solveProxy(probe, k, std::vector<Primitive>{p, good}, start);
+    if (r.status == SolveStatus::kBadInput) CHECK(r.proxy == start);
+    return r.status;
+  };
+  CHECK(status(Vec3::Zero(), 500, good) == SolveStatus::kConverged);
+  CHECK(status({nan, 0, 0}, 500, good) == SolveStatus::kBadInput);
+  CHECK(status({0, inf, 0}, 500, good) == SolveStatus::kBadInput);
+  for (const double k : {0.0, -1.0, nan, inf}) {
+    CHECK(status(Vec3::Zero(), k, good) == SolveStatus::kBadInput);
+  }
+  for (const double s : {-1.0, nan, inf}) {
+    Primitive p = good;
+    p.strength = s;
+    CHECK(status(Vec3::Zero(), 500, p) == SolveStatus::kBadInput);
+  }
+  for (const Vec3& q : {Vec3(0, 0, 0), Vec3(0, 0, 1.1), Vec3(nan, 0, 1)}) {
+    Primitive p = good;
+    p.direction = q;
+    CHECK(status(Vec3::Zero(), 500, p) == SolveStatus::kBadInput);
+  }
+  Primitive far = good;
+  far.position = {0, 0, inf};
+  CHECK(status(Vec3::Zero(), 500, far) == SolveStatus::kBadInput);
+}
+
+TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
+  Random random(21);
+  for (int i = 0; i < 4000; ++i) {
+    std::vector<Primitive> set;
+    const int count = 1 + random.integer(4);
+    const double reach = random.logUniform(1e-9, 1e4);
+    double sum = 0.0;
+    for (int j = 0; j < count; ++j) {
+      Primitive p = random.primitive();
+      p.position = random.inCube(reach);
+      p.strength = random.integer(10) == 0 ? 5e-324 : random.logUniform(1e-9, 1e4);
+      sum += p.strength;
+      set.push_back(p);
+    }
+    const double k = random.logUniform(1.0, 1e5);
+    const Vec3 probe = random.inCube(reach);
+    const SolveResult r = solveProxy(probe, k, set, probe);
+    CAPTURE(describe(probe, k, set));
+    REQUIRE(r.status != SolveStatus::kBadInput);
+    REQUIRE(r.offset.allFinite());
+    // Whatever happens, the primitives cannot hold the proxy farther off than S/k.
+    REQUIRE(r.offset.norm() <= sum / k * (1 + 1e-9) + r.error_bound);
+  }
+}
+
+TEST_CASE("solving allocates, locks and throws nothing", "[solver][realtime]") {
+  Random random(10);
+  std::vector<Primitive> set;
+  for (int j = 0; j < 40; ++j) set.push_back(random.primitive());
+  const test::CountScope scope;
+  for (int count : {0, 1, 2, 8, 40}) {
+    const auto some = std::span(set).first(static_cast<std::size_t>(count));
+    (void)solveProxy(Vec3(1e-3, 0, 0), kStiffness, some, Vec3::Zero());
+  }
+  const test::Counts counts = test::CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+}

@@ -1,0 +1,310 @@
+#include "engine/step.h"
+
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+
+#include "samplers/analytic_field.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::Random;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+constexpr double kRadius = 0.05;
+const ForceLimits kOpen{100.0, 1e9};
+
+ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
+  ModeSpec spec;
+  spec.kind = kind;
+  spec.of = of;
+  spec.strength = std::move(strength);
+  spec.solid = Solid::kBelow;  // a distance field: solid inside
+  return spec;
+}
+
+/// One field, some modes, and a hand to move.
+struct Bench {
+  std::unique_ptr<const Scene> scene;
+  Reader reader;
+  ProxyState state{kOpen};
+
+  Bench(const FieldPtr& field, std::vector<ModeSpec> modes, const CouplingParams& coupling = {}) {
+    GraphSpec spec;
+    spec.modes = std::move(modes);
+    scene = makeScene(spec, {{"it", field}}, coupling);
+  }
+  StepReport step(const Vec3& hand, double dt = kDt) {
+    return hapticStep(*scene, reader, {hand}, state, dt);
+  }
+  /// Along a straight line at the speed of one step a tick.
+  StepReport go(const Vec3& from, const Vec3& to, double step_length = 2e-4) {
+    const int n = std::max(1, static_cast<int>(std::ceil((to - from).norm() / step_length)));
+    StepReport last;
+    for (int i = 0; i <= n; ++i) last = step(from + (to - from) * (static_cast<double>(i) / n));
+    return last;
+  }
+};
+
+Bench sphere(double strength) {
+  return {makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", strength)}};
+}
+
+}  // namespace
+
+TEST_CASE("a sphere pressed along 1,000 directions answers k times depth, radially, to rounding",
+          "[step][fig6]") {
+  Random random(1);
+  double worst = 0.0;
+  for (int i = 0; i < 1000; ++i) {
+    Bench bench = sphere(5.0);
+    const Vec3 d = random.direction();
+    const double depth = random.uniform(1e-4, 8e-3);
+    bench.go(1.02 * kRadius * d, (kRadius - depth) * d);
+    const StepReport r = bench.step((kRadius - depth) * d);
+    worst = std::max(worst, (r.force - 500.0 * depth * d).norm() / (500.0 * depth));
+    REQUIRE(r.status == StepStatus::kConverged);
+  }
+  WARN("largest relative error of the force: " << worst);
+  CHECK(worst < 1e-11);
+}
+
+TEST_CASE("pushed harder than its strength, the surface lets go at s/k", "[step][fig6]") {
+  Random random(2);
+  for (int i = 0; i < 50; ++i) {
+    const double s = random.uniform(0.5, 3.0);
+    Bench bench = sphere(s);
+    const Vec3 d = random.direction();
+    bench.go(1.02 * kRadius * d, kRadius * d);
+    double leaves = -1.0;
+    for (double depth = 0.0; depth < s / 500.0 + 2e-3; depth += 1e-5) {
+      const StepReport r = bench.step((kRadius - depth) * d);
+      const double height = r.proxy.norm() - kRadius;
+      if (depth < s / 500.0 - 1e-9) {
+        REQUIRE(std::abs(height) < 1e-12);
+      }
+      REQUIRE(r.force.norm() <= s * (1 + 1e-9));
+      if (leaves < 0.0 && height < -1e-9) leaves = depth;
+    }
+    CHECK(leaves == Approx(s / 500.0).margin(1.1e-5));
+  }
+}
+
+TEST_CASE("after yielding the plane pulls until three voxels deep, then fades to nothing",
+          "[step][fig6]") {
+  Bench bench = sphere(1.0);
+  const Vec3 d = Vec3::UnitZ();
+  bench.go(1.1 * kRadius * d, kRadius * d);
+  // Proxy depth is the hand's less s/k = 2 mm; voxels are 1 mm.
+  StepReport r = bench.go(kRadius * d, (kRadius - 4e-3) * d, 1e-5);
+  CHECK(r.force.norm() == Approx(1.0).epsilon(1e-6));
+  r = bench.go((kRadius - 4e-3) * d, (kRadius - 10e-3) * d, 1e-5);
+  CHECK(r.force.norm() < 1e-12);
+  // Inside it is free to move and to leave.
+  r = bench.go((kRadius - 10e-3) * d, (kRadius - 0.1e-3) * d, 1e-5);
+  CHECK(r.force.norm() < 1e-12);
+  double most = 0.0;
+  for (double z = kRadius; z < 1.05 * kRadius; z += 1e-5) {
+    most = std::max(most, bench.step(z * d).force.norm());
+  }
+  CHECK(most < 1e-9);
+  // Outside again it is a surface again.
+  r = bench.go(1.05 * kRadius * d, (kRadius - 1e-3) * d);
+  CHECK(r.force.norm() == Approx(0.5).epsilon(1e-6));
+}
+
+TEST_CASE("a hand that starts inside is not pushed out", "[step][safety]") {
+  Bench bench = sphere(3.0);
+  const StepReport r = bench.go({0, 0, 0.9 * kRadius}, {0, 0, 0.99 * kRadius});
+  CHECK(r.force.norm() == 0.0);
+}
+
+TEST_CASE("a released hand comes to zero force", "[step][passivity]") {
+  const ModeKind kind = GENERATE(ModeKind::kViscosity, ModeKind::kSurface, ModeKind::kIsosurface);
+  Bench bench{makeSphere(Vec3::Zero(), kRadius), {mode(kind, "it", 1.0)}, {500.0, 0.0}};
+  StepReport r = bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1.5e-3});
+  REQUIRE(r.force.norm() > 0.4);
+  // A released arm of small mobility: it moves along the force.
+  Vec3 hand(0, 0, kRadius - 1.5e-3);
+  for (int i = 0; i < 4000; ++i) {
+    r = bench.step(hand);
+    hand += 2e-5 * r.force;
+  }
+  CHECK(r.force.norm() < 1e-6);
+}
+
+TEST_CASE("anchored modes make no energy: the proxy never moves away from the probe",
+          "[step][passivity]") {
+  Random random(4);
+  const FieldPtr flow = makeVortex(Vec3::Zero(), {1, 2, 3}, 0.2, 1.0);
+  const FieldPtr ball = makeSphere(Vec3::Zero(), kRadius);
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kSurface, "ball", 1.0), mode(ModeKind::kViscosity, "ball", 0.5),
+                mode(ModeKind::kFollow, "flow", TransferFunction::window(0.2, 0.4, 2.0))};
+  const auto scene = makeScene(spec, {{"ball", ball}, {"flow", flow}});
+  Reader reader;
+  ProxyState state(kOpen);
+  Vec3 hand(kRadius, 0, 0);
+  double most = 0.0;
+  for (long i = 0; i < test::cases(20000); ++i) {
+    hand += 4e-4 * random.inCube(1.0) - 1e-3 * (hand - Vec3(kRadius, 0, 0));
+    most = std::max(most, hapticStep(*scene, reader, {hand}, state, kDt).injected);
+  }
+  CHECK(most < 1e-12);
+}
+
+TEST_CASE("free space gives exactly zero, whatever the damping", "[step]") {
+  Bench bench{
+      makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 3.0)}, {500.0, 5.0}};
+  Random random(5);
+  for (int i = 0; i < 200; ++i) {
+    const StepReport r = bench.step(Vec3(0, 0, 0.07) + random.inCube(2e-3));
+    REQUIRE(r.force == Vec3::Zero());
+  }
+}
+
+TEST_CASE("damping acts on the rate of the spring's length", "[step][eq3]") {
+  Bench bench{
+      makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 9.0)}, {500.0, 2.0}};
+  bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1e-3});
+  bench.step({0, 0, kRadius - 1e-3});
+  const StepReport r = bench.step({0, 0, kRadius - 1.1e-3});
+  CHECK(r.force.z() == Approx(500.0 * 1.1e-3 + 2.0 * 1e-4 / kDt));
+}
+
+TEST_CASE("viscosity drags with a constant force", "[step][eq9]") {
+  Bench bench{makeHalfSpace({0, 0, 1}, {0, 0, 1}), {mode(ModeKind::kViscosity, "it", 0.7)}};
+  const StepReport r = bench.go(Vec3::Zero(), {0.05, 0, 0});
+  CHECK((r.force - Vec3(-0.7, 0, 0)).norm() < 1e-9);
+}
+
+TEST_CASE("follow lets the hand slide along the flow and holds it aside", "[step][eq11]") {
+  Bench bench{makeVortex(Vec3::Zero(), {0, 0, 1e-6}, 1.0, 1.0),
+              {mode(ModeKind::kFollow, "it", 2.0)}};
+  StepReport r = bench.go({0.01, 0, 0}, {0.01, 0, 0.05});
+  CHECK(r.force.norm() < 1e-6);
+  r = bench.go({0.01, 0, 0.05}, {0.013, 0, 0.05});
+  CHECK((r.force - Vec3(-1.5, 0, 0)).norm() < 1e-5);
+}
+
+TEST_CASE("force mode pulls along a vector and down a gradient", "[step][eq8]") {
+  Bench along{makeVortex(Vec3::Zero(), {0, 0, 1e-6}, 1.0, 1.0),
+              {mode(ModeKind::kForce, "it", 2.0)}};
+  CHECK((along.go({0.01, 0, 0}, {0.01, 0, 0.001}).force - Vec3(0, 0, 2)).norm() < 1e-6);
+  Bench down{makeHalfSpace(Vec3::Zero(), {0, 1, 0}), {mode(ModeKind::kForce, "it", 2.0)}};
+  CHECK((down.go({0, 0, 0}, {0, 0, 0.001}).force - Vec3(0, -2, 0)).norm() < 1e-12);
+  ModeSpec attract = mode(ModeKind::kForce, "it", 2.0);
+  attract.sense = Sense::kAttract;
+  Bench up{makeHalfSpace(Vec3::Zero(), {0, 1, 0}), {attract}};
+  CHECK((up.go({0, 0, 0}, {0, 0, 0.001}).force - Vec3(0, 2, 0)).norm() < 1e-12);
+}
+
+TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[step]") {
+  Random random(6);
+  for (int i = 0; i < 200; ++i) {
+    Bench bench = sphere(50.0);
+    const Vec3 d = random.direction();
+    // 2 m/s: two voxels a tick, from any phase, to 5 mm deep.
+    const double phase = random.uniform(0, 2e-3);
+    StepReport r;
+    for (double z = kRadius + 0.02 + phase; z > kRadius - 5e-3; z -= 2e-3) r = bench.step(z * d);
+    CHECK(std::abs(r.proxy.norm() - kRadius) < 1e-9);
+  }
+}
+
+TEST_CASE("beyond the sub-step cap the rest of the way waits, and the status says so", "[step]") {
+  Bench bench{makeHalfSpace({0, 0, -1}, {0, 0, 1}), {mode(ModeKind::kIsosurface, "it", 1.0)}};
+  bench.step(Vec3::Zero());
+  const StepReport r = bench.step({0.02, 0, 0});
+  CHECK(r.status == StepStatus::kSubstepLimit);
+  CHECK(r.substeps == 8);
+  CHECK(r.proxy.x() == Approx(8e-3));
+  bench.step({0.02, 0, 0});
+  CHECK(bench.step({0.02, 0, 0}).status == StepStatus::kConverged);
+  CHECK(bench.step({0.02, 0, 0}).force.norm() == 0.0);
+}
+
+TEST_CASE("a NaN hand is a fault: zero force until it is cleared", "[step][safety]") {
+  Bench bench = sphere(3.0);
+  const Vec3 pressed(0, 0, kRadius - 1e-3);
+  bench.go({0, 0, 1.02 * kRadius}, pressed);
+  const StepReport r = bench.step({std::numeric_limits<double>::quiet_NaN(), 0, 0});
+  CHECK(r.force == Vec3::Zero());
+  CHECK(r.status == StepStatus::kFault);
+  CHECK(bench.step(pressed).force == Vec3::Zero());
+  CHECK(bench.step(pressed).status == StepStatus::kFault);
+  bench.state.clearFault();
+  CHECK(bench.step({0, 0, 0.08}).status == StepStatus::kConverged);
+}
+
+TEST_CASE("a field that returns rubbish costs the force, not the hand", "[step][safety]") {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Random random(7);
+  const auto rubbish = std::make_shared<AnalyticScalarField>(
+      FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&](const Vec3& p) {
+        const auto any = [&](double v) {
+          const int n = random.integer(12);
+          return n == 0 ? nan : n == 1 ? 1e308 : n == 2 ? -INFINITY : v;
+        };
+        return ScalarSample{any(p.z()), {any(0), any(0), any(1)}, {any(0), 0, any(1)}, true};
+      });
+  Bench bench{FieldPtr(rubbish),
+              {mode(ModeKind::kSurface, "it", TransferFunction::window(0, 1, 1)),
+               mode(ModeKind::kIsosurface, "it", 2.0), mode(ModeKind::kForce, "it", 1.0)}};
+  for (int i = 0; i < 20000; ++i) {
+    const StepReport r = bench.step(random.inCube(5e-3));
+    REQUIRE(r.force.allFinite());
+    REQUIRE(r.force.norm() <= kOpen.peak);
+    REQUIRE(r.proxy.allFinite());
+    if (r.status == StepStatus::kFault) bench.state.clearFault();
+  }
+}
+
+TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
+  Bench a = sphere(3.0);
+  const Vec3 pressed(0, 0, kRadius - 2e-3);
+  const StepReport before = a.go({0, 0, 1.02 * kRadius}, pressed);
+  Bench b = sphere(3.0);
+  const StepReport after = hapticStep(*b.scene, a.reader, {pressed}, a.state, kDt);
+  CHECK((after.proxy - before.proxy).norm() < 1e-9);
+}
+
+TEST_CASE("the tick allocates, locks and throws nothing", "[step][realtime]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0), mode(ModeKind::kSurface, "ball", 1.0),
+                mode(ModeKind::kViscosity, "ball", TransferFunction::window(0, 1, 1)),
+                mode(ModeKind::kFollow, "flow", 1.0), mode(ModeKind::kForce, "flow", 0.3)};
+  const auto scene = makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), kRadius)},
+                                      {"flow", makeVortex(Vec3::Zero(), {1, 2, 3}, 0.2, 1.0)}});
+  Reader reader;
+  ProxyState state(kOpen);
+  Random random(8);
+  const test::CountScope scope;
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3 hand = Vec3(0, 0, kRadius) + random.inCube(3e-3);
+    (void)hapticStep(*scene, reader, {i == 500 ? Vec3(NAN, 0, 0) : hand}, state, kDt);
+    if (i == 510) state.clearFault();
+  }
+  const test::Counts counts = test::CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+}
+
+TEST_CASE("the counters count", "[realtime]") {
+  const test::CountScope scope;
+  auto* volatile leak = new int(1);
+  delete leak;
+  try {
+    throw 1;
+  } catch (int) {
+  }
+  const test::Counts counts = test::CountScope::counts();
+  CHECK(counts.allocations >= 1);
+  CHECK(counts.exceptions == 1);
+}

@@ -1,0 +1,140 @@
+#include "tests/support/counters.h"
+
+#include <cstdlib>
+#include <dlfcn.h>
+#include <new>
+#include <pthread.h>
+#include <typeinfo>
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define PALPATE_SANITIZED 1
+#else
+#define PALPATE_SANITIZED 0
+#endif
+
+namespace {
+
+thread_local bool counting = false;
+thread_local palpate::test::Counts total;
+
+void* counted(std::size_t size, std::size_t alignment) {
+  if (counting) ++total.allocations;
+  void* p = alignment == 0
+                ? std::malloc(size == 0 ? 1 : size)
+                : std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
+  if (p == nullptr) throw std::bad_alloc();
+  return p;
+}
+
+/// The function of that name in the next library.
+template <class F>
+F next(const char* name) {
+  return reinterpret_cast<F>(dlsym(RTLD_NEXT, name));
+}
+
+}  // namespace
+
+void* operator new(std::size_t size) {
+  return counted(size, 0);
+}
+void* operator new[](std::size_t size) {
+  return counted(size, 0);
+}
+void* operator new(std::size_t size, std::align_val_t a) {
+  return counted(size, static_cast<std::size_t>(a));
+}
+void* operator new[](std::size_t size, std::align_val_t a) {
+  return counted(size, static_cast<std::size_t>(a));
+}
+void operator delete(void* p) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::size_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
+void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
+  std::free(p);
+}
+
+extern "C" {
+
+#if !PALPATE_SANITIZED
+// glibc's own allocator under another name, so that malloc itself can be counted.
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+
+void* malloc(std::size_t size) {
+  if (counting) ++total.allocations;
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t n, std::size_t size) {
+  if (counting) ++total.allocations;
+  return __libc_calloc(n, size);
+}
+void* realloc(void* p, std::size_t size) {
+  if (counting) ++total.allocations;
+  return __libc_realloc(p, size);
+}
+
+int pthread_mutex_lock(pthread_mutex_t* mutex) {
+  static auto* real = next<int (*)(pthread_mutex_t*)>("pthread_mutex_lock");
+  if (counting) ++total.locks;
+  return real(mutex);
+}
+int pthread_mutex_trylock(pthread_mutex_t* mutex) {
+  static auto* real = next<int (*)(pthread_mutex_t*)>("pthread_mutex_trylock");
+  if (counting) ++total.locks;
+  return real(mutex);
+}
+int pthread_rwlock_rdlock(pthread_rwlock_t* lock) {
+  static auto* real = next<int (*)(pthread_rwlock_t*)>("pthread_rwlock_rdlock");
+  if (counting) ++total.locks;
+  return real(lock);
+}
+int pthread_rwlock_wrlock(pthread_rwlock_t* lock) {
+  static auto* real = next<int (*)(pthread_rwlock_t*)>("pthread_rwlock_wrlock");
+  if (counting) ++total.locks;
+  return real(lock);
+}
+#endif
+
+[[noreturn]] void __cxa_throw(void* object, void* type, void (*destroy)(void*)) {
+  using Throw = void (*)(void*, void*, void (*)(void*));
+  static auto* real = next<Throw>("__cxa_throw");
+  if (counting) ++total.exceptions;
+  real(object, type, destroy);
+  std::abort();
+}
+
+}  // extern "C"
+
+namespace palpate::test {
+
+CountScope::CountScope() {
+  total = {};
+  counting = true;
+}
+CountScope::~CountScope() {
+  counting = false;
+}
+Counts CountScope::counts() {
+  return total;
+}
+
+}  // namespace palpate::test

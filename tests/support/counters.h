@@ -1,0 +1,23 @@
+/// Counts what a tick may not do, on this thread: proof by counting, not by reading.
+#pragma once
+
+namespace palpate::test {
+
+/// What happened since it was made.
+struct Counts {
+  long allocations = 0;  ///< operator new, and malloc and its kin where no sanitizer owns them.
+  long locks = 0;        ///< pthread mutexes and read-write locks taken.
+  long exceptions = 0;   ///< throw expressions.
+};
+
+/// Starts counting on this thread; `counts()` reads. One at a time.
+class CountScope {
+ public:
+  CountScope();
+  ~CountScope();
+  CountScope(const CountScope&) = delete;
+  CountScope& operator=(const CountScope&) = delete;
+  [[nodiscard]] static Counts counts();
+};
+
+}  // namespace palpate::test

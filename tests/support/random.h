@@ -1,0 +1,79 @@
+/// Seeded random input, and how much of it.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "engine/primitive.h"
+
+namespace palpate::test {
+
+/// PALPATE_CASES where it is set (the long run), else `usual`.
+inline long cases(long usual) {
+  const char* text = std::getenv("PALPATE_CASES");
+  return text == nullptr ? usual : std::max(1L, std::atol(text));
+}
+
+/// Same numbers for the same seed on every machine.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : engine_(seed) {}
+
+  /// In [low, high).
+  double uniform(double low = 0.0, double high = 1.0) {
+    return low + (high - low) * (static_cast<double>(engine_() >> 11) * 0x1p-53);
+  }
+  double logUniform(double low, double high) {
+    return std::exp(uniform(std::log(low), std::log(high)));
+  }
+  int integer(int count) { return static_cast<int>(engine_() % static_cast<std::uint64_t>(count)); }
+  Vec3 inCube(double half) {
+    return {uniform(-half, half), uniform(-half, half), uniform(-half, half)};
+  }
+  Vec3 direction() {
+    for (;;) {
+      const Vec3 v = inCube(1.0);
+      const double n = v.norm();
+      if (n > 0.1 && n < 1.0) return v / n;
+    }
+  }
+  /// Any kind, strengths to 3 N, within 2 mm of the origin.
+  Primitive primitive() {
+    return {static_cast<PrimitiveKind>(integer(4)), inCube(2e-3), direction(), uniform(0.0, 3.0)};
+  }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+/// A whole problem as text that can be pasted into `palpate solve`.
+inline std::string describe(const Vec3& probe, double stiffness,
+                            const std::vector<Primitive>& primitives) {
+  static constexpr const char* kKinds[] = {"force", "point", "line", "plane"};
+  std::ostringstream out;
+  out.precision(17);
+  const auto vec = [&](const Vec3& v) {
+    out << '[' << v.x() << ',' << v.y() << ',' << v.z() << ']';
+  };
+  out << "{\"stiffness\":" << stiffness << ",\"probe\":";
+  vec(probe);
+  out << ",\"primitives\":[";
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    out << (i == 0 ? "" : ",") << "{\"kind\":\"" << kKinds[static_cast<int>(p.kind)]
+        << "\",\"position\":";
+    vec(p.position);
+    out << ",\"direction\":";
+    vec(p.direction);
+    out << ",\"strength\":" << p.strength << '}';
+  }
+  out << "]}";
+  return out.str();
+}
+
+}  // namespace palpate::test
