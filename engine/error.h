@@ -11,6 +11,9 @@ class Error : public std::runtime_error {
  public:
   Error(const std::string& what, const std::string& why, const std::string& remedy)
       : std::runtime_error(what + ": " + why + ": " + remedy) {}
+
+ protected:
+  explicit Error(const std::string& line) : std::runtime_error(line) {}
 };
 
 /// A file or grid that cannot be felt.
@@ -23,6 +26,13 @@ class VolumeError : public Error {
 class SceneError : public Error {
  public:
   using Error::Error;
+  /// The same trouble, seen from the file or path that it is in.
+  [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
+    return SceneError(place + ": " + error.what());
+  }
+
+ private:
+  explicit SceneError(const std::string& line) : Error(line) {}
 };
 
 /// A device, or the description of a simulated one, that cannot be used.

@@ -84,7 +84,6 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
       mode.sign * (at.scalars[static_cast<std::size_t>(mode.value)].value - mode.level);
   const bool free = side >= 0.0;
   const Sight sight = look(mode, at);
-  memory.emitted = false;
 
   // Which side is the proxy on, and may the surface act?
   double share = 1.0;
@@ -121,9 +120,7 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
   } else if (memory.contact == Contact::kOutside) {
     return true;
   }
-  const double strength = share * mode.strength(at);
-  memory.emitted = strength > 0.0;
-  return add(set, PrimitiveKind::kPlane, memory.anchor, memory.normal, strength);
+  return add(set, PrimitiveKind::kPlane, memory.anchor, memory.normal, share * mode.strength(at));
 }
 
 }  // namespace
@@ -136,7 +133,11 @@ double Strength::operator()(const Properties& properties) const noexcept {
 
 bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p,
                    ModeMemory& memory, PrimitiveSet& set) noexcept {
-  return std::visit([&](const auto& m) { return emit(m, properties, p, memory, set); }, mode);
+  const std::size_t before = set.size();
+  const bool room =
+      std::visit([&](const auto& m) { return emit(m, properties, p, memory, set); }, mode);
+  memory.emitted = set.size() > before;
+  return room;
 }
 
 void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept {

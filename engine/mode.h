@@ -62,7 +62,7 @@ struct FollowMode {
 
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode>;
 
-/// What a mode remembers between ticks. Only isosurface uses it.
+/// What a mode remembers between ticks. All but `emitted` is isosurface's.
 struct ModeMemory {
   enum class Contact : std::uint8_t {
     kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
@@ -71,7 +71,7 @@ struct ModeMemory {
     kInside,   ///< On the solid side: free to move and to leave.
   };
   Contact contact = Contact::kUnknown;
-  bool emitted = false;         ///< This sub-step added the plane below.
+  bool emitted = false;         ///< The last sub-step has a primitive of this mode.
   Vec3 anchor = Vec3::Zero();   ///< The plane's position [m].
   Vec3 normal = Vec3::UnitX();  ///< Its outward normal.
 };

@@ -55,7 +55,10 @@ class ProxyState {
   [[nodiscard]] bool faulted() const noexcept { return faulted_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
   [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
+  /// Of the last sub-step, in the order of the modes that emitted one.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
+  /// What mode i of the scene remembers, i < kMaxModes.
+  [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
 
  private:
   friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&,

@@ -187,6 +187,8 @@ class TableOfContents : public openvdb::io::Archive {
     std::ifstream stream(file, std::ios::binary);
     TableOfContents table;
     table.readHeader(stream);
+    table.setFormatVersion(stream);
+    table.setLibraryVersion(stream);
     openvdb::MetaMap metadata;
     metadata.readMeta(stream);
     const auto size = static_cast<std::int64_t>(std::filesystem::file_size(file));
@@ -274,6 +276,10 @@ Volume::Volume(GridInfo info, std::unique_ptr<const Grid> grid)
     : info_(std::move(info)), grid_(std::move(grid)) {}
 
 Volume::~Volume() = default;
+
+std::vector<std::string> gridNames(const std::filesystem::path& file) {
+  return VdbFile(file).names();
+}
 
 std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
   VdbFile vdb(file);

@@ -52,6 +52,9 @@ class Volume {
   std::unique_ptr<const Grid> grid_;
 };
 
+/// The names of a file's grids, in the file's order. Throws as describeGrids.
+[[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
+
 /// Reads all grids of a file and describes each. Throws VolumeError for a file that is missing,
 /// truncated or not .vdb. Slow: reads everything, nothing is delayed.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);

@@ -1,0 +1,74 @@
+#include "devices/csv.h"
+
+#include <charconv>
+#include <cmath>
+
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+std::vector<std::string> split(const std::string& line) {
+  std::vector<std::string> fields(1);
+  for (const char c : line) {
+    if (c == ',') {
+      fields.emplace_back();
+    } else {
+      fields.back() += c;
+    }
+  }
+  for (std::string& field : fields) {
+    const auto first = field.find_first_not_of(" \t\r");
+    const auto last = field.find_last_not_of(" \t\r");
+    field = first == std::string::npos ? "" : field.substr(first, last - first + 1);
+  }
+  return fields;
+}
+
+}  // namespace
+
+std::vector<std::vector<double>> readCsv(std::istream& in, const std::vector<std::string>& columns,
+                                         const std::string& name) {
+  std::string header;
+  for (const std::string& column : columns) header += (header.empty() ? "" : ",") + column;
+
+  std::string line;
+  std::size_t number = 0;
+  bool headed = false;
+  std::vector<std::vector<double>> rows;
+  while (std::getline(in, line)) {
+    ++number;
+    if (number == 1 && line.rfind("\xEF\xBB\xBF", 0) == 0) line.erase(0, 3);  // a byte-order mark
+    if (line.find_first_not_of(" \t\r") == std::string::npos) continue;
+    const std::vector<std::string> fields = split(line);
+    if (!headed) {
+      if (fields != columns) {
+        throw DeviceError(name, "its first line is not the header " + header, "add the header");
+      }
+      headed = true;
+      continue;
+    }
+    const std::string where = name + " line " + std::to_string(number);
+    if (fields.size() != columns.size()) {
+      throw DeviceError(where,
+                        "it has " + std::to_string(fields.size()) + " fields instead of " +
+                            std::to_string(columns.size()),
+                        "give " + header);
+    }
+    std::vector<double> row;
+    for (const std::string& field : fields) {
+      double value = 0.0;
+      const char* first = field.data() + (field.size() > 1 && field[0] == '+' ? 1 : 0);
+      const auto [end, error] = std::from_chars(first, field.data() + field.size(), value);
+      if (error != std::errc() || end != field.data() + field.size() || !std::isfinite(value)) {
+        throw DeviceError(where, "\"" + field + "\" is not a finite number", "mend the row");
+      }
+      row.push_back(value);
+    }
+    rows.push_back(std::move(row));
+  }
+  if (!headed) throw DeviceError(name, "it is empty", "give the header " + header + " and rows");
+  return rows;
+}
+
+}  // namespace palpate

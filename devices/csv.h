@@ -1,0 +1,17 @@
+/// Small CSV tables of numbers, strictly read.
+#pragma once
+
+#include <istream>
+#include <string>
+#include <vector>
+
+namespace palpate {
+
+/// Reads a table whose header is exactly `columns` and whose every field is a finite number. Blank
+/// lines are skipped, CRLF and blanks around a field are fine. Throws DeviceError that names `name`
+/// and the line.
+[[nodiscard]] std::vector<std::vector<double>> readCsv(std::istream& in,
+                                                       const std::vector<std::string>& columns,
+                                                       const std::string& name);
+
+}  // namespace palpate

@@ -1,0 +1,167 @@
+#include "devices/simulated_device.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+void require(bool good, const char* what, const char* remedy) {
+  if (!good) throw DeviceError("simulated device", what, remedy);
+}
+
+}  // namespace
+
+SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip,
+                                 std::vector<PathPoint> target, double rate)
+    : arm_(arm), grip_(grip), target_(std::move(target)), rate_(rate) {
+  const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
+  const auto not_negative = [](double v) { return std::isfinite(v) && v >= 0.0; };
+  require(positive(arm.mass), "the mass is not > 0", "give kg, as 0.1");
+  require(not_negative(arm.viscous) && not_negative(arm.coulomb) && not_negative(arm.encoder) &&
+              not_negative(grip.stiffness) && not_negative(grip.damping),
+          "a parameter is negative", "give numbers >= 0");
+  require(not_negative(arm.delay) && arm.delay <= 0.1, "the delay is not 0 to 0.1 s",
+          "give seconds, as 0.001");
+  require(positive(rate), "the rate is not > 0", "give Hz, as 1000");
+  require(!target_.empty(), "the hand has no target", "give a path");
+
+  info_.name = "simulated";
+  info_.limits = {7.9, 2000.0};
+  info_.max_stiffness = 1000.0;
+  info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
+  position_ = target_.front().p;
+
+  // A force acts from `delay` after its reading: ceil(delay * rate) forces are on their way.
+  const double ticks = arm.delay * rate;
+  const double whole = std::floor(ticks + 1e-9);
+  const double fraction = std::max(0.0, ticks - whole);
+  queue_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
+  early_ = propagator(fraction / rate);
+  late_ = propagator((1.0 - fraction) / rate);
+}
+
+SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
+  // x'' = -2 s x' - w2 x + f/m, solved by its exponential; f/k or, without a spring, its limit.
+  const double m = arm_.mass;
+  const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
+  const double w2 = grip_.stiffness / m;
+  const double d = w2 - s * s;
+  const double e = std::exp(-s * time);
+  double cosine = 1.0;
+  double sine = time;  // sin(w t)/w
+  if (d > 1e-12) {
+    cosine = std::cos(std::sqrt(d) * time);
+    sine = std::sin(std::sqrt(d) * time) / std::sqrt(d);
+  } else if (d < -1e-12) {
+    cosine = std::cosh(std::sqrt(-d) * time);
+    sine = std::sinh(std::sqrt(-d) * time) / std::sqrt(-d);
+  }
+  Propagator p{};
+  p.time = time;
+  p.xx = e * (cosine + s * sine);
+  p.xv = e * sine;
+  p.vx = -e * w2 * sine;
+  p.vv = e * (cosine - s * sine);
+  p.vf = p.xv / m;
+  if (grip_.stiffness > 0.0) {
+    p.xf = (1.0 - p.xx) / grip_.stiffness;
+  } else if (s > 0.0) {
+    p.xf = (time - p.xv) / (2.0 * s * m);
+  } else {
+    p.xf = 0.5 * time * time / m;
+  }
+  return p;
+}
+
+void SimulatedDevice::advance(const Propagator& step, const Vec3& force) noexcept {
+  if (step.time <= 0.0) return;
+  const Vec3 x = step.xx * position_ + step.xv * velocity_ + step.xf * force;
+  velocity_ = step.vx * position_ + step.vv * velocity_ + step.vf * force;
+  position_ = x;
+  // Coulomb friction takes at most the speed there is.
+  const double speed = velocity_.norm();
+  const double loss = arm_.coulomb * step.time / arm_.mass;
+  velocity_ *= speed > loss ? 1.0 - loss / speed : 0.0;
+}
+
+HandState SimulatedDevice::read() noexcept {
+  if (arm_.encoder <= 0.0) return {position_};
+  return {(position_ / arm_.encoder).array().round().matrix() * arm_.encoder};
+}
+
+void SimulatedDevice::write(const Vec3& force) noexcept {
+  // The hand's own pull: its spring is in the propagator, towards a target that moves each tick.
+  const double t = target_.front().t + static_cast<double>(tick_) / rate_;
+  const Vec3 target = positionAt(target_, t, hint_);
+  const Vec3 before = positionAt(target_, t - 1.0 / rate_, hint_);
+  const Vec3 pull = grip_.stiffness * target + grip_.damping * rate_ * (target - before);
+
+  // queue_[next_] was written `whole + 1` ticks ago and still acts for the fraction of a tick; the
+  // one after it acts then.
+  queue_[next_] = force;
+  const std::size_t size = queue_.size();
+  const Vec3& older = queue_[(next_ + 1) % size];
+  const Vec3& newer = queue_[(next_ + 2) % size];
+  advance(early_, older + pull);
+  advance(late_, newer + pull);
+  next_ = (next_ + 1) % size;
+  ++tick_;
+}
+
+bool SimulatedDevice::ended() const noexcept {
+  return static_cast<double>(tick_) / rate_ > target_.back().t - target_.front().t + 0.5 / rate_;
+}
+
+std::vector<PathPoint> explore(const Box& bounds, double seconds) {
+  constexpr double kVisit = 5.0;  // [s] for one side
+  constexpr double kStep = 5e-3;
+  const Vec3 sides[] = {
+      {0.0, 1.0, 0.2}, {0.7, 0.5, 0.4}, {0.1, 0.3, 1.0}, {-0.8, 0.4, 0.3}, {0.3, -0.9, 0.2}};
+  const Vec3 centre = bounds.centre();
+  const Vec3 half = 0.5 * bounds.size();
+
+  // Within a visit: distance from the centre as a share of the way to the box's ellipsoid, and how
+  // wide a circle the hand draws, against time as a share.
+  struct Key {
+    double t, distance, circle;
+  };
+  constexpr Key kKeys[] = {{0.0, 1.25, 0.0}, {0.15, 1.0, 0.0}, {0.25, 0.8, 0.0},
+                           {0.3, 0.8, 0.15}, {0.6, 0.8, 0.15}, {0.65, 0.8, 0.0},
+                           {0.8, 0.3, 0.0},  {0.87, 0.3, 0.0}, {1.0, 1.25, 0.0}};
+  const auto smooth = [](double a, double b, double u) {
+    return a + (b - a) * u * u * (3 - 2 * u);
+  };
+
+  const int visits = std::max(1, static_cast<int>(std::lround(seconds / kVisit)));
+  const double length = seconds / visits;
+  std::vector<PathPoint> path;
+  const int steps = std::max(1, static_cast<int>(std::lround(seconds / kStep)));
+  for (int i = 0; i <= steps; ++i) {
+    const double t = seconds * i / steps;
+    const int visit = std::min(visits - 1, static_cast<int>(t / length));
+    const double u = t / length - visit;
+    std::size_t key = 0;
+    while (key + 2 < std::size(kKeys) && kKeys[key + 1].t <= u) ++key;
+    const Key& a = kKeys[key];
+    const Key& b = kKeys[key + 1];
+    const double share = std::clamp((u - a.t) / (b.t - a.t), 0.0, 1.0);
+
+    const Vec3 out = sides[static_cast<std::size_t>(visit) % std::size(sides)].normalized();
+    // To the ellipsoid of the box along `out`.
+    const double radius = 1.0 / out.cwiseQuotient(half.cwiseMax(1e-6)).norm();
+    const Vec3 across = out.unitOrthogonal();
+    const Vec3 up = out.cross(across);
+    const double angle = 4.0 * M_PI * (u - 0.3) / 0.3;
+    const double circle = radius * smooth(a.circle, b.circle, share);
+    path.push_back({t, centre + radius * smooth(a.distance, b.distance, share) * out +
+                           circle * (std::cos(angle) * across + std::sin(angle) * up)});
+  }
+  return path;
+}
+
+}  // namespace palpate

@@ -1,0 +1,75 @@
+/// An arm and a hand made of numbers, in virtual time: what a scene is tried on with no hardware.
+#pragma once
+
+#include <vector>
+
+#include "devices/path_device.h"
+#include "engine/device.h"
+
+namespace palpate {
+
+/// The arm, per axis.
+struct ArmParams {
+  double mass = 0.1;      ///< [kg], > 0.
+  double viscous = 0.5;   ///< b [N s/m], >= 0.
+  double coulomb = 0.02;  ///< c [N], >= 0.
+  double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: none.
+  double delay = 1e-3;    ///< From reading to the force that follows from it [s], >= 0.
+};
+
+/// The hand that holds it: a spring and damper to where it means to be. Relaxed by default; firm is
+/// about 1,000 N/m and 15 N s/m; zeros are a released arm.
+struct GripParams {
+  double stiffness = 300.0;  ///< [N/m], >= 0.
+  double damping = 5.0;      ///< [N s/m], >= 0.
+};
+
+/// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
+///
+/// f is the force written, held over a tick and late by `delay` (whole and fractional ticks). The
+/// linear part is solved exactly over each piece of a tick on which f is constant; Coulomb friction
+/// acts on the speed at the end of each piece, so it can stop the arm but never drive it. The probe
+/// that is read is the arm's position rounded to the encoder's step. Deterministic.
+class SimulatedDevice final : public Device {
+ public:
+  /// Throws DeviceError for parameters out of range. `target` as of readPath; ends with it.
+  SimulatedDevice(const ArmParams& arm, const GripParams& grip, std::vector<PathPoint> target,
+                  double rate);
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override;
+  void write(const Vec3& force) noexcept override;
+  [[nodiscard]] bool ended() const noexcept override;
+
+  [[nodiscard]] const Vec3& position() const noexcept { return position_; }  ///< Not rounded [m].
+  [[nodiscard]] const Vec3& velocity() const noexcept { return velocity_; }  ///< [m/s]
+
+ private:
+  /// Exact step of one axis over a constant force: x and v after a time, from x, v and f.
+  struct Propagator {
+    double xx, xv, vx, vv, xf, vf;
+    double time;
+  };
+  [[nodiscard]] Propagator propagator(double time) const;
+  void advance(const Propagator& step, const Vec3& force) noexcept;
+
+  DeviceInfo info_;
+  ArmParams arm_;
+  GripParams grip_;
+  std::vector<PathPoint> target_;
+  double rate_;
+  std::int64_t tick_ = 0;
+  std::size_t hint_ = 0;
+  Vec3 position_;
+  Vec3 velocity_ = Vec3::Zero();
+  std::vector<Vec3> queue_;  ///< Forces on their way, oldest at next_.
+  std::size_t next_ = 0;
+  Propagator early_;  ///< While the older force still acts ...
+  Propagator late_;   ///< ... and after it.
+};
+
+/// A scripted exploration of what lies in a box: from several sides in turn the hand comes in from
+/// outside, touches, slides in a circle, presses deep and leaves. Target positions, every 5 ms.
+[[nodiscard]] std::vector<PathPoint> explore(const Box& bounds, double seconds);
+
+}  // namespace palpate

@@ -1,0 +1,138 @@
+#include "scenes/build_scene.h"
+
+#include <cmath>
+#include <set>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+std::string at(const SceneSpec& spec, const std::string& path) {
+  return spec.source.empty() ? path : spec.source + ": " + path;
+}
+
+/// Resolves the places of all volumes; "like" follows its volume.
+class Placer {
+ public:
+  Placer(const SceneSpec& spec, const std::map<std::string, std::shared_ptr<const Volume>>& volumes)
+      : spec_(spec), volumes_(volumes) {}
+
+  Placement placementOf(const std::string& name) {
+    const auto known = done_.find(name);
+    if (known != done_.end()) return known->second;
+    const std::string path = at(spec_, "/volumes/" + name + "/place");
+    if (!open_.insert(name).second) {
+      throw SceneError(path + "/like", "the volumes are placed like each other in a circle",
+                       "place one of them by fit, unit or scale");
+    }
+    const Placement placement = compute(name, path);
+    done_[name] = placement;
+    return placement;
+  }
+
+ private:
+  Placement compute(const std::string& name, const std::string& path) {
+    const PlaceSpec& place = spec_.volumes.at(name).place;
+    const auto positive = [&](double value, const char* key) {
+      if (!std::isfinite(value) || value <= 0.0) {
+        throw SceneError(path + "/" + key, fmt::format("{} is not a finite number > 0", value),
+                         "give metres, as 0.1");
+      }
+      return value;
+    };
+    switch (place.kind) {
+      case PlaceSpec::Kind::kFit:
+        return fitInto(volumes_.at(name)->info().bounds, positive(place.size, "fit"));
+      case PlaceSpec::Kind::kUnit: {
+        Placement placement;
+        placement.scale = positive(place.size, "unit");
+        placement.translate = -placement.scale * volumes_.at(name)->info().bounds.centre();
+        return placement;
+      }
+      case PlaceSpec::Kind::kMap: {
+        const auto& q = place.rotation_wxyz;
+        const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
+        if (!(rotation.norm() > 1e-6) || !std::isfinite(rotation.norm())) {
+          throw SceneError(path + "/rotation_wxyz", "it is no rotation",
+                           "give w, x, y, z, as [1, 0, 0, 0]");
+        }
+        if (!place.translate.allFinite()) {
+          throw SceneError(path + "/translate", "it is not finite", "give metres");
+        }
+        return {positive(place.scale, "scale"), rotation.normalized().toRotationMatrix(),
+                place.translate};
+      }
+      case PlaceSpec::Kind::kLike:
+        break;
+    }
+    if (volumes_.count(place.like) == 0) {
+      std::vector<std::string> names;
+      for (const auto& [other, volume] : volumes_) names.push_back(other);
+      const std::string near = nearestName(place.like, names);
+      throw SceneError(
+          path + "/like", "there is no volume \"" + place.like + "\"",
+          near.empty() ? "name a volume of this scene" : "did you mean \"" + near + "\"?");
+    }
+    return placementOf(place.like);
+  }
+
+  const SceneSpec& spec_;
+  const std::map<std::string, std::shared_ptr<const Volume>>& volumes_;
+  std::map<std::string, Placement> done_;
+  std::set<std::string> open_;
+};
+
+bool given(const FieldPtr& field) {
+  return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
+}
+
+}  // namespace
+
+BuiltScene buildScene(const SceneSpec& spec) {
+  BuiltScene built;
+  for (const auto& [name, volume] : spec.volumes) {
+    if (given(volume.field)) {
+      built.fields[name] = volume.field;
+    } else if (volume.volume != nullptr) {
+      built.volumes[name] = volume.volume;
+    } else {
+      try {
+        built.volumes[name] = loadVolume(volume.file, volume.grid);
+      } catch (const VolumeError& e) {
+        throw SceneError::within(at(spec, "/volumes/" + name), e);
+      }
+    }
+  }
+  Placer placer(spec, built.volumes);
+  for (const auto& [name, volume] : built.volumes) {
+    built.placements[name] = placer.placementOf(name);
+    built.fields[name] = makeVdbField(volume, built.placements[name]);
+  }
+  for (const auto& [name, field] : built.fields) {
+    const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
+    built.bounds.lower =
+        built.bounds.empty() ? box.lower : Vec3(built.bounds.lower.cwiseMin(box.lower));
+    built.bounds.upper = built.bounds.upper.cwiseMax(box.upper);
+  }
+  try {
+    built.scene = makeScene(spec.graph, built.fields, spec.coupling, spec.step);
+  } catch (const SceneError& e) {
+    if (spec.source.empty()) throw;
+    throw SceneError::within(spec.source, e);
+  }
+  return built;
+}
+
+void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness) {
+  if (spec.coupling.stiffness <= max_stiffness) return;
+  throw SceneError(at(spec, "/coupling/stiffness"),
+                   fmt::format("{} N/m is more than the device \"{}\" renders stably",
+                               spec.coupling.stiffness, device),
+                   fmt::format("use at most {}", max_stiffness));
+}
+
+}  // namespace palpate

@@ -1,0 +1,66 @@
+/// From a description of a scene to one that can be felt.
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "engine/scene.h"
+#include "samplers/vdb_field.h"
+#include "samplers/volume.h"
+
+namespace palpate {
+
+/// Where a volume stands in the hand's world, as the scene file's "place" says.
+struct PlaceSpec {
+  enum class Kind : std::uint8_t {
+    kFit,   ///< The longest side of the active bounds is `size` metres, centred.
+    kUnit,  ///< True size: one unit of the file is `size` metres, centred.
+    kMap,   ///< p = translate + R scale x.
+    kLike,  ///< The same map as another volume's: co-registered.
+  };
+  Kind kind = Kind::kFit;
+  double size = 0.1;                                ///< [m]
+  double scale = 1.0;                               ///< [m per unit of the file]
+  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
+  Vec3 translate = Vec3::Zero();                    ///< [m]
+  std::string like;                                 ///< Another volume's name.
+};
+
+/// One volume: a grid of a file, one already in memory, or a field of the user's own.
+struct VolumeSpec {
+  std::filesystem::path file;
+  std::string grid;  ///< Empty: the only one.
+  PlaceSpec place;
+  std::shared_ptr<const Volume> volume;  ///< If set, `file` and `grid` are not read.
+  FieldPtr field;                        ///< If set, all of the above is ignored.
+};
+
+/// A whole scene, as a scene file says it; C++ builds the same and has it checked the same.
+struct SceneSpec {
+  std::string source;  ///< Named in errors: the scene file.
+  CouplingParams coupling;
+  StepParams step;
+  std::map<std::string, VolumeSpec> volumes;
+  GraphSpec graph;                 ///< "fields" and "modes".
+  std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
+};
+
+/// A scene and what it was made of.
+struct BuiltScene {
+  std::unique_ptr<const Scene> scene;
+  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids.
+  std::map<std::string, Placement> placements;
+  std::map<std::string, FieldPtr> fields;  ///< All volumes, placed.
+  Box bounds;                              ///< Of all fields in W [m].
+};
+
+/// Loads, places, checks and compiles. Throws SceneError (with the JSON path) or VolumeError;
+/// whatever is running is not touched. Slow.
+[[nodiscard]] BuiltScene buildScene(const SceneSpec& spec);
+
+/// Throws SceneError where the coupling asks for more stiffness than a device renders stably.
+void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness);
+
+}  // namespace palpate

@@ -1,0 +1,160 @@
+/// palpate check: validates a scene and prints what a tick will do, and why.
+#include <fmt/format.h>
+
+#include "scenes/cli/common.h"
+#include "scenes/scene_file.h"
+
+namespace palpate::cli {
+namespace {
+
+std::string describe(const TransferFunction& curve) {
+  if (curve.isConstant()) return rounded(curve.knots().front().second) + " N";
+  std::string text;
+  for (const auto& [input, output] : curve.knots()) {
+    text += (text.empty() ? "" : ", ") + rounded(input) + " -> " + rounded(output);
+  }
+  return text + " N";
+}
+
+std::string describe(const ModeSpec& mode) {
+  std::string text = fmt::format("{} of {}", wordFor(mode.kind), mode.of);
+  if (mode.kind == ModeKind::kIsosurface) {
+    text += fmt::format(" at {}, {} is solid", rounded(mode.value),
+                        mode.solid == Solid::kAbove ? "above" : "below");
+  }
+  text += ", strength " + describe(mode.strength);
+  if (!mode.by.empty()) text += " by " + mode.by;
+  return text;
+}
+
+/// The properties of the compiled graph that come from each field, in words.
+std::vector<std::string> wanted(const Graph& graph, const ScalarRead& read) {
+  std::vector<std::string> out;
+  for (const int i : {read.value}) {
+    if (i >= 0) out.emplace_back("value");
+  }
+  for (const int i : {read.gradient, read.cell_gradient}) {
+    if (i >= 0) out.push_back(graph.vector_properties[static_cast<std::size_t>(i)]);
+  }
+  return out;
+}
+std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
+  std::vector<std::string> out;
+  if (read.value >= 0) out.emplace_back("value");
+  if (read.curl >= 0) out.push_back(graph.vector_properties[static_cast<std::size_t>(read.curl)]);
+  if (read.divergence >= 0) {
+    out.push_back(graph.scalar_properties[static_cast<std::size_t>(read.divergence)]);
+  }
+  return out;
+}
+
+OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
+  const Graph& graph = built.scene->graph;
+  OrderedJson json;
+  json["scene"] = spec.source;
+  json["status"] = "valid";
+  json["coupling"] = {{"stiffness", spec.coupling.stiffness}, {"damping", spec.coupling.damping}};
+  json["max_substeps"] = spec.step.max_substeps;
+  json["volumes"] = OrderedJson::object();
+  for (const auto& [name, field] : built.fields) {
+    const FieldFrame& frame =
+        std::visit([](const auto& f) -> const FieldFrame& { return f->frame(); }, field);
+    OrderedJson volume;
+    const auto grid = built.volumes.find(name);
+    if (grid != built.volumes.end()) {
+      const GridInfo& info = grid->second->info();
+      volume["file"] = spec.volumes.at(name).file.string();
+      volume["grid"] = info.name;
+      volume["type"] = info.type;
+      volume["active_voxels"] = info.active_voxels;
+      volume["memory_bytes"] = info.memory;
+    }
+    volume["metres_per_unit"] = frame.metres_per_unit;
+    volume["voxel"] = frame.voxel;
+    volume["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
+    json["volumes"][name] = volume;
+  }
+  json["sampled"] = OrderedJson::array();
+  for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
+    json["sampled"].push_back(
+        {{"field", graph.scalar_names[i]}, {"properties", wanted(graph, graph.scalar_reads[i])}});
+  }
+  for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
+    json["sampled"].push_back(
+        {{"field", graph.vector_names[i]}, {"properties", wanted(graph, graph.vector_reads[i])}});
+  }
+  json["derived"] = OrderedJson::array();
+  for (const MagnitudeStep& step : graph.magnitudes) {
+    json["derived"].push_back(graph.scalar_properties[static_cast<std::size_t>(step.to)]);
+  }
+  json["modes"] = OrderedJson::array();
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    json["modes"].push_back(
+        {{"name", graph.mode_names[i]}, {"does", describe(spec.graph.modes[i])}});
+  }
+  json["left_out"] = graph.unused;
+  return json;
+}
+
+void print(const OrderedJson& json) {
+  fmt::print("scene     {}: valid\n", json["scene"].get<std::string>());
+  fmt::print("coupling  {} N/m, {} N s/m; at most {} sub-steps a tick\n",
+             number(json["coupling"]["stiffness"].get<double>()),
+             number(json["coupling"]["damping"].get<double>()), json["max_substeps"].get<int>());
+  for (const auto& [name, volume] : json["volumes"].items()) {
+    fmt::print("volume    {}: ", name);
+    if (volume.contains("file")) {
+      fmt::print("grid \"{}\" of {}, {}, {} active voxels, {} MB; ",
+                 volume["grid"].get<std::string>(), volume["file"].get<std::string>(),
+                 volume["type"].get<std::string>(), volume["active_voxels"].get<std::uint64_t>(),
+                 rounded(volume["memory_bytes"].get<double>() / 1e6));
+    }
+    fmt::print("voxel {} mm, {} mm a unit\n", rounded(1e3 * volume["voxel"].get<double>()),
+               rounded(1e3 * volume["metres_per_unit"].get<double>()));
+  }
+  for (const auto& sampled : json["sampled"]) {
+    std::string properties;
+    for (const auto& p : sampled["properties"]) {
+      properties += (properties.empty() ? "" : ", ") + p.get<std::string>();
+    }
+    fmt::print("samples   {}: {}\n", sampled["field"].get<std::string>(), properties);
+  }
+  for (const auto& derived : json["derived"]) {
+    fmt::print("derives   {}\n", derived.get<std::string>());
+  }
+  for (const auto& mode : json["modes"]) {
+    fmt::print("mode      {}: {}\n", mode["name"].get<std::string>(),
+               mode["does"].get<std::string>());
+  }
+  for (const auto& unused : json["left_out"]) {
+    fmt::print("left out  {}: no mode reads it\n", unused.get<std::string>());
+  }
+}
+
+}  // namespace
+
+void addCheck(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb =
+      app.add_subcommand("check", "Validates a scene; prints what is sampled, derived and placed");
+  auto scene = std::make_shared<std::string>();
+  auto json = std::make_shared<bool>(false);
+  verb->add_option("SCENE", *scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_flag("--json", *json, "Print JSON");
+  verb->footer("Example:\n  palpate check head.json");
+  verb->callback([=, &body] {
+    body = [=] {
+      const SceneSpec spec = openScene(*scene);
+      for (const std::string& note : spec.notes) complain(note);
+      const BuiltScene built = buildScene(spec);
+      const OrderedJson out = report(spec, built);
+      if (*json) {
+        fmt::print("{}\n", out.dump(2));
+      } else {
+        print(out);
+      }
+      return kDone;
+    };
+  });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,99 @@
+#include "scenes/cli/common.h"
+
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <iostream>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+
+namespace palpate::cli {
+
+void complain(const std::string& line) {
+  std::string clean = line;
+  for (char& c : clean) {
+    if (c == '\n' || c == '\r') c = ' ';
+  }
+  fmt::print(stderr, "palpate: {}\n", clean);
+}
+
+std::string number(double value) {
+  return std::isfinite(value) ? fmt::format("{}", value) : "";
+}
+
+std::string rounded(double value) {
+  return fmt::format("{:.4g}", value);
+}
+
+OrderedJson toJson(const Vec3& v) {
+  return OrderedJson::array({v.x(), v.y(), v.z()});
+}
+
+WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
+  if (path_ == "-") {
+    file_ = stdout;
+    return;
+  }
+  partial_ = path_;
+  partial_ += fmt::format(".partial-{}", getpid());
+  file_ = std::fopen(partial_.c_str(), "wb");
+  if (file_ == nullptr) {
+    throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
+                "choose another place");
+  }
+}
+
+WholeFile::~WholeFile() {
+  if (file_ == nullptr || file_ == stdout) return;
+  std::fclose(file_);
+  std::remove(partial_.c_str());
+}
+
+void WholeFile::write(const std::string& text) {
+  if (std::fwrite(text.data(), 1, text.size(), file_) != text.size()) {
+    throw Error(path_.string(), std::string("writing failed (") + std::strerror(errno) + ")",
+                "make room on the disk");
+  }
+}
+
+void WholeFile::commit() {
+  if (file_ == stdout) {
+    std::fflush(stdout);
+    return;
+  }
+  std::FILE* file = std::exchange(file_, nullptr);
+  const bool flushed = std::fclose(file) == 0;
+  std::error_code error;
+  if (flushed) std::filesystem::rename(partial_, path_, error);
+  if (!flushed || error) {
+    std::remove(partial_.c_str());
+    throw Error(path_.string(), "it could not be finished", "check the disk and its permissions");
+  }
+}
+
+std::istream& openInput(const std::string& file, std::ifstream& holder) {
+  if (file == "-") return std::cin;
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error)) {
+    throw Error(file, "it is a folder", "give a file");
+  }
+  holder.open(file, std::ios::binary);
+  if (!holder) {
+    throw Error(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
+                "check the path");
+  }
+  return holder;
+}
+
+std::filesystem::path programFolder() {
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  return error ? std::filesystem::path(".") : self.parent_path();
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,71 @@
+/// What the verbs of `palpate` share.
+#pragma once
+
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "engine/types.h"
+
+namespace palpate::cli {
+
+/// Exit status, as INTERFACES has it.
+inline constexpr int kDone = 0;
+inline constexpr int kEndedEarly = 1;
+inline constexpr int kBadInput = 2;
+inline constexpr int kInternal = 3;
+inline constexpr int kInterrupted = 130;
+
+using OrderedJson = nlohmann::ordered_json;
+
+/// A verb adds itself to the program; its body runs after parsing and returns the exit status.
+void addInfo(CLI::App& app, std::function<int()>& body);
+void addImport(CLI::App& app, std::function<int()>& body);
+void addSample(CLI::App& app, std::function<int()>& body);
+void addSolve(CLI::App& app, std::function<int()>& body);
+void addCheck(CLI::App& app, std::function<int()>& body);
+void addFeel(CLI::App& app, std::function<int()>& body);
+
+/// One line on stderr: `palpate: ...`.
+void complain(const std::string& line);
+
+/// The shortest text that reads back the same double; empty for NaN and infinities.
+[[nodiscard]] std::string number(double value);
+/// For people: a few digits.
+[[nodiscard]] std::string rounded(double value);
+[[nodiscard]] OrderedJson toJson(const Vec3& v);
+
+/// A file that appears whole or not at all: written beside its place and renamed by commit().
+/// `-` is standard output.
+class WholeFile {
+ public:
+  /// Opens at once, so that a path that cannot be written is known before any work is done. Throws
+  /// Error.
+  explicit WholeFile(std::filesystem::path path);
+  WholeFile(const WholeFile&) = delete;
+  WholeFile& operator=(const WholeFile&) = delete;
+  ~WholeFile();
+
+  void write(const std::string& text);
+  /// Throws Error where the disk is full and the like.
+  void commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path partial_;
+  std::FILE* file_ = nullptr;
+};
+
+/// Opens a text file, or throws Error. - is standard input; `holder` keeps a file open.
+[[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
+
+/// The folder of this program, where its companions are.
+[[nodiscard]] std::filesystem::path programFolder();
+
+}  // namespace palpate::cli

@@ -1,0 +1,157 @@
+#include "scenes/cli/felt.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+namespace palpate::cli {
+namespace {
+
+/// The value below which a share of the sorted values lies.
+std::int64_t percentile(const std::vector<std::int64_t>& sorted, double share) {
+  if (sorted.empty()) return 0;
+  const auto last = static_cast<double>(sorted.size() - 1);
+  return sorted[static_cast<std::size_t>(std::ceil(share * last))];
+}
+
+}  // namespace
+
+Felt::Felt(const Scene& scene, double rate)
+    : scene_(scene), rate_(rate), modes_(scene.graph.modes.size()) {}
+
+void Felt::add(const Telemetry& tick, const ProxyState& state) {
+  const StepReport& r = tick.report;
+  // The force of a tick works while the hand moves to the next reading.
+  if (!tick_ns_.empty()) net_energy_ += last_force_.dot(tick.probe - last_probe_);
+  last_probe_ = tick.probe;
+  last_force_ = r.force;
+  tick_ns_.push_back(tick.tick_ns);
+  ++statuses_[static_cast<std::size_t>(r.status)];
+  ++solvers_[static_cast<std::size_t>(r.solver)];
+  limited_ += static_cast<std::int64_t>(r.limited);
+  samples_ += r.samples;
+  substeps_ += r.substeps;
+  primitives_ += r.primitives;
+  iterations_ += r.iterations;
+  force_max_ = std::max(force_max_, r.force.norm());
+  bound_max_ = std::max(bound_max_, r.error_bound);
+  injected_ += r.injected;
+
+  const auto primitives = state.primitives().items();
+  std::size_t next = 0;
+  for (std::size_t i = 0; i < modes_.size(); ++i) {
+    const ModeMemory& memory = state.memory(i);
+    const bool emitted = memory.emitted && next < primitives.size();
+    addMode(i, emitted ? &primitives[next++] : nullptr, tick, memory);
+  }
+}
+
+void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& tick,
+                   const ModeMemory& memory) {
+  constexpr double kNewtons = 1e-3;  // less is not felt
+  constexpr double kPause = 0.05;    // [s]
+  ModeFelt& mode = modes_[i];
+  const auto now = static_cast<std::int64_t>(tick_ns_.size());
+  if (memory.contact == ModeMemory::Contact::kYielded &&
+      mode.contact != ModeMemory::Contact::kYielded) {
+    ++mode.yields;
+  }
+  mode.contact = memory.contact;
+  if (primitive == nullptr) return;
+
+  // Its share of the force: along a plane's normal or a force, across a line, any way at a point.
+  const Vec3& force = tick.report.force;
+  const Vec3& q = primitive->direction;
+  double held = force.norm();
+  if (primitive->kind == PrimitiveKind::kLine) held = (force - q * q.dot(force)).norm();
+  if (primitive->kind == PrimitiveKind::kForce) held = std::max(0.0, q.dot(force));
+  if (primitive->kind == PrimitiveKind::kPlane) {
+    const bool off = q.dot(tick.report.proxy - primitive->position) > 1e-6;
+    held = off ? 0.0 : std::max(0.0, q.dot(force));
+  }
+  held = std::min(held, primitive->strength);
+  if (held < kNewtons) return;
+  mode.held = std::max(mode.held, held);
+  ++mode.active;
+  if (mode.last_active < 0 || static_cast<double>(now - mode.last_active) > kPause * rate_) {
+    ++mode.touches;
+  }
+  mode.last_active = now;
+}
+
+OrderedJson Felt::summary() const {
+  std::vector<std::int64_t> sorted = tick_ns_;
+  std::sort(sorted.begin(), sorted.end());
+  const double ticks = std::max<double>(1.0, static_cast<double>(sorted.size()));
+  OrderedJson json;
+  json["ticks"] = sorted.size();
+  json["seconds"] = static_cast<double>(sorted.size()) / rate_;
+  json["rate_asked"] = rate_;
+  json["tick_ns"] = {{"p50", percentile(sorted, 0.5)},
+                     {"p99", percentile(sorted, 0.99)},
+                     {"p99.9", percentile(sorted, 0.999)},
+                     {"max", sorted.empty() ? 0 : sorted.back()}};
+  json["force_max"] = force_max_;
+  json["error_bound_max"] = bound_max_;
+  json["net_energy"] = net_energy_;
+  json["injected_energy"] = injected_;
+  json["per_tick"] = {{"samples", static_cast<double>(samples_) / ticks},
+                      {"primitives", static_cast<double>(primitives_) / ticks},
+                      {"substeps", static_cast<double>(substeps_) / ticks},
+                      {"iterations", static_cast<double>(iterations_) / ticks}};
+  json["solver"] = {{"closed-form", solvers_[0]}, {"general", solvers_[1]}};
+  json["volumes_active"] = scene_.graph.scalar_reads.size() + scene_.graph.vector_reads.size();
+  json["status"] = OrderedJson::object();
+  for (std::size_t i = 0; i < statuses_.size(); ++i) {
+    json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
+  }
+  json["limited"] = limited_;
+  json["felt"] = OrderedJson::array();
+  for (std::size_t i = 0; i < modes_.size(); ++i) {
+    const ModeFelt& mode = modes_[i];
+    json["felt"].push_back({{"mode", scene_.graph.mode_names[i]},
+                            {"seconds", static_cast<double>(mode.active) / rate_},
+                            {"touches", mode.touches},
+                            {"pushed_through", mode.yields},
+                            {"held_max", mode.held}});
+  }
+  return json;
+}
+
+std::string Felt::words() const {
+  const OrderedJson s = summary();
+  const double ticks = std::max(1.0, s["ticks"].get<double>());
+  const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
+  std::string text = fmt::format(
+      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} primitives, {} "
+      "sub-steps\n",
+      us("p50"), us("p99"), us("p99.9"), us("max"), rounded(s["per_tick"]["samples"].get<double>()),
+      rounded(s["per_tick"]["primitives"].get<double>()),
+      rounded(s["per_tick"]["substeps"].get<double>()));
+  text += fmt::format(
+      "balance   {} % closed form, {} linear solves a tick; within {} m of the exact one\n",
+      rounded(100.0 * static_cast<double>(solvers_[0]) / ticks),
+      rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
+  text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
+                      rounded(force_max_), limited_,
+                      statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  text += fmt::format("energy    {} J given to the hand; {} J injected by surfaces re-placed\n",
+                      rounded(net_energy_), rounded(injected_));
+  for (const auto& mode : s["felt"]) {
+    text += fmt::format("felt      {}: ", mode["mode"].get<std::string>());
+    if (mode["touches"].get<int>() == 0) {
+      text += "not at all\n";
+      continue;
+    }
+    text += fmt::format("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
+                        mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
+    if (mode["pushed_through"].get<int>() > 0) {
+      text += fmt::format(", pushed through {} times", mode["pushed_through"].get<int>());
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+}  // namespace palpate::cli

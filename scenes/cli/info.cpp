@@ -1,0 +1,87 @@
+/// palpate info: what is in a .vdb, and what one can feel in it.
+#include <fmt/format.h>
+
+#include "samplers/volume.h"
+#include "scenes/cli/common.h"
+
+namespace palpate::cli {
+namespace {
+
+std::string feelOf(const GridInfo& grid) {
+  if (!grid.refusal.empty()) return "nothing: " + grid.refusal;
+  if (grid.vector) return "follow its lines; force along it; viscosity by its magnitude";
+  if (grid.grid_class == GridClass::kLevelSet) return "isosurface at 0, solid below";
+  return "surface and viscosity by its value; isosurface at a value you choose";
+}
+
+OrderedJson describe(const GridInfo& grid) {
+  OrderedJson json;
+  json["name"] = grid.name;
+  json["type"] = grid.type;
+  json["class"] = wordFor(grid.grid_class);
+  json["half"] = grid.half;
+  json["voxel_size"] = toJson(grid.voxel);
+  json["active_voxels"] = grid.active_voxels;
+  json["bounds"] = grid.bounds.empty()
+                       ? OrderedJson(nullptr)
+                       : OrderedJson::array({toJson(grid.bounds.lower), toJson(grid.bounds.upper)});
+  json["memory_bytes"] = grid.memory;
+  json[grid.vector ? "magnitude_range" : "value_range"] = {grid.lowest, grid.highest};
+  json["background"] = grid.background;
+  json["non_finite"] = grid.non_finite;
+  json["can_be_felt"] = grid.refusal.empty();
+  json["feel"] = feelOf(grid);
+  return json;
+}
+
+std::string line(const Vec3& v) {
+  return fmt::format("{} x {} x {}", rounded(v.x()), rounded(v.y()), rounded(v.z()));
+}
+
+void print(const GridInfo& grid) {
+  fmt::print("{}\n", grid.name.empty() ? "(no name)" : grid.name);
+  fmt::print("  type      {}{}, {}\n", grid.type, grid.half ? " (stored as half)" : "",
+             wordFor(grid.grid_class));
+  fmt::print("  voxels    {} active, {} each, {} MB in memory\n", grid.active_voxels,
+             line(grid.voxel), rounded(static_cast<double>(grid.memory) / 1e6));
+  if (!grid.bounds.empty()) {
+    const Vec3& a = grid.bounds.lower;
+    const Vec3& b = grid.bounds.upper;
+    fmt::print("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
+               rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
+  }
+  fmt::print("  {} {} .. {}, background {}\n", grid.vector ? "magnitude" : "values   ",
+             rounded(grid.lowest), rounded(grid.highest), rounded(grid.background));
+  if (grid.grid_class == GridClass::kStaggered) {
+    fmt::print("  note      staggered: read as if at the voxels' centres, half a voxel off\n");
+  }
+  fmt::print("  feel      {}\n", feelOf(grid));
+}
+
+}  // namespace
+
+void addInfo(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("info", "What is in a .vdb, and what one can feel in it");
+  auto file = std::make_shared<std::string>();
+  auto json = std::make_shared<bool>(false);
+  verb->add_option("FILE", *file, "A .vdb file")->required();
+  verb->add_flag("--json", *json, "Print JSON");
+  verb->footer("Example:\n  palpate info head.vdb");
+  verb->callback([=, &body] {
+    body = [=] {
+      const std::vector<GridInfo> grids = describeGrids(*file);
+      if (*json) {
+        OrderedJson out;
+        out["file"] = *file;
+        out["grids"] = OrderedJson::array();
+        for (const GridInfo& grid : grids) out["grids"].push_back(describe(grid));
+        fmt::print("{}\n", out.dump(2));
+      } else {
+        for (const GridInfo& grid : grids) print(grid);
+      }
+      return kDone;
+    };
+  });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,169 @@
+#include "scenes/cli/picture.h"
+
+#include <algorithm>
+#include <csignal>
+#include <cstring>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr int kPixels = 180;  // along the longest side of a slice
+constexpr std::size_t kMostFields = 2;
+
+/// Runs a program with `input` on its standard input; its exit status, or -1.
+int run(const std::vector<std::string>& command, const std::string& input) {
+  int pipe_ends[2];
+  if (pipe(pipe_ends) != 0) return -1;
+  const pid_t child = fork();
+  if (child < 0) return -1;
+  if (child == 0) {
+    dup2(pipe_ends[0], STDIN_FILENO);
+    close(pipe_ends[0]);
+    close(pipe_ends[1]);
+    std::vector<char*> argv;
+    for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
+    argv.push_back(nullptr);
+    execvp(argv[0], argv.data());
+    _exit(127);
+  }
+  close(pipe_ends[0]);
+  std::signal(SIGPIPE, SIG_IGN);
+  std::size_t written = 0;
+  while (written < input.size()) {
+    const ssize_t n = write(pipe_ends[1], input.data() + written, input.size() - written);
+    if (n <= 0) break;
+    written += static_cast<std::size_t>(n);
+  }
+  close(pipe_ends[1]);
+  int status = 0;
+  while (waitpid(child, &status, 0) < 0) {
+    if (errno != EINTR) return -1;
+  }
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+/// A field as a function for pictures: the value, or a vector's magnitude.
+std::function<std::optional<double>(const Vec3&)> reading(const FieldPtr& field) {
+  auto cache = std::make_shared<FieldCache>();
+  return std::visit(
+      [&](const auto& f) -> std::function<std::optional<double>(const Vec3&)> {
+        f->reset(*cache);
+        return [f, cache](const Vec3& p) -> std::optional<double> {
+          const auto s = f->sample(p, *cache);
+          if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ScalarSample>) {
+            return s.value;
+          } else {
+            return s.value.norm();
+          }
+        };
+      },
+      field);
+}
+
+OrderedJson slice(const FieldPtr& field, const Box& bounds, const Vec3& through, int normal) {
+  const auto read = reading(field);
+  const int a = (normal + 1) % 3;
+  const int b = (normal + 2) % 3;
+  const double step = std::max(bounds.size()[a], bounds.size()[b]) / kPixels;
+  const int columns = std::max(2, static_cast<int>(bounds.size()[a] / step));
+  const int rows = std::max(2, static_cast<int>(bounds.size()[b] / step));
+  OrderedJson json;
+  json["axes"] = {a, b};
+  json["at"] = through[normal];
+  json["extent"] = {bounds.lower[a], bounds.upper[a], bounds.lower[b], bounds.upper[b]};
+  json["values"] = OrderedJson::array();
+  for (int j = 0; j < rows; ++j) {
+    OrderedJson line = OrderedJson::array();
+    for (int i = 0; i < columns; ++i) {
+      Vec3 p = through;
+      p[a] = bounds.lower[a] + (i + 0.5) / columns * bounds.size()[a];
+      p[b] = bounds.lower[b] + (j + 0.5) / rows * bounds.size()[b];
+      const auto value = read(p);
+      line.push_back(value ? OrderedJson(static_cast<float>(*value)) : OrderedJson(nullptr));
+    }
+    json["values"].push_back(std::move(line));
+  }
+  return json;
+}
+
+}  // namespace
+
+Picture::Picture(const std::string& path)
+    : path_(path), script_(programFolder() / "feel_picture.py") {
+  if (!std::filesystem::exists(script_)) {
+    script_ = programFolder().parent_path() / "share" / "palpate" / "feel_picture.py";
+  }
+  WholeFile probe(path_);  // can it be written?
+  const int status = run({script_.string(), "--check"}, "");
+  if (status != 0) {
+    throw Error("--picture", "python3 with matplotlib is not there", "install python3-matplotlib");
+  }
+}
+
+void Picture::add(const Telemetry& tick) {
+  ticks_.push_back(tick);
+}
+
+void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
+  // Slices through the middle of what was touched.
+  Vec3 middle = Vec3::Zero();
+  int touched = 0;
+  for (const Telemetry& tick : ticks_) {
+    if (tick.report.force.norm() < 0.05) continue;
+    middle += tick.report.proxy;
+    ++touched;
+  }
+  middle = touched == 0 ? built.bounds.centre() : Vec3(middle / touched);
+  middle = middle.cwiseMax(built.bounds.lower).cwiseMin(built.bounds.upper);
+
+  std::filesystem::path partial = path_;
+  partial += fmt::format(".partial-{}.png", getpid());
+  OrderedJson json;
+  json["out"] = partial.string();
+  json["scene"] = spec.source;
+  json["fields"] = OrderedJson::array();
+  for (const auto& [name, field] : built.fields) {
+    const auto& unused = built.scene->graph.unused;
+    if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
+    if (json["fields"].size() == kMostFields) break;
+    OrderedJson entry;
+    entry["name"] = name;
+    entry["slices"] = OrderedJson::array();
+    for (int normal = 0; normal < 3; ++normal) {
+      entry["slices"].push_back(slice(field, built.bounds, middle, normal));
+    }
+    entry["levels"] = OrderedJson::array();
+    for (const ModeSpec& mode : spec.graph.modes) {
+      if (mode.kind == ModeKind::kIsosurface && mode.of == name) {
+        entry["levels"].push_back(mode.value);
+      }
+    }
+    json["fields"].push_back(std::move(entry));
+  }
+  // A few thousand points are as many as can be seen.
+  const std::size_t stride = 1 + ticks_.size() / 5000;
+  OrderedJson& rows = json["ticks"] = OrderedJson::array();
+  for (std::size_t i = 0; i < ticks_.size(); i += stride) {
+    const Telemetry& t = ticks_[i];
+    rows.push_back({t.time, t.probe.x(), t.probe.y(), t.probe.z(), t.report.proxy.x(),
+                    t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
+                    t.report.force.z()});
+  }
+  const int status = run({script_.string()}, json.dump());
+  std::error_code error;
+  if (status == 0) std::filesystem::rename(partial, path_, error);
+  if (status != 0 || error) {
+    std::filesystem::remove(partial, error);
+    throw Error(path_.string(), "the picture could not be drawn",
+                "see the message of matplotlib above");
+  }
+}
+
+}  // namespace palpate::cli

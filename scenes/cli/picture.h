@@ -1,0 +1,30 @@
+/// The picture of a run: the path over the volumes' slices and the force over time.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/telemetry.h"
+#include "scenes/build_scene.h"
+#include "scenes/cli/common.h"
+
+namespace palpate::cli {
+
+/// Collects a run and has feel_picture.py (matplotlib) draw it.
+class Picture {
+ public:
+  /// Throws Error at once if the place cannot be written or matplotlib is missing.
+  explicit Picture(const std::string& path);
+  void add(const Telemetry& tick);
+  /// Throws Error; no partial file is left.
+  void draw(const SceneSpec& spec, const BuiltScene& built) const;
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path script_;
+  std::vector<Telemetry> ticks_;
+};
+
+}  // namespace palpate::cli

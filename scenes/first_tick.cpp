@@ -1,0 +1,35 @@
+/// The smallest program: a ball, a hand that presses on it, and the force it feels.
+#include <cstdio>
+
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
+#include "scenes/build_scene.h"
+
+int main() {
+  using namespace palpate;
+
+  // A scene: one volume, felt as a surface of 3 N. For a grid write
+  //   spec.volumes["ball"].file = "ball.vdb";
+  SceneSpec spec;
+  spec.volumes["ball"].field = makeSphere(/*centre=*/Vec3::Zero(), /*radius=*/0.04);
+  ModeSpec skin;
+  skin.kind = ModeKind::kIsosurface;
+  skin.of = "ball";
+  skin.value = 0.0;
+  skin.solid = Solid::kBelow;
+  skin.strength = 3.0;
+  spec.graph.modes.push_back(skin);
+  const BuiltScene ball = buildScene(spec);
+
+  // Ticks: the hand comes down on the ball, 0.1 m/s at 1 kHz.
+  Reader reader;
+  ProxyState state;
+  for (int tick = 0; tick <= 70; ++tick) {
+    const HandState hand{{0.0, 0.0, 0.045 - 1e-4 * tick}};
+    const StepReport report = hapticStep(*ball.scene, reader, hand, state, 1e-3);
+    if (tick % 10 == 0) {
+      std::printf("hand %4.1f mm, proxy %4.1f mm, force %.2f N\n", 1e3 * hand.position.z(),
+                  1e3 * report.proxy.z(), report.force.z());
+    }
+  }
+}

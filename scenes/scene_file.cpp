@@ -1,0 +1,477 @@
+#include "scenes/scene_file.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <initializer_list>
+#include <set>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <valijson/adapters/nlohmann_json_adapter.hpp>
+#include <valijson/schema.hpp>
+#include <valijson/schema_parser.hpp>
+#include <valijson/validator.hpp>
+
+#include "engine/error.h"
+#include "samplers/volume.h"
+#include "scenes/scene_schema.h"
+
+namespace palpate {
+namespace {
+
+using Json = nlohmann::json;
+
+/// A value of the file and its path; every reading checks and names what is wrong.
+class Node {
+ public:
+  Node(const Json& json, std::string source, std::string path)
+      : json_(&json), source_(std::move(source)), path_(std::move(path)) {}
+
+  [[noreturn]] void fail(const std::string& why, const std::string& remedy) const {
+    throw SceneError(source_ + ": " + (path_.empty() ? "/" : path_), why, remedy);
+  }
+  [[nodiscard]] bool has(const char* key) const { return json_->contains(key); }
+  [[nodiscard]] const Json& json() const { return *json_; }
+
+  [[nodiscard]] Node child(const std::string& key) const {
+    return {json_->at(key), source_, path_ + "/" + key};
+  }
+  [[nodiscard]] Node need(const char* key) const {
+    if (!has(key)) fail(std::string("\"") + key + "\" is missing", "add it");
+    return child(key);
+  }
+  [[nodiscard]] Node element(std::size_t i) const {
+    return {json_->at(i), source_, path_ + "/" + std::to_string(i)};
+  }
+
+  /// An object with no other keys than these; `later` are refused for now with their own words.
+  const Node& object(std::initializer_list<const char*> keys,
+                     std::initializer_list<const char*> later = {}) const {
+    if (!json_->is_object()) fail("it is not an object", "write { ... }");
+    std::vector<std::string> known(keys.begin(), keys.end());
+    for (const auto& [key, value] : json_->items()) {
+      if (std::find(known.begin(), known.end(), key) != known.end()) continue;
+      const Node here = child(key);
+      if (std::find(later.begin(), later.end(), key) != later.end()) {
+        here.fail("this version does not have it yet", "remove it");
+      }
+      const std::string near = nearestName(key, known);
+      here.fail("unknown key", near.empty() ? "remove it" : "did you mean \"" + near + "\"?");
+    }
+    return *this;
+  }
+  [[nodiscard]] double number() const {
+    if (!json_->is_number()) fail(json_->dump() + " is not a number", "write a number");
+    const auto value = json_->get<double>();
+    if (!std::isfinite(value)) fail("it is not finite", "write a finite number");
+    return value;
+  }
+  [[nodiscard]] double positive() const {
+    const double value = number();
+    if (value <= 0.0) fail(json_->dump() + " is not > 0", "write a number > 0");
+    return value;
+  }
+  [[nodiscard]] double notNegative() const {
+    const double value = number();
+    if (value < 0.0) fail(json_->dump() + " is negative", "write a number >= 0");
+    return value;
+  }
+  [[nodiscard]] std::string text() const {
+    if (!json_->is_string()) fail(json_->dump() + " is not a text", "write it in quotes");
+    return json_->get<std::string>();
+  }
+  [[nodiscard]] std::string name() const {
+    std::string value = text();
+    if (value.empty()) fail("it is empty", "write a name");
+    return value;
+  }
+  template <std::size_t N>
+  [[nodiscard]] std::array<double, N> numbers() const {
+    if (!json_->is_array() || json_->size() != N) {
+      fail(fmt::format("it is not a list of {} numbers", N), "write [ ... ]");
+    }
+    std::array<double, N> values{};
+    for (std::size_t i = 0; i < N; ++i) values[i] = element(i).number();
+    return values;
+  }
+  /// The value of a word.
+  template <class T>
+  [[nodiscard]] T word(std::initializer_list<std::pair<const char*, T>> words) const {
+    const std::string value = text();
+    std::string all;
+    std::vector<std::string> names;
+    for (const auto& [word, meaning] : words) {
+      if (value == word) return meaning;
+      all += (all.empty() ? "" : ", ") + std::string(word);
+      names.emplace_back(word);
+    }
+    const std::string near = nearestName(value, names);
+    fail("\"" + value + "\" is not known",
+         near.empty() ? "use one of " + all : "did you mean \"" + near + "\"?");
+  }
+
+ private:
+  const Json* json_;
+  std::string source_;
+  std::string path_;
+};
+
+TransferFunction readStrength(const Node& node) {
+  try {
+    if (node.json().is_number()) return node.notNegative();
+    node.object({"window", "piecewise"}, {"product"});
+    if (node.has("window") == node.has("piecewise")) {
+      node.fail("it is neither a number nor one curve",
+                "write a number, {\"window\": ...} or {\"piecewise\": ...}");
+    }
+    if (node.has("window")) {
+      const Node window = node.child("window").object({"level", "width", "max"});
+      return TransferFunction::window(window.need("level").number(),
+                                      window.need("width").positive(),
+                                      window.need("max").notNegative());
+    }
+    const Node curve = node.child("piecewise");
+    if (!curve.json().is_array() || curve.json().empty()) {
+      curve.fail("it is not a list of points", "write [[input, output], ...]");
+    }
+    std::vector<TransferFunction::Knot> knots;
+    for (std::size_t i = 0; i < curve.json().size(); ++i) {
+      const auto knot = curve.element(i).numbers<2>();
+      knots.emplace_back(knot[0], knot[1]);
+    }
+    return TransferFunction::piecewise(std::move(knots));
+  } catch (const std::invalid_argument& e) {
+    node.fail(e.what(), "mend the curve");
+  }
+}
+
+PlaceSpec readPlace(const Node& node) {
+  node.object({"fit", "unit", "scale", "rotation_wxyz", "translate", "like"}, {"keyframes"});
+  PlaceSpec place;
+  const int kinds = static_cast<int>(node.has("fit")) + static_cast<int>(node.has("unit")) +
+                    static_cast<int>(node.has("scale")) + static_cast<int>(node.has("like"));
+  if (kinds != 1)
+    node.fail("it has none or several of its kinds", "give one of fit, unit, scale, like");
+  if (!node.has("scale") && (node.has("rotation_wxyz") || node.has("translate"))) {
+    node.fail("rotation_wxyz and translate need scale",
+              "add scale, in metres per unit of the file");
+  }
+  if (node.has("fit")) {
+    place.size = node.child("fit").positive();
+  } else if (node.has("unit")) {
+    place.kind = PlaceSpec::Kind::kUnit;
+    place.size =
+        node.child("unit").word<double>({{"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}});
+  } else if (node.has("like")) {
+    place.kind = PlaceSpec::Kind::kLike;
+    place.like = node.child("like").name();
+  } else {
+    place.kind = PlaceSpec::Kind::kMap;
+    place.scale = node.child("scale").positive();
+    if (node.has("rotation_wxyz")) place.rotation_wxyz = node.child("rotation_wxyz").numbers<4>();
+    if (node.has("translate")) {
+      const auto t = node.child("translate").numbers<3>();
+      place.translate = {t[0], t[1], t[2]};
+    }
+  }
+  return place;
+}
+
+VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
+  node.object({"file", "grid", "place", "interpolation", "description"}, {"instances"});
+  VolumeSpec volume;
+  volume.file = folder / node.need("file").name();
+  if (node.has("grid")) volume.grid = node.child("grid").name();
+  if (node.has("place")) volume.place = readPlace(node.child("place"));
+  if (node.has("interpolation")) {
+    const Node order = node.child("interpolation");
+    const std::string value = order.text();
+    if (value == "quadratic" || value == "cubic") {
+      order.fail("this version interpolates trilinearly only", "write \"trilinear\"");
+    }
+    (void)order.word<int>({{"trilinear", 1}});
+  }
+  return volume;
+}
+
+DerivedSpec readField(const Node& node) {
+  node.object({"magnitude", "gradient", "curl", "divergence", "description"});
+  DerivedSpec derived;
+  int count = 0;
+  for (const Derivation kind : {Derivation::kMagnitude, Derivation::kGradient, Derivation::kCurl,
+                                Derivation::kDivergence}) {
+    if (!node.has(wordFor(kind))) continue;
+    ++count;
+    derived.derivation = kind;
+    derived.of = node.child(wordFor(kind)).name();
+  }
+  if (count != 1) {
+    node.fail("it has none or several of its kinds",
+              "give one of magnitude, gradient, curl, divergence");
+  }
+  return derived;
+}
+
+ModeSpec readMode(const Node& node) {
+  node.object(
+      {"name", "description", "mode", "of", "by", "strength", "value", "solid", "depth", "sense"},
+      {"friction", "viscosity"});
+  ModeSpec mode;
+  mode.kind = node.need("mode").word<ModeKind>({{"force", ModeKind::kForce},
+                                                {"viscosity", ModeKind::kViscosity},
+                                                {"surface", ModeKind::kSurface},
+                                                {"isosurface", ModeKind::kIsosurface},
+                                                {"follow", ModeKind::kFollow}});
+  const auto only = [&](const char* key, bool allowed) {
+    if (node.has(key) && !allowed) {
+      node.child(key).fail(std::string("mode ") + wordFor(mode.kind) + " has no such key",
+                           "remove it");
+    }
+  };
+  only("value", mode.kind == ModeKind::kIsosurface);
+  only("depth", mode.kind == ModeKind::kIsosurface);
+  only("solid", mode.kind == ModeKind::kIsosurface || mode.kind == ModeKind::kSurface);
+  only("sense", mode.kind == ModeKind::kForce);
+
+  mode.of = node.need("of").name();
+  mode.strength = readStrength(node.need("strength"));
+  if (node.has("name")) mode.name = node.child("name").text();
+  if (node.has("by")) mode.by = node.child("by").name();
+  if (mode.kind == ModeKind::kIsosurface) mode.value = node.need("value").number();
+  if (node.has("depth")) mode.depth_voxels = node.child("depth").positive();
+  if (node.has("solid")) {
+    mode.solid =
+        node.child("solid").word<Solid>({{"above", Solid::kAbove}, {"below", Solid::kBelow}});
+  }
+  if (node.has("sense")) {
+    mode.sense =
+        node.child("sense").word<Sense>({{"attract", Sense::kAttract}, {"repel", Sense::kRepel}});
+  }
+  return mode;
+}
+
+/// The text as JSON: one line for a syntax error, and no key twice.
+Json parseJson(const std::string& text, const std::string& source) {
+  std::vector<std::set<std::string>> open;
+  std::string twice;
+  const Json::parser_callback_t watch = [&](int, Json::parse_event_t event, Json& value) {
+    if (event == Json::parse_event_t::object_start) open.emplace_back();
+    if (event == Json::parse_event_t::object_end) open.pop_back();
+    if (event == Json::parse_event_t::key && !open.back().insert(value.get<std::string>()).second) {
+      twice = value.get<std::string>();
+    }
+    return true;
+  };
+  Json json;
+  try {
+    json = Json::parse(text, watch);
+  } catch (const Json::exception& e) {
+    std::string why = e.what();
+    const auto bracket = why.find("] ");
+    if (bracket != std::string::npos) why.erase(0, bracket + 2);
+    std::replace(why.begin(), why.end(), '\n', ' ');
+    throw SceneError(source, "it is not valid JSON (" + why + ")", "mend the syntax there");
+  }
+  if (!twice.empty()) {
+    throw SceneError(source, "the key \"" + twice + "\" stands twice in one object",
+                     "remove one of them");
+  }
+  return json;
+}
+
+/// The schema's word on a file that our own reading has accepted.
+void validate(const Json& json, const std::string& source) {
+  const Json text = Json::parse(sceneSchema());
+  valijson::Schema schema;
+  valijson::SchemaParser parser;
+  parser.populateSchema(valijson::adapters::NlohmannJsonAdapter(text), schema);
+  valijson::Validator validator;
+  valijson::ValidationResults results;
+  if (validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(json), &results)) return;
+  valijson::ValidationResults::Error error;
+  results.popError(error);
+  std::string path;
+  for (const std::string& part : error.context) path += part;
+  throw SceneError(source + ": " + path, error.description, "see scene.schema.json");
+}
+
+/// The mode or modes that suit a grid.
+void addSuitableModes(const GridInfo& info, const std::string& name, std::vector<ModeSpec>& modes) {
+  const double span = info.highest - info.lowest;
+  ModeSpec mode;
+  mode.of = name;
+  if (info.vector) {
+    mode.name = "follow " + name;
+    mode.kind = ModeKind::kFollow;
+    mode.strength = info.highest > 0.0
+                        ? TransferFunction::window(0.5 * info.highest, info.highest, 2.0)
+                        : TransferFunction(0.0);
+    modes.push_back(mode);
+    return;
+  }
+  if (info.grid_class == GridClass::kLevelSet) {
+    mode.name = name;
+    mode.kind = ModeKind::kIsosurface;
+    mode.solid = Solid::kBelow;
+    mode.value = 0.0;
+    mode.strength = 3.0;
+    modes.push_back(mode);
+    return;
+  }
+  const auto over = [&](double max) {
+    return span > 0.0 ? TransferFunction::window(0.5 * (info.lowest + info.highest), span, max)
+                      : TransferFunction(max);
+  };
+  mode.name = "surface of " + name;
+  mode.kind = ModeKind::kSurface;
+  mode.strength = over(2.0);
+  modes.push_back(mode);
+  mode.name = "viscosity of " + name;
+  mode.kind = ModeKind::kViscosity;
+  mode.strength = over(0.5);
+  modes.push_back(mode);
+}
+
+}  // namespace
+
+const std::string& sceneSchema() {
+  static const std::string schema(kSceneSchema);
+  return schema;
+}
+
+SceneSpec parseScene(const std::string& text, const std::string& source,
+                     const std::filesystem::path& folder) {
+  const Json json = parseJson(text, source);
+  const Node root(json, source, "");
+  root.object(
+      {"$schema", "description", "palpate", "coupling", "accuracy", "volumes", "fields", "modes"});
+  if (root.need("palpate").number() != 1.0) {
+    root.child("palpate").fail(json["palpate"].dump() + " is a version this program does not know",
+                               "write 1");
+  }
+  SceneSpec spec;
+  spec.source = source;
+  if (root.has("coupling")) {
+    const Node node = root.child("coupling").object({"stiffness", "damping", "description"});
+    if (node.has("stiffness")) spec.coupling.stiffness = node.child("stiffness").positive();
+    if (node.has("damping")) spec.coupling.damping = node.child("damping").notNegative();
+  }
+  if (root.has("accuracy")) {
+    const Node node =
+        root.child("accuracy").object({"tolerance_voxels", "max_substeps", "description"});
+    if (node.has("tolerance_voxels")) {
+      (void)node.child("tolerance_voxels").positive();
+      spec.notes.push_back(source +
+                           ": /accuracy/tolerance_voxels: no effect yet: this version "
+                           "moves the proxy a voxel at a time");
+    }
+    if (node.has("max_substeps")) {
+      const Node cap = node.child("max_substeps");
+      const double value = cap.number();
+      if (value != std::floor(value) || value < 1 || value > 64) {
+        cap.fail(cap.json().dump() + " is not a whole number from 1 to 64", "write 8");
+      }
+      spec.step.max_substeps = static_cast<int>(value);
+    }
+  }
+  const Node volumes = root.need("volumes");
+  if (!volumes.json().is_object() || volumes.json().empty()) {
+    volumes.fail("there is no volume", "write {\"name\": {\"file\": ...}}");
+  }
+  for (const auto& [name, value] : volumes.json().items()) {
+    spec.volumes[name] = readVolume(volumes.child(name), folder);
+  }
+  if (root.has("fields")) {
+    const Node fields = root.child("fields");
+    if (!fields.json().is_object()) fields.fail("it is not an object", "write { ... }");
+    for (const auto& [name, value] : fields.json().items()) {
+      spec.graph.fields[name] = readField(fields.child(name));
+    }
+  }
+  const Node modes = root.need("modes");
+  if (!modes.json().is_array()) modes.fail("it is not a list", "write [ ... ]");
+  for (std::size_t i = 0; i < modes.json().size(); ++i) {
+    spec.graph.modes.push_back(readMode(modes.element(i)));
+  }
+  validate(json, source);
+  return spec;
+}
+
+SceneSpec readSceneFile(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  if (in) text << in.rdbuf();
+  if (!in) throw SceneError(file.string(), "it cannot be read", "check the path");
+  return parseScene(text.str(), file.string(), file.parent_path());
+}
+
+SceneSpec sceneFromVdb(const std::filesystem::path& path) {
+  std::vector<std::filesystem::path> files;
+  if (std::filesystem::is_directory(path)) {
+    for (const auto& entry : std::filesystem::directory_iterator(path)) {
+      if (entry.path().extension() == ".vdb") files.push_back(entry.path());
+    }
+    std::sort(files.begin(), files.end());
+    if (files.empty()) {
+      throw VolumeError(path.string(), "there is no .vdb in it", "give a folder of .vdb files");
+    }
+  } else {
+    files.push_back(path);
+  }
+
+  SceneSpec spec;
+  spec.source = path.string();
+  std::string first;
+  for (const std::filesystem::path& file : files) {
+    std::vector<std::string> names;
+    try {
+      names = gridNames(file);
+    } catch (const VolumeError& e) {
+      if (files.size() == 1) throw;
+      spec.notes.emplace_back(e.what());
+    }
+    for (const std::string& grid : names) {
+      VolumeSpec volume;
+      try {
+        volume.volume = loadVolume(file, grid);
+      } catch (const VolumeError& e) {
+        spec.notes.emplace_back(e.what());
+        continue;
+      }
+      volume.file = file;
+      volume.grid = grid;
+      std::string name = grid.empty() ? "grid" : grid;
+      if (files.size() > 1) name = file.stem().string() + "." + name;
+      if (!first.empty()) {
+        volume.place.kind = PlaceSpec::Kind::kLike;
+        volume.place.like = first;
+      } else {
+        first = name;
+      }
+      addSuitableModes(volume.volume->info(), name, spec.graph.modes);
+      spec.volumes[name] = std::move(volume);
+    }
+  }
+  if (spec.volumes.empty()) {
+    // With one grid its own trouble is the message, with several each is one.
+    std::string why = "none of its grids can be felt";
+    for (const std::string& note : spec.notes) why += " (" + note + ")";
+    throw VolumeError(path.string(), why, "write a grid that can, or choose another file");
+  }
+  return spec;
+}
+
+SceneSpec openScene(const std::filesystem::path& path) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) {
+    throw SceneError(path.string(), "no such file", "check the path");
+  }
+  if (std::filesystem::is_directory(path, error) || path.extension() == ".vdb") {
+    return sceneFromVdb(path);
+  }
+  return readSceneFile(path);
+}
+
+}  // namespace palpate

@@ -1,0 +1,32 @@
+/// Scene files (JSON), and scenes made up for bare .vdb files.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "scenes/build_scene.h"
+
+namespace palpate {
+
+/// Reads a scene file: syntax, then every key and value by path, then the JSON Schema that ships
+/// with the project. Relative paths start at the file. Throws SceneError.
+[[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file);
+
+/// As readSceneFile, from text; `source` is named in errors, relative paths start at `folder`.
+[[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
+                                   const std::filesystem::path& folder);
+
+/// A scene for a .vdb file or a folder of them: each grid with the mode that suits it (level set:
+/// isosurface; other scalars: surface and viscosity; vector: follow). The first fits into 0.1 m at
+/// the workspace's centre, the rest are placed like it. Grids that cannot be felt are named in
+/// SceneSpec::notes; throws VolumeError when none is left.
+[[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path);
+
+/// Any of the above, by what the path is.
+[[nodiscard]] SceneSpec openScene(const std::filesystem::path& path);
+
+/// The JSON Schema of scene files.
+[[nodiscard]] const std::string& sceneSchema();
+
+}  // namespace palpate

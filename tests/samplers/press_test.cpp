@@ -1,0 +1,129 @@
+/// A level-set sphere pressed from all sides: the whole way from a .vdb to newtons.
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <iostream>
+
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include "engine/step.h"
+#include "samplers/vdb_field.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+using namespace palpate::test;
+
+namespace {
+
+constexpr double kStiffness = 500.0;
+
+struct Pressed {
+  double direction_rms = 0.0;  ///< Of the force from radial [degrees].
+  double magnitude_max = 0.0;  ///< Of the force from k times depth, relative.
+  double leaves_rms = 0.0;     ///< Of the depth at which the proxy leaves, from s/k, relative.
+};
+
+/// Presses along 1,000 directions to depths of 2 to 8 mm below a surface of given radius, then
+/// until it yields at `weak` newtons.
+Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, double strength,
+              double weak) {
+  const Placement placement = fitInto(volume->info().bounds, 0.1);
+  const FieldPtr field = makeVdbField(volume, placement);
+  const Vec3 centre = placement(Vec3::Zero());
+  const double radius = placement.scale * radius_F;
+  GraphSpec spec;
+  ModeSpec mode;
+  mode.kind = ModeKind::kIsosurface;
+  mode.of = "ball";
+  mode.solid = Solid::kBelow;
+  mode.strength = strength;
+  spec.modes = {mode};
+  const auto hard = makeScene(spec, {{"ball", field}}, {kStiffness, 0.0});
+  spec.modes[0].strength = weak;
+  const auto soft = makeScene(spec, {{"ball", field}}, {kStiffness, 0.0});
+
+  Random random(1);
+  Reader reader;
+  Pressed result;
+  const int n = 1000;
+  for (int i = 0; i < n; ++i) {
+    const Vec3 d = random.direction();
+    const double depth = random.uniform(2e-3, 8e-3);
+    ProxyState state({100.0, 1e9});
+    StepReport r;
+    const auto at = [&](double height) {
+      return hapticStep(*hard, reader, {centre + (radius + height) * d}, state, 1e-3);
+    };
+    for (double height = 3e-3; height > -depth; height -= 1e-4) r = at(height);
+    for (int tick = 0; tick < 20; ++tick) r = at(-depth);
+    const double cosine = std::clamp(r.force.normalized().dot(d), -1.0, 1.0);
+    const double angle = std::acos(cosine) * 180.0 / M_PI;
+    result.direction_rms += angle * angle / n;
+    result.magnitude_max =
+        std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
+
+    // Fig. 6: held up to s/k, then the proxy follows at that distance.
+    ProxyState gentle({100.0, 1e9});
+    double leaves = 0.0;
+    for (double height = 3e-3; height > -2.0 * weak / kStiffness; height -= 2e-6) {
+      const StepReport s =
+          hapticStep(*soft, reader, {centre + (radius + height) * d}, gentle, 1e-3);
+      if (gentle.memory(0).contact == ModeMemory::Contact::kYielded) {
+        // Left when the proxy is 0.05 voxel through.
+        leaves = (s.proxy - (centre + (radius + height) * d)).norm();
+        break;
+      }
+    }
+    const double off = leaves / (weak / kStiffness) - 1.0;
+    result.leaves_rms += off * off / n;
+    REQUIRE(leaves > 0.0);
+  }
+  result.direction_rms = std::sqrt(result.direction_rms);
+  result.leaves_rms = std::sqrt(result.leaves_rms);
+  std::cout << "sphere of " << radius_F / volume->info().voxel.x()
+            << " voxels pressed along 1,000 directions: force direction " << result.direction_rms
+            << " degrees rms from radial, magnitude within " << 100 * result.magnitude_max
+            << " % of k times depth, leaves at s/k within " << 100 * result.leaves_rms
+            << " % rms\n";
+  return result;
+}
+
+}  // namespace
+
+TEST_CASE("a level-set sphere pressed along 1,000 directions answers k times depth, radially",
+          "[press][fig6]") {
+  openvdb::initialize();
+  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
+      3.0F, openvdb::Vec3f(0, 0, 0), 0.05F, 3.0F);
+  const TemporaryFolder folder;
+  writeVdb(folder / "ball.vdb", {sphere});
+  const Pressed pressed = press(loadVolume(folder / "ball.vdb", ""), 3.0, 5.0, 1.0);
+  CHECK(pressed.direction_rms < 0.1);
+  CHECK(pressed.magnitude_max < 0.005);
+  CHECK(pressed.leaves_rms < 0.001);
+}
+
+TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions", "[.][data]") {
+  const char* data = std::getenv("PALPATE_DATA");
+  REQUIRE(data != nullptr);
+  const auto file = std::filesystem::path(data) / "vdb" / "aswf_sphere.vdb";
+  const auto volume = loadVolume(file, "ls_sphere");
+  // Its radius, from the data: where the stored distance is zero along the axes.
+  const FieldPtr field = makeVdbField(volume, {});
+  FieldCache cache;
+  std::get<0>(field)->reset(cache);
+  double low = 2.5;
+  double high = 3.5;
+  while (high - low > 1e-12) {
+    const double middle = 0.5 * (low + high);
+    (std::get<0>(field)->sample({middle, 0, 0}, cache).value < 0.0 ? low : high) = middle;
+  }
+  const Pressed pressed = press(volume, low, 5.0, 1.0);
+  CHECK(low == Approx(3.0).margin(0.01));
+  CHECK(pressed.direction_rms < 0.1);
+  CHECK(pressed.magnitude_max < 0.005);
+  CHECK(pressed.leaves_rms < 0.001);
+}

@@ -1,0 +1,291 @@
+#include "samplers/vdb_field.h"
+
+#include <cmath>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include "samplers/volume.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using openvdb::Coord;
+using openvdb::Vec3d;
+using openvdb::math::Transform;
+
+namespace {
+
+openvdb::Vec3d vdb(const Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
+Vec3 eigen(const openvdb::Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// A field over a grid, through a file and the loader, as users have it.
+FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {}) {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {grid});
+  return makeVdbField(loadVolume(folder / "a.vdb", ""), placement);
+}
+
+struct Probe {
+  FieldPtr field;
+  FieldCache cache{};
+
+  explicit Probe(FieldPtr f) : field(std::move(f)) {
+    std::visit([&](const auto& p) { p->reset(cache); }, field);
+  }
+  ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
+  VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
+};
+
+/// Random values in a ball with holes, tiles and several leaves.
+openvdb::FloatGrid::Ptr roughGrid() {
+  openvdb::initialize();
+  Random random(1);
+  auto grid = openvdb::FloatGrid::create(0.25F);
+  auto accessor = grid->getAccessor();
+  for (int i = 0; i < 20000; ++i) {
+    const Vec3 p = random.inCube(20.0);
+    accessor.setValue(Coord::round(vdb(p)), static_cast<float>(random.uniform(-1, 1)));
+  }
+  grid->tree().addTile(1, Coord(16, 16, 16), 3.0F, true);
+  grid->setTransform(Transform::createLinearTransform(0.5));
+  grid->setName("rough");
+  return grid;
+}
+
+/// The trilinear blend of any value at the voxels.
+template <class F>
+double blend(const Vec3d& p, F at) {
+  const Coord c = Coord::floor(p);
+  double sum = 0.0;
+  for (int n = 0; n < 8; ++n) {
+    const int i = n >> 2;
+    const int j = (n >> 1) & 1;
+    const int k = n & 1;
+    const Vec3d t = p - c.asVec3d();
+    sum += (i == 1 ? t.x() : 1 - t.x()) * (j == 1 ? t.y() : 1 - t.y()) *
+           (k == 1 ? t.z() : 1 - t.z()) * at(c.offsetBy(i, j, k));
+  }
+  return sum;
+}
+
+}  // namespace
+
+TEST_CASE("the value is trilinear and the gradient interpolated central differences",
+          "[samplers]") {
+  const auto grid = roughGrid();
+  Probe probe(fieldOf(grid));
+  Random random(2);
+  const auto& tree = grid->constTree();
+  const auto value = [&](const Coord& c) { return static_cast<double>(tree.getValue(c)); };
+  double worst = 0.0;
+  for (int i = 0; i < 50000; ++i) {
+    const Vec3 p = random.inCube(14.0);
+    const Vec3d at = grid->transform().worldToIndex(vdb(p));
+    const ScalarSample s = probe.scalar(p);
+    worst = std::max(worst, std::abs(s.value - blend(at, value)));
+    for (int a = 0; a < 3; ++a) {
+      const double slope = blend(at, [&](const Coord& c) {
+        Coord up = c;
+        Coord down = c;
+        ++up[a];
+        --down[a];
+        return 0.5 * (value(up) - value(down)) / 0.5;  // voxels of 0.5
+      });
+      worst = std::max(worst, std::abs(s.gradient[a] - slope));
+    }
+    bool any = false;
+    for (int n = 0; n < 8; ++n) {
+      any = any || tree.isValueOn(Coord::floor(at).offsetBy(n >> 2, (n >> 1) & 1, n & 1));
+    }
+    REQUIRE(s.inside == any);
+  }
+  CHECK(worst < 1e-12);
+}
+
+TEST_CASE("the value agrees with OpenVDB's own sampler", "[samplers]") {
+  const auto grid = roughGrid();
+  Probe probe(fieldOf(grid));
+  Random random(3);
+  for (int i = 0; i < 5000; ++i) {
+    const Vec3 p = random.inCube(14.0);
+    const float theirs = openvdb::tools::BoxSampler::sample(grid->constTree(),
+                                                            grid->transform().worldToIndex(vdb(p)));
+    REQUIRE(probe.scalar(p).value == Approx(theirs).margin(1e-6));
+  }
+}
+
+TEST_CASE("value and gradient are continuous across cell faces", "[samplers]") {
+  Probe probe(fieldOf(roughGrid()));
+  Random random(4);
+  for (int i = 0; i < 2000; ++i) {
+    Vec3 p = random.inCube(9.0);
+    p.x() = 0.5 * std::round(p.x() / 0.5);  // on a face
+    const ScalarSample a = probe.scalar(p - Vec3(1e-12, 0, 0));
+    const ScalarSample b = probe.scalar(p + Vec3(1e-12, 0, 0));
+    REQUIRE(std::abs(a.value - b.value) < 1e-10);
+    REQUIRE((a.gradient - b.gradient).norm() < 1e-9);
+  }
+}
+
+TEST_CASE("the gradient of a linear function is exact under any affine map and placement",
+          "[samplers]") {
+  const Vec3 slope(1.5, -2.0, 0.75);
+  // Columns of file_from_index: anisotropic, rotated and sheared, mirrored.
+  Mat3 linear;
+  const int kind = GENERATE(0, 1, 2);
+  if (kind == 0) linear = Vec3(0.7, 0.7, 1.4).asDiagonal();
+  if (kind == 1) linear << 0.5, 0.2, 0.1, -0.1, 0.6, 0.0, 0.05, 0.1, 0.4;
+  if (kind == 2) linear << -1, 0, 0, 0, 1, 0, 0, 0, 2;
+  openvdb::Mat4R matrix = openvdb::Mat4R::identity();
+  for (int r = 0; r < 3; ++r) {
+    for (int c = 0; c < 3; ++c) matrix(c, r) = linear(r, c);
+    matrix(3, r) = 3.0 * r - 1.0;
+  }
+  const auto transform = Transform::createLinearTransform(matrix);
+  const auto grid = makeGrid<openvdb::DoubleGrid>(
+      12, transform, [&](const Vec3d& p) { return slope.dot(eigen(p)) + 0.5; });
+  const Mat3 turn = Eigen::AngleAxisd(0.7, Vec3(1, 2, -1).normalized()).toRotationMatrix();
+  const Placement placement{0.01, turn, {0.1, 0.2, -0.3}};
+  Probe probe(fieldOf(grid, placement));
+  CHECK(std::get<0>(probe.field)->frame().metres_per_unit == 0.01);
+  CHECK(std::get<0>(probe.field)->frame().voxel ==
+        Approx(0.01 * linear.colwise().norm().minCoeff()));
+  Random random(5);
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3d index(random.uniform(1, 10), random.uniform(1, 10), random.uniform(1, 10));
+    const Vec3 p_F = eigen(transform->indexToWorld(index));
+    const ScalarSample s = probe.scalar(placement(p_F));
+    REQUIRE(s.value == Approx(slope.dot(p_F) + 0.5).margin(1e-11));
+    // Per unit of the file, only the direction turned.
+    REQUIRE((s.gradient - turn * slope).norm() < 1e-10);
+    REQUIRE((s.cell_gradient - turn * slope).norm() < 1e-10);
+    REQUIRE(s.inside);
+  }
+}
+
+TEST_CASE("Jacobian, curl and divergence of a linear field are exact, and turn with the volume",
+          "[samplers]") {
+  Mat3 J;
+  J << 1, 2, 3, -4, 5, 6, 7, -8, 9;
+  const auto transform = Transform::createLinearTransform(0.25);
+  const auto grid = makeGrid<openvdb::Vec3DGrid>(
+      12, transform, [&](const Vec3d& p) { return vdb(J * eigen(p) + Vec3(1, 2, 3)); });
+  const Mat3 turn = Eigen::AngleAxisd(0.4, Vec3(1, 1, 1).normalized()).toRotationMatrix();
+  const Placement placement{0.02, turn, {0.0, 0.1, 0.0}};
+  Probe probe(fieldOf(grid, placement));
+  Random random(6);
+  for (int i = 0; i < 500; ++i) {
+    const Vec3 p_F(random.uniform(0.5, 2), random.uniform(0.5, 2), random.uniform(0.5, 2));
+    const VectorSample s = probe.vector(placement(p_F));
+    REQUIRE((s.value - turn * (J * p_F + Vec3(1, 2, 3))).norm() < 1e-10);
+    REQUIRE((s.jacobian - turn * J * turn.transpose()).norm() < 1e-9);
+    REQUIRE((curl(s.jacobian) - turn * Vec3(-14, -4, -6)).norm() < 1e-9);
+    REQUIRE(divergence(s.jacobian) == Approx(15.0));
+  }
+}
+
+TEST_CASE("float, half and double grids, scalar and vector, are read", "[samplers]") {
+  const auto transform = Transform::createLinearTransform(1.0);
+  auto short_floats = makeGrid<openvdb::FloatGrid>(9, transform, [](const Vec3d& p) { return p.x(); });
+  short_floats->setSaveFloatAsHalf(true);
+  CHECK(Probe(fieldOf(short_floats)).scalar({3.5, 4, 4}).value == 3.5);
+  const auto vec =
+      makeGrid<openvdb::Vec3SGrid>(9, transform, [](const Vec3d& p) { return openvdb::Vec3s(p); });
+  CHECK((Probe(fieldOf(vec)).vector({3.5, 4.25, 4}).value - Vec3(3.5, 4.25, 4)).norm() < 1e-6);
+}
+
+TEST_CASE("inside is honest: a level set's band, a fog's edge", "[samplers]") {
+  openvdb::initialize();
+  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
+      2.0F, openvdb::Vec3f(0, 0, 0), 0.1F, 3.0F);
+  sphere->setName("ball");
+  Probe ball(fieldOf(sphere));
+  CHECK(ball.scalar({2.0, 0, 0}).inside);
+  CHECK_FALSE(ball.scalar({1.0, 0, 0}).inside);
+  CHECK(ball.scalar({1.0, 0, 0}).value == Approx(-0.3));
+  CHECK_FALSE(ball.scalar({3.0, 0, 0}).inside);
+  CHECK(ball.scalar({3.0, 0, 0}).value == Approx(0.3));
+
+  auto fog = makeGrid<openvdb::FloatGrid>(8, Transform::createLinearTransform(1.0),
+                                          [](const Vec3d&) { return 1.0F; });
+  Probe edge(fieldOf(fog));
+  CHECK(edge.scalar({7.5, 4, 4}).inside);
+  CHECK(edge.scalar({7.5, 4, 4}).value == Approx(0.5));
+  CHECK_FALSE(edge.scalar({8.5, 4, 4}).inside);
+}
+
+TEST_CASE("far away and NaN positions give the background, outside", "[samplers]") {
+  Probe probe(fieldOf(roughGrid()));
+  for (const double x : {1e10, -1e300, std::nan(""), HUGE_VAL}) {
+    const ScalarSample s = probe.scalar({0.0, x, 0.0});
+    CHECK_FALSE(s.inside);
+    CHECK(s.value == 0.25);
+    CHECK(s.gradient == Vec3::Zero());
+  }
+}
+
+TEST_CASE("the error falls with the square of the voxel, as trilinear must", "[samplers]") {
+  const auto error = [](double voxel) {
+    const auto transform = Transform::createLinearTransform(voxel);
+    const auto f = [](const Vec3d& p) {
+      return std::sin(p.x()) * std::sin(p.y()) * std::sin(p.z());
+    };
+    const int n = static_cast<int>(3.2 / voxel);
+    Probe probe(fieldOf(makeGrid<openvdb::DoubleGrid>(n, transform, f)));
+    Random random(7);
+    double sum = 0.0;
+    for (int i = 0; i < 2000; ++i) {
+      const Vec3 p(random.uniform(0.5, 2.5), random.uniform(0.5, 2.5), random.uniform(0.5, 2.5));
+      const ScalarSample s = probe.scalar(p);
+      const Vec3 slope(std::cos(p.x()) * std::sin(p.y()) * std::sin(p.z()),
+                       std::sin(p.x()) * std::cos(p.y()) * std::sin(p.z()),
+                       std::sin(p.x()) * std::sin(p.y()) * std::cos(p.z()));
+      sum += std::pow(s.value - f(vdb(p)), 2) + (s.gradient - slope).squaredNorm();
+    }
+    return std::sqrt(sum / 2000);
+  };
+  const double coarse = error(0.2);
+  const double fine = error(0.1);
+  CAPTURE(coarse, fine);
+  CHECK(coarse / fine == Approx(4.0).margin(0.4));
+}
+
+TEST_CASE("one volume is shared by its placements and outlives the folder it came from",
+          "[samplers]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {roughGrid()});
+  const auto volume = loadVolume(folder / "a.vdb", "rough");
+  Probe a(makeVdbField(volume, {}));
+  Probe b(makeVdbField(volume, {1.0, Mat3::Identity(), {10, 0, 0}}));
+  CHECK(volume.use_count() == 3);
+  CHECK(a.scalar({1, 2, 3}).value == b.scalar({11, 2, 3}).value);
+}
+
+TEST_CASE("reading allocates, locks and throws nothing, cold cells included",
+          "[samplers][realtime]") {
+  Probe scalar(fieldOf(roughGrid()));
+  Probe vector(
+      fieldOf(makeGrid<openvdb::Vec3SGrid>(40, Transform::createLinearTransform(0.5),
+                                           [](const Vec3d& p) { return openvdb::Vec3s(p); })));
+  Random random(8);
+  const CountScope scope;
+  double sum = 0.0;
+  for (int i = 0; i < 20000; ++i) {
+    sum += scalar.scalar(random.inCube(15.0)).value + vector.vector(random.inCube(20.0)).value.x();
+  }
+  const Counts counts = CountScope::counts();
+  CHECK(std::isfinite(sum));
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+}

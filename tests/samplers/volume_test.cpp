@@ -1,0 +1,159 @@
+#include "samplers/volume.h"
+
+#include <cmath>
+#include <fstream>
+#include <limits>
+
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+#include <openvdb/points/PointConversion.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include "engine/error.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+using openvdb::Vec3d;
+using openvdb::math::Transform;
+
+namespace {
+
+openvdb::FloatGrid::Ptr block(int n = 10, const std::string& name = "density") {
+  return makeGrid<openvdb::FloatGrid>(
+      n, Transform::createLinearTransform(0.5),
+      [](const Vec3d& p) { return static_cast<float>(p.x()); }, name);
+}
+
+std::string refusal(const std::filesystem::path& file, const std::string& grid = "") {
+  try {
+    (void)loadVolume(file, grid);
+  } catch (const VolumeError& e) {
+    return e.what();
+  }
+  return "no error";
+}
+
+}  // namespace
+
+TEST_CASE("a file is described grid by grid", "[volume]") {
+  const TemporaryFolder folder;
+  openvdb::initialize();
+  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
+      2.0F, openvdb::Vec3f(1, 0, 0), 0.1F, 3.0F);
+  sphere->setName("ball");
+  auto velocity = makeGrid<openvdb::Vec3SGrid>(
+      8, Transform::createLinearTransform(1.0),
+      [](const Vec3d&) { return openvdb::Vec3s(3, 4, 0); }, "velocity");
+  writeVdb(folder / "a.vdb", {sphere, velocity});
+  const auto infos = describeGrids(folder / "a.vdb");
+  REQUIRE(infos.size() == 2);
+  CHECK(infos[0].name == "ball");
+  CHECK(infos[0].grid_class == GridClass::kLevelSet);
+  CHECK(infos[0].active_voxels == sphere->activeVoxelCount());
+  CHECK(infos[0].bounds.lower.x() == Approx(-1.3).margin(0.11));
+  CHECK(infos[0].highest == Approx(0.3).margin(0.1));
+  CHECK(infos[0].background == Approx(0.3));
+  CHECK(infos[1].vector);
+  CHECK(infos[1].lowest == Approx(5.0));
+  CHECK(infos[1].highest == Approx(5.0));
+  CHECK(infos[1].refusal.empty());
+}
+
+TEST_CASE("active tiles count in range and voxels", "[volume]") {
+  const TemporaryFolder folder;
+  auto grid = block();
+  grid->tree().addTile(1, openvdb::Coord(64, 0, 0), 7.0F, true);
+  writeVdb(folder / "a.vdb", {grid});
+  const GridInfo info = describeGrids(folder / "a.vdb").front();
+  CHECK(info.active_voxels == 1512);
+  CHECK(info.highest == 7.0);
+}
+
+TEST_CASE("missing files, folders and other formats are one clear line", "[volume]") {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "text.vdb") << "this is no volume at all, just text\n";
+  std::ofstream(folder / "empty.vdb");
+  CHECK_THAT(refusal(folder / "none.vdb"), Contains("no such file"));
+  CHECK_THAT(refusal(folder.path()), Contains("not a file"));
+  CHECK_THAT(refusal(folder / "text.vdb"), Contains("not a .vdb file"));
+  CHECK_THAT(refusal(folder / "empty.vdb"), Contains("not a .vdb file"));
+  CHECK(refusal(folder / "text.vdb").find('\n') == std::string::npos);
+}
+
+TEST_CASE("a file cut anywhere is refused", "[volume]") {
+  const TemporaryFolder folder;
+  auto rough = block(24);
+  writeVdb(folder / "whole.vdb", {rough, block(9, "second")});
+  std::ifstream in(folder / "whole.vdb", std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  REQUIRE(bytes.size() > 2000);
+  REQUIRE(refusal(folder / "whole.vdb", "density") == "no error");
+  const std::size_t step = std::max<std::size_t>(1, bytes.size() / 400);
+  for (std::size_t length = 0; length < bytes.size(); length += step) {
+    std::ofstream(folder / "cut.vdb", std::ios::binary) << bytes.substr(0, length);
+    CAPTURE(length, bytes.size());
+    const std::string why = refusal(folder / "cut.vdb", "density");
+    REQUIRE(why != "no error");
+    REQUIRE(why.find('\n') == std::string::npos);
+  }
+  std::ofstream(folder / "cut.vdb", std::ios::binary) << bytes.substr(0, bytes.size() - 1);
+  CHECK_THAT(refusal(folder / "cut.vdb", "second"), Contains("truncated"));
+}
+
+TEST_CASE("a wrong grid name names the nearest, or all", "[volume]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {block(8, "density"), block(8, "heat")});
+  CHECK_THAT(refusal(folder / "a.vdb", "denisty"), Contains("did you mean \"density\"?"));
+  CHECK_THAT(refusal(folder / "a.vdb", "velocity"), Contains("there are: density, heat"));
+  CHECK_THAT(refusal(folder / "a.vdb"), Contains("more than one grid"));
+}
+
+TEST_CASE("grids of equal name are told apart", "[volume]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {block(8), block(9)});
+  CHECK(gridNames(folder / "a.vdb") == std::vector<std::string>{"density[0]", "density[1]"});
+  CHECK(loadVolume(folder / "a.vdb", "density[1]")->info().active_voxels == 729);
+}
+
+TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
+  const TemporaryFolder folder;
+  openvdb::initialize();
+
+  writeVdb(folder / "empty.vdb", {openvdb::FloatGrid::create()});
+  CHECK_THAT(refusal(folder / "empty.vdb"), Contains("no active voxel"));
+
+  auto frustum = block();
+  frustum->setTransform(Transform::createFrustumTransform(
+      openvdb::BBoxd(Vec3d(0, 0, 0), Vec3d(10, 10, 10)), 0.5, 5.0));
+  writeVdb(folder / "frustum.vdb", {frustum});
+  CHECK_THAT(refusal(folder / "frustum.vdb"),
+             Contains("frustum transform: resample it to an affine grid"));
+
+  auto labels = openvdb::Int32Grid::create();
+  labels->tree().setValue(openvdb::Coord(0, 0, 0), 1);
+  writeVdb(folder / "labels.vdb", {labels});
+  CHECK_THAT(refusal(folder / "labels.vdb"), Contains("type int32"));
+
+  const std::vector<openvdb::Vec3s> positions{{0, 0, 0}, {1, 1, 1}};
+  auto points = openvdb::points::createPointDataGrid<openvdb::points::NullCodec,
+                                                     openvdb::points::PointDataGrid>(
+      positions, *Transform::createLinearTransform(1.0));
+  writeVdb(folder / "points.vdb", {points});
+  CHECK_THAT(refusal(folder / "points.vdb"), Contains("points: rasterise them"));
+
+  for (const float bad :
+       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()}) {
+    auto grid = block();
+    grid->tree().setValue(openvdb::Coord(3, 3, 3), bad);
+    grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive ones are read as well
+    writeVdb(folder / "bad.vdb", {grid});
+    CHECK_THAT(refusal(folder / "bad.vdb"), Contains("2 of its values are NaN or infinite"));
+  }
+  auto background = openvdb::FloatGrid::create(std::numeric_limits<float>::quiet_NaN());
+  background->tree().setValue(openvdb::Coord(0, 0, 0), 1.0F);
+  writeVdb(folder / "background.vdb", {background});
+  CHECK_THAT(refusal(folder / "background.vdb"), Contains("NaN or infinite"));
+}
