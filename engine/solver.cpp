@@ -18,9 +18,10 @@ constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 struct Term {
   PrimitiveKind kind;
   double sigma;
-  Vec3 a;  ///< anchor
-  Vec3 q;  ///< unit direction
-  Vec3 z;  ///< multiplier: the primitive's force is -sigma z, |z| <= 1, in the range of P
+  Vec3 a;   ///< anchor
+  Vec3 q;   ///< unit direction
+  Vec3 z;   ///< multiplier: the primitive's force is -sigma z, |z| <= 1, in the range of P
+  bool on;  ///< believed to hold the proxy on its kink (on the plane, line or point)
 };
 
 Vec3 project(const Term& term, const Vec3& d) noexcept {
@@ -140,14 +141,14 @@ int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3
 }
 
 /// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
-/// The dual point is the multipliers, but d/|d| for a primitive that y is clearly off.
-double certify(std::span<const Term> terms, double gamma, const Vec3& y) noexcept {
+/// The dual point: d/|d| for primitives that y is off, the multipliers for those that it is on.
+double certify(std::span<const Term> terms, const Vec3& y) noexcept {
   double gap = 0.0;
   Vec3 imbalance = y;
   for (const Term& term : terms) {
     const Vec3 d = project(term, y - term.a);
     const double distance = d.norm();
-    if (distance > gamma) {
+    if (!term.on && distance > 0.0) {
       imbalance += (term.sigma / distance) * d;
     } else {
       gap += term.sigma * std::max(0.0, distance - term.z.dot(d));
@@ -157,38 +158,127 @@ double certify(std::span<const Term> terms, double gamma, const Vec3& y) noexcep
   return std::sqrt(2.0 * gap + imbalance.squaredNorm());
 }
 
-/// Proximal method of multipliers: envelopes around z, minimised by Newton, tightened until the
-/// certificate holds. Kinks come out exact and nothing degenerates as the tolerance falls.
+/// Sets the multiplier to u or its nearest point of the unit ball, and the belief with it.
+void setMultiplier(const Vec3& u, Term& term) noexcept {
+  const double r = u.norm();
+  term.on = r <= 1.0 + 1e-12;
+  term.z = r <= 1.0 ? u : Vec3(u / r);
+}
+
+/// Coordinate ascent on the dual: given the others, a primitive's best force is a projection. Exact
+/// after one round where the primitives are orthogonal; else it finds who holds the proxy.
+Vec3 sweep(std::span<Term> terms, int rounds) noexcept {
+  Vec3 y = Vec3::Zero();
+  for (const Term& term : terms) y -= term.sigma * term.z;
+  for (int round = 0; round < rounds; ++round) {
+    const Vec3 before = y;
+    for (Term& term : terms) {
+      const Vec3 others = y + term.sigma * term.z;
+      setMultiplier(project(term, others - term.a) / term.sigma, term);
+      y = others - term.sigma * term.z;
+    }
+    if ((y - before).squaredNorm() < 1e-20) break;
+  }
+  return y;
+}
+
+/// Takes the beliefs for true and solves for them: Newton on the norms of those that y is off, the
+/// kinks of those that it is on as constraints (augmented Lagrangian). A belief that the step
+/// belies is changed: a multiplier outside its ball, a kink that was crossed. Returns the linear
+/// solves.
+int finish(std::span<Term> terms, Vec3& y) noexcept {
+  constexpr double kGamma = 1e-7;
+  constexpr int kMostSolves = 6;
+  int solves = 0;
+  while (solves < kMostSolves) {
+    Mat3 H = Mat3::Identity();
+    Vec3 g = y;
+    for (const Term& term : terms) {
+      const Vec3 d = project(term, y - term.a);
+      if (term.on) {
+        g += term.sigma * (term.z + d / kGamma);
+        addProjector(term, term.sigma / kGamma, H);
+        continue;
+      }
+      const double distance = d.norm();
+      if (!(distance > 0.0)) return solves;
+      const Vec3 e = d / distance;
+      g += term.sigma * e;
+      if (term.kind == PrimitiveKind::kPlane) continue;
+      const double c = term.sigma / distance;
+      addProjector(term, c, H);
+      H.noalias() -= (c * e) * e.transpose();
+    }
+    const Vec3 step = -solve3(H, g);
+    ++solves;
+    y += step;
+    bool changed = false;
+    for (Term& term : terms) {
+      const Vec3 d = project(term, y - term.a);
+      if (term.on) {
+        setMultiplier(term.z + d / kGamma, term);
+        changed = changed || !term.on;
+        continue;
+      }
+      const Vec3 before = project(term, y - step - term.a);
+      if (d.dot(before) <= 0.0) {
+        setMultiplier(before.normalized(), term);
+        term.on = true;
+        changed = true;
+      }
+    }
+    if (!changed && step.squaredNorm() < 1e-22) break;
+  }
+  return solves;
+}
+
+/// Speculates, then proves. A few rounds of coordinate ascent tell which primitives hold the proxy;
+/// Newton finishes for those; the certificate says whether that was right. If not, the proximal
+/// method of multipliers starts afresh: envelopes around z, minimised by Newton, tightened. Kinks
+/// come out exact, and nothing degenerates as the tolerance falls.
 void solveGeneral(const Problem& problem, const SolverParams& params,
                   SolveResult& result) noexcept {
+  constexpr int kRounds = 10;
   constexpr double kFirstGamma = 0.3;
   constexpr double kGammaFactor = 0.1;
   constexpr double kLastGamma = 1e-5;
 
-  Vec3 y = Vec3::Zero();
-  Vec3 best = y;
+  Vec3 best = Vec3::Zero();
   double best_bound = 1.0;  // |y*| <= 1 always: all primitives together pull with at most S
-  double gamma = kFirstGamma;
-  int left = params.max_iterations;
-  while (left > 0) {
-    left -= minimiseEnvelope(problem.terms, gamma, left, y);
-    for (Term& term : problem.terms) {
-      const Vec3 u = term.z + project(term, y - term.a) / gamma;
-      const double r = u.norm();
-      term.z = r > 1.0 ? Vec3(u / r) : u;
-    }
-    const double bound = certify(problem.terms, gamma, y);
+  const auto proved = [&](const Vec3& y) {
+    const double bound = certify(problem.terms, y);
     if (bound < best_bound) {
       best_bound = bound;
       best = y;
     }
-    if (best_bound <= params.tolerance) break;
+    return best_bound <= params.tolerance;
+  };
+
+  int left = params.max_iterations;
+  Vec3 y = sweep(problem.terms, kRounds);
+  bool done = proved(y);
+  if (!done) {
+    left -= finish(problem.terms, y);
+    done = proved(y);
+  }
+  // Cold again: a start on the edge of the unit balls can jam the Newton below.
+  if (!done) {
+    y.setZero();
+    for (Term& term : problem.terms) term.z.setZero();
+  }
+  double gamma = kFirstGamma;
+  while (!done && left > 0) {
+    left -= minimiseEnvelope(problem.terms, gamma, left, y);
+    for (Term& term : problem.terms) {
+      setMultiplier(term.z + project(term, y - term.a) / gamma, term);
+    }
+    done = proved(y);
     gamma = std::max(kGammaFactor * gamma, kLastGamma);
   }
   result.iterations = params.max_iterations - left;
   result.offset = problem.w + problem.length * best;
   result.error_bound = problem.length * best_bound;
-  if (best_bound > params.tolerance) result.status = SolveStatus::kIterationLimit;
+  if (!done) result.status = SolveStatus::kIterationLimit;
 }
 
 /// The balance of one primitive and the spring: the soft threshold, exact.
@@ -251,6 +341,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     term.a = (term.a - problem.w) / problem.length;
     term.sigma /= sum;
     term.z.setZero();
+    term.on = false;
   }
   if (count == 1) {
     result.offset = balanceOne(problem);

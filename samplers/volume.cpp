@@ -27,21 +27,27 @@ void initialise() {
   std::call_once(once, [] { openvdb::initialize(); });
 }
 
-/// Finite, lowest and highest of a grid's values. `v` counts as active or as any stored value.
+/// Lowest, highest and mean of a grid's active values; all stored values count for being finite.
 struct Range {
+  double sum = 0.0;
+  double count = 0.0;
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -std::numeric_limits<double>::infinity();
   std::uint64_t non_finite = 0;
 
-  void add(double v, bool active) noexcept {
+  void add(double v, bool active, double voxels = 1.0) noexcept {
     if (!std::isfinite(v)) {
       ++non_finite;
     } else if (active) {
+      sum += v * voxels;
+      count += voxels;
       lowest = std::min(lowest, v);
       highest = std::max(highest, v);
     }
   }
   void join(const Range& other) noexcept {
+    sum += other.sum;
+    count += other.count;
     lowest = std::min(lowest, other.lowest);
     highest = std::max(highest, other.highest);
     non_finite += other.non_finite;
@@ -78,7 +84,9 @@ Range rangeOf(const GridT& grid) {
   // Tiles, above the leaves.
   auto tile = grid.cbeginValueAll();
   tile.setMaxDepth(Tree::ValueAllCIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) range.add(sizeOf(*tile), tile.isValueOn());
+  for (; tile; ++tile) {
+    range.add(sizeOf(*tile), tile.isValueOn(), static_cast<double>(tile.getVoxelCount()));
+  }
   range.add(sizeOf(grid.background()), false);
   return range;
 }
@@ -155,6 +163,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
     if (range.lowest <= range.highest) {
       info.lowest = range.lowest;
       info.highest = range.highest;
+      info.mean = range.sum / range.count;
     }
     grid->data = typename std::decay_t<decltype(*pointer)>::ConstPtr(pointer);
   };

@@ -28,6 +28,7 @@ struct GridInfo {
   std::uint64_t memory = 0;         ///< [bytes]
   double lowest = 0.0;              ///< Of the active values, magnitudes for a vector grid.
   double highest = 0.0;
+  double mean = 0.0;
   double background = 0.0;       ///< Magnitude for a vector grid.
   std::uint64_t non_finite = 0;  ///< NaN and infinite values: voxels, tiles, background.
   std::string refusal;           ///< "why: remedy" if it cannot be felt, else empty.

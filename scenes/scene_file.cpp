@@ -299,7 +299,6 @@ void validate(const Json& json, const std::string& source) {
 
 /// The mode or modes that suit a grid.
 void addSuitableModes(const GridInfo& info, const std::string& name, std::vector<ModeSpec>& modes) {
-  const double span = info.highest - info.lowest;
   ModeSpec mode;
   mode.of = name;
   if (info.vector) {
@@ -320,8 +319,10 @@ void addSuitableModes(const GridInfo& info, const std::string& name, std::vector
     modes.push_back(mode);
     return;
   }
+  // Full strength at four times the mean's height over the lowest value: much of a fog is thin.
+  const double span = std::min(info.highest - info.lowest, 4.0 * (info.mean - info.lowest));
   const auto over = [&](double max) {
-    return span > 0.0 ? TransferFunction::window(0.5 * (info.lowest + info.highest), span, max)
+    return span > 0.0 ? TransferFunction::window(info.lowest + 0.5 * span, span, max)
                       : TransferFunction(max);
   };
   mode.name = "surface of " + name;

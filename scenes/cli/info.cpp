@@ -27,6 +27,7 @@ OrderedJson describe(const GridInfo& grid) {
                        : OrderedJson::array({toJson(grid.bounds.lower), toJson(grid.bounds.upper)});
   json["memory_bytes"] = grid.memory;
   json[grid.vector ? "magnitude_range" : "value_range"] = {grid.lowest, grid.highest};
+  json["mean"] = grid.mean;
   json["background"] = grid.background;
   json["non_finite"] = grid.non_finite;
   json["can_be_felt"] = grid.refusal.empty();
@@ -50,8 +51,9 @@ void print(const GridInfo& grid) {
     fmt::print("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
                rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
   }
-  fmt::print("  {} {} .. {}, background {}\n", grid.vector ? "magnitude" : "values   ",
-             rounded(grid.lowest), rounded(grid.highest), rounded(grid.background));
+  fmt::print("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
+             rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean),
+             rounded(grid.background));
   if (grid.grid_class == GridClass::kStaggered) {
     fmt::print("  note      staggered: read as if at the voxels' centres, half a voxel off\n");
   }

@@ -196,7 +196,8 @@ TEST_CASE("Jacobian, curl and divergence of a linear field are exact, and turn w
 
 TEST_CASE("float, half and double grids, scalar and vector, are read", "[samplers]") {
   const auto transform = Transform::createLinearTransform(1.0);
-  auto short_floats = makeGrid<openvdb::FloatGrid>(9, transform, [](const Vec3d& p) { return p.x(); });
+  auto short_floats =
+      makeGrid<openvdb::FloatGrid>(9, transform, [](const Vec3d& p) { return p.x(); });
   short_floats->setSaveFloatAsHalf(true);
   CHECK(Probe(fieldOf(short_floats)).scalar({3.5, 4, 4}).value == 3.5);
   const auto vec =

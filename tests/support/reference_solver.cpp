@@ -16,7 +16,7 @@ using RealVec = Eigen::Matrix<Real, 3, 1>;
 }  // namespace
 
 Reference solveReference(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                         double wanted_bound, long max_sweeps) {
+                         long max_sweeps) {
   const Real k = stiffness;
   const RealVec h = probe.cast<Real>();
   std::vector<RealVec> force(primitives.size(), RealVec::Zero());  // on the proxy
@@ -33,7 +33,11 @@ Reference solveReference(const Vec3& probe, double stiffness, std::span<const Pr
   }
 
   Reference out;
-  for (out.sweeps = 1; out.sweeps <= max_sweeps; ++out.sweeps) {
+  Real strengths = 0;
+  for (const Primitive& p : primitives) strengths += p.strength;
+  bool settled = false;
+  for (out.sweeps = 1; out.sweeps <= max_sweeps && !settled; ++out.sweeps) {
+    Real change = 0;
     for (std::size_t i = 0; i < primitives.size(); ++i) {
       const Primitive& p = primitives[i];
       const Real s = p.strength;
@@ -56,16 +60,18 @@ Reference solveReference(const Vec3& probe, double stiffness, std::span<const Pr
           f = std::clamp<Real>(-k * q[i].dot(d), 0, s) * q[i];
           break;
       }
+      change = std::max(change, (f - force[i]).norm());
       total = others + f;
       force[i] = f;
     }
-    if (out.sweeps % 16 != 0 && out.sweeps > 16) continue;
+    settled = change <= 4 * std::numeric_limits<Real>::epsilon() * strengths;
+    if (!settled && out.sweeps < max_sweeps) continue;
 
     // Gap at x = h + total / k: sum over primitives of potential minus what their force accounts
     // for.
     const RealVec x = total / k;
     Real gap = 0;
-    const Real rounding = 8 * std::numeric_limits<Real>::epsilon();
+    const Real rounding = 64 * std::numeric_limits<Real>::epsilon();
     for (std::size_t i = 0; i < primitives.size(); ++i) {
       const Primitive& p = primitives[i];
       const Real s = p.strength;
@@ -80,7 +86,6 @@ Reference solveReference(const Vec3& probe, double stiffness, std::span<const Pr
     }
     out.offset = x.cast<double>();
     out.error_bound = static_cast<double>(std::sqrt(2 * gap / k));
-    if (out.error_bound <= wanted_bound) break;
   }
   return out;
 }

@@ -1,0 +1,106 @@
+/// What does one whole tick cost? Feels a scene with the simulated device and prints the times of
+/// single ticks, by how many primitives they balanced.
+///
+///     palpate_bench_tick SCENE [SECONDS [REPEATS]]
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <fstream>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "devices/simulated_device.h"
+#include "engine/step.h"
+#include "scenes/scene_file.h"
+
+namespace {
+
+using namespace palpate;
+using Clock = std::chrono::steady_clock;
+
+struct Times {
+  std::vector<double> ns;
+  long iterations = 0;
+};
+
+double share(std::vector<double>& sorted, double p) {
+  return sorted[static_cast<std::size_t>(p * static_cast<double>(sorted.size() - 1) + 0.5)];
+}
+
+void print(const std::string& what, Times& times) {
+  std::sort(times.ns.begin(), times.ns.end());
+  std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %8.2f\n", what.c_str(), times.ns.size(),
+              share(times.ns, 0.5), share(times.ns, 0.99), share(times.ns, 0.999), times.ns.back(),
+              static_cast<double>(times.iterations) / static_cast<double>(times.ns.size()));
+}
+
+int run(int argc, char** argv) {
+  if (argc < 2) {
+    std::fprintf(stderr, "usage: palpate_bench_tick SCENE [SECONDS [REPEATS]]\n");
+    return 2;
+  }
+  const double seconds = argc > 2 ? std::atof(argv[2]) : 60.0;
+  const int repeats = argc > 3 ? std::atoi(argv[3]) : 5;
+  const SceneSpec spec = openScene(argv[1]);
+  const BuiltScene built = buildScene(spec);
+
+  double resolution = 1e9;
+  for (int i = 0; i < 1000; ++i) {
+    const auto a = Clock::now();
+    const auto b = Clock::now();
+    resolution = std::min(resolution, std::chrono::duration<double, std::nano>(b - a).count());
+  }
+  std::ifstream cpuinfo("/proc/cpuinfo");
+  std::string machine = "unknown processor";
+  for (std::string line; std::getline(cpuinfo, line);) {
+    if (line.rfind("model name", 0) == 0) machine = line.substr(line.find(':') + 2);
+  }
+  std::printf("%s, %s %s, a pair of clock readings %.0f ns (included)\n", machine.c_str(),
+#if defined(__clang__)
+              "clang", __clang_version__,
+#else
+              "g++", __VERSION__,
+#endif
+              resolution);
+  std::printf("%s, %.0f s at 1 kHz, %d times after one warm-up; ns\n", argv[1], seconds, repeats);
+
+  std::map<int, Times> by_primitives;
+  Times all;
+  for (int repeat = 0; repeat <= repeats; ++repeat) {
+    SimulatedDevice device({}, {}, explore(built.bounds, seconds), 1000.0);
+    Reader reader;
+    ProxyState state(device.info().limits);
+    while (!device.ended()) {
+      const HandState hand = device.read();
+      const auto start = Clock::now();
+      const StepReport report = hapticStep(*built.scene, reader, hand, state, 1e-3);
+      const auto end = Clock::now();
+      device.write(report.force);
+      if (repeat == 0) continue;
+      const double ns = std::chrono::duration<double, std::nano>(end - start).count();
+      for (Times* times : {&all, &by_primitives[report.primitives]}) {
+        times->ns.push_back(ns);
+        times->iterations += report.iterations;
+      }
+    }
+  }
+  std::printf("%-14s %8s %8s %8s %8s %8s %8s\n", "ticks", "count", "p50", "p99", "p99.9", "max",
+              "solves");
+  print("all", all);
+  for (auto& [count, times] : by_primitives) print(std::to_string(count) + " primitives", times);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_tick: %s\n", e.what());
+    return 2;
+  }
+}
