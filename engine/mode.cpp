@@ -10,6 +10,8 @@ using Contact = ModeMemory::Contact;
 
 /// An isosurface is placed where it is seen from at most this far off, in voxels.
 constexpr double kSight = 2.0;
+/// A proxy this near its surface is on it: kinks that differ by rounding only are one [voxels].
+constexpr double kOnIt = 1e-9;
 /// Pushed this far through its surface, a proxy has left it [voxels].
 constexpr double kYield = 0.05;
 
@@ -115,7 +117,8 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
   // thin wall the normal turns over: that is the other side, not the surface pushed through.
   const bool same = memory.contact == Contact::kOutside || sight.normal.dot(memory.normal) > 0.5;
   if (sight.clear && same) {
-    memory.anchor = p - sight.height * sight.normal;
+    const bool on_it = std::abs(sight.height) < kOnIt * mode.voxel;
+    memory.anchor = on_it ? p : Vec3(p - sight.height * sight.normal);
     memory.normal = sight.normal;
   } else if (memory.contact == Contact::kOutside) {
     return true;

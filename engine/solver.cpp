@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -13,8 +14,8 @@ namespace {
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
 /// A primitive other than a directed force, as sigma |P (y - a)|: P projects on the point's three,
-/// the line's two or the plane's one constrained directions. Lengths in units of S/k with the
-/// origin at the spring's end, forces in units of S, so that sigmas add up to 1.
+/// the line's two or the plane's one constrained directions. Lengths in units of S/k, forces in
+/// units of S, so that sigmas add up to 1.
 struct Term {
   PrimitiveKind kind;
   double sigma;
@@ -62,34 +63,42 @@ Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
   return x;
 }
 
-/// The primitives, dimensionless, and what restores metres.
+/// Minimise |y - spring|^2 / 2 + sum sigma |P (y - a)|, dimensionless, and what restores metres.
 struct Problem {
   Vec3 w;         ///< the spring's end, relative to the probe [m]: directed forces only move it
   double length;  ///< S/k [m]
+  Vec3 spring;    ///< the spring's end, in units of S/k from the origin
   std::span<Term> terms;
+
+  /// Moves the origin, so that small distances near it are not rounded to the size of others.
+  void moveOrigin(const Vec3& to) noexcept {
+    spring -= to;
+    for (Term& term : terms) term.a -= to;
+  }
+  /// A solution as a displacement from the probe [m].
+  [[nodiscard]] Vec3 offset(const Vec3& y) const noexcept { return w + length * (y - spring); }
 };
 
-/// Gradient at y of the potential with each norm replaced by its Moreau envelope around z, and,
-/// if asked for, its (generalised) Hessian.
-Vec3 envelopeGradient(std::span<const Term> terms, double gamma, const Vec3& y,
-                      Mat3* hessian) noexcept {
-  Vec3 g = y;
-  if (hessian != nullptr) hessian->setIdentity();
-  for (const Term& term : terms) {
+/// Gradient at y of the potential with each norm replaced by its Moreau envelope around z, and its
+/// (generalised) Hessian.
+Vec3 envelopeGradient(const Problem& problem, double gamma, const Vec3& y, Mat3& H) noexcept {
+  Vec3 g = y - problem.spring;
+  H.setIdentity();
+  for (const Term& term : problem.terms) {
     const Vec3 u = term.z + project(term, y - term.a) / gamma;
     const double r2 = u.squaredNorm();
     if (r2 <= 1.0) {
       g += term.sigma * u;
-      if (hessian != nullptr) addProjector(term, term.sigma / gamma, *hessian);
+      addProjector(term, term.sigma / gamma, H);
       continue;
     }
     const double r = std::sqrt(r2);
     const Vec3 e = u / r;
     g += term.sigma * e;
-    if (hessian != nullptr && term.kind != PrimitiveKind::kPlane) {
+    if (term.kind != PrimitiveKind::kPlane) {
       const double c = term.sigma / (gamma * r);
-      addProjector(term, c, *hessian);
-      hessian->noalias() -= (c * e) * e.transpose();
+      addProjector(term, c, H);
+      H.noalias() -= (c * e) * e.transpose();
     }
   }
   return g;
@@ -97,13 +106,13 @@ Vec3 envelopeGradient(std::span<const Term> terms, double gamma, const Vec3& y,
 
 /// Semismooth Newton on the envelope from y, which becomes its minimiser (nearly). Returns the
 /// number of linear solves, at most `budget`.
-int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3& y) noexcept {
+int minimiseEnvelope(const Problem& problem, double gamma, int budget, Vec3& y) noexcept {
   constexpr int kMaxTrials = 24;
   // The slope is minus the squared distance to the model's minimiser in the model's own metric:
   // well below the width of a kink, or down at the rounding of y.
-  const double target = std::max(1e-3 * gamma * gamma, 1e-26);
+  const double target = std::max(1e-3 * gamma * gamma, 1e-30);
   Mat3 H;
-  Vec3 g = envelopeGradient(terms, gamma, y, &H);
+  Vec3 g = envelopeGradient(problem, gamma, y, H);
   int solves = 0;
   while (solves < budget) {
     const Vec3 step = -solve3(H, g);
@@ -111,7 +120,7 @@ int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3
     const double slope = g.dot(step);  // < 0: the envelope falls by about -slope/2
     double t = 1.0;
     Vec3 trial = y + step;
-    g = envelopeGradient(terms, gamma, trial, &H);
+    g = envelopeGradient(problem, gamma, trial, H);
 
     // Where the full step passes the valley, find the place on the way where the slope is small.
     // The slope is monotone in t, and unlike an energy difference it does not drown in rounding.
@@ -123,7 +132,7 @@ int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3
       t = std::clamp(low + (high - low) * low_slope / (low_slope - high_slope),
                      low + 0.1 * (high - low), high - 0.1 * (high - low));
       trial = y + t * step;
-      g = envelopeGradient(terms, gamma, trial, &H);
+      g = envelopeGradient(problem, gamma, trial, H);
       const double trial_slope = g.dot(step);
       if (std::abs(trial_slope) <= -0.3 * slope) break;
       if (trial_slope > 0.0) {
@@ -142,10 +151,10 @@ int minimiseEnvelope(std::span<const Term> terms, double gamma, int budget, Vec3
 
 /// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
 /// The dual point: d/|d| for primitives that y is off, the multipliers for those that it is on.
-double certify(std::span<const Term> terms, const Vec3& y) noexcept {
+double certify(const Problem& problem, const Vec3& y) noexcept {
   double gap = 0.0;
-  Vec3 imbalance = y;
-  for (const Term& term : terms) {
+  Vec3 imbalance = y - problem.spring;
+  for (const Term& term : problem.terms) {
     const Vec3 d = project(term, y - term.a);
     const double distance = d.norm();
     if (!term.on && distance > 0.0) {
@@ -167,12 +176,12 @@ void setMultiplier(const Vec3& u, Term& term) noexcept {
 
 /// Coordinate ascent on the dual: given the others, a primitive's best force is a projection. Exact
 /// after one round where the primitives are orthogonal; else it finds who holds the proxy.
-Vec3 sweep(std::span<Term> terms, int rounds) noexcept {
-  Vec3 y = Vec3::Zero();
-  for (const Term& term : terms) y -= term.sigma * term.z;
+Vec3 sweep(Problem& problem, int rounds) noexcept {
+  Vec3 y = problem.spring;
+  for (const Term& term : problem.terms) y -= term.sigma * term.z;
   for (int round = 0; round < rounds; ++round) {
     const Vec3 before = y;
-    for (Term& term : terms) {
+    for (Term& term : problem.terms) {
       const Vec3 others = y + term.sigma * term.z;
       setMultiplier(project(term, others - term.a) / term.sigma, term);
       y = others - term.sigma * term.z;
@@ -186,14 +195,14 @@ Vec3 sweep(std::span<Term> terms, int rounds) noexcept {
 /// kinks of those that it is on as constraints (augmented Lagrangian). A belief that the step
 /// belies is changed: a multiplier outside its ball, a kink that was crossed. Returns the linear
 /// solves.
-int finish(std::span<Term> terms, Vec3& y) noexcept {
+int finish(Problem& problem, Vec3& y) noexcept {
   constexpr double kGamma = 1e-7;
   constexpr int kMostSolves = 6;
   int solves = 0;
   while (solves < kMostSolves) {
     Mat3 H = Mat3::Identity();
-    Vec3 g = y;
-    for (const Term& term : terms) {
+    Vec3 g = y - problem.spring;
+    for (const Term& term : problem.terms) {
       const Vec3 d = project(term, y - term.a);
       if (term.on) {
         g += term.sigma * (term.z + d / kGamma);
@@ -213,7 +222,7 @@ int finish(std::span<Term> terms, Vec3& y) noexcept {
     ++solves;
     y += step;
     bool changed = false;
-    for (Term& term : terms) {
+    for (Term& term : problem.terms) {
       const Vec3 d = project(term, y - term.a);
       if (term.on) {
         setMultiplier(term.z + d / kGamma, term);
@@ -236,17 +245,16 @@ int finish(std::span<Term> terms, Vec3& y) noexcept {
 /// Newton finishes for those; the certificate says whether that was right. If not, the proximal
 /// method of multipliers starts afresh: envelopes around z, minimised by Newton, tightened. Kinks
 /// come out exact, and nothing degenerates as the tolerance falls.
-void solveGeneral(const Problem& problem, const SolverParams& params,
-                  SolveResult& result) noexcept {
+void solveGeneral(Problem& problem, const SolverParams& params, SolveResult& result) noexcept {
   constexpr int kRounds = 10;
   constexpr double kFirstGamma = 0.3;
   constexpr double kGammaFactor = 0.1;
-  constexpr double kLastGamma = 1e-5;
+  constexpr double kLastGamma = 1e-11;
 
-  Vec3 best = Vec3::Zero();
-  double best_bound = 1.0;  // |y*| <= 1 always: all primitives together pull with at most S
+  Vec3 best = problem.spring;
+  double best_bound = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
   const auto proved = [&](const Vec3& y) {
-    const double bound = certify(problem.terms, y);
+    const double bound = certify(problem, y);
     if (bound < best_bound) {
       best_bound = bound;
       best = y;
@@ -255,10 +263,11 @@ void solveGeneral(const Problem& problem, const SolverParams& params,
   };
 
   int left = params.max_iterations;
-  Vec3 y = sweep(problem.terms, kRounds);
+  problem.moveOrigin(sweep(problem, kRounds));
+  Vec3 y = Vec3::Zero();
   bool done = proved(y);
   if (!done) {
-    left -= finish(problem.terms, y);
+    left -= finish(problem, y);
     done = proved(y);
   }
   // Cold again: a start on the edge of the unit balls can jam the Newton below.
@@ -268,7 +277,7 @@ void solveGeneral(const Problem& problem, const SolverParams& params,
   }
   double gamma = kFirstGamma;
   while (!done && left > 0) {
-    left -= minimiseEnvelope(problem.terms, gamma, left, y);
+    left -= minimiseEnvelope(problem, gamma, left, y);
     for (Term& term : problem.terms) {
       setMultiplier(term.z + project(term, y - term.a) / gamma, term);
     }
@@ -276,19 +285,86 @@ void solveGeneral(const Problem& problem, const SolverParams& params,
     gamma = std::max(kGammaFactor * gamma, kLastGamma);
   }
   result.iterations = params.max_iterations - left;
-  result.offset = problem.w + problem.length * best;
+  result.offset = problem.offset(best);
   result.error_bound = problem.length * best_bound;
   if (!done) result.status = SolveStatus::kIterationLimit;
 }
 
-/// The balance of one primitive and the spring: the soft threshold, exact.
-Vec3 balanceOne(const Problem& problem) noexcept {
-  const Term& term = problem.terms.front();
-  const Vec3 d = project(term, term.a);  // from the spring's end to the primitive
-  const double distance = d.norm();
-  // The spring's end is within the primitive's reach S/k: the proxy is on it.
-  if (distance <= 1.0) return problem.w + problem.length * d;
-  return problem.w + (problem.length / distance) * d;
+/// The balance of one primitive and a spring that ends at `spring`: the soft threshold, exact. Sets
+/// the multiplier.
+Vec3 balanceOne(const Vec3& spring, Term& term) noexcept {
+  const Vec3 d = project(term, spring - term.a);
+  setMultiplier(d / term.sigma, term);
+  return term.on ? Vec3(spring - d) : Vec3(spring - term.sigma * term.z);
+}
+
+/// The balance of a plane and one other primitive: a scalar equation. The plane's force f shifts
+/// the spring's end for the other, whose balance is known; the plane's own condition, y in front of
+/// it where f = 0, on it, or behind it where f is full, is monotone in f. Illinois' secant,
+/// bracketed. Returns the balances evaluated.
+int balancePair(Term& plane, Term& other, const Vec3& spring, Vec3& y) noexcept {
+  constexpr int kMost = 60;
+  double zeta = 1.0;  // the plane's multiplier along its normal
+  int evaluations = 0;
+  const auto height = [&](double z) {
+    ++evaluations;
+    zeta = z;
+    y = balanceOne(spring - plane.sigma * z * plane.q, other);
+    return plane.q.dot(y - plane.a);
+  };
+  double low = -1.0;
+  double high = 1.0;
+  double at_high = height(high);
+  double at_low = at_high < 0.0 ? height(low) : 0.0;
+  plane.on = at_high < 0.0 && at_low > 0.0;
+  if (plane.on) {
+    double last = 0.0;
+    while (evaluations < kMost) {
+      double z = high - at_high * (high - low) / (at_high - at_low);
+      if (!(z > low && z < high)) z = 0.5 * (low + high);
+      const double h = height(z);
+      if (std::abs(h) <= 0.5 * kEpsilon * plane.sigma || high - low <= kEpsilon) break;
+      if (h > 0.0) {
+        low = z;
+        at_low = h;
+        if (last > 0.0) at_high *= 0.5;
+      } else {
+        high = z;
+        at_high = h;
+        if (last < 0.0) at_low *= 0.5;
+      }
+      last = h;
+    }
+  }
+  plane.z = zeta * plane.q;
+  return evaluations;
+}
+
+/// Two primitives of which one is a plane, as a surface with its friction or drag: the commonest
+/// case of all. False, and nothing settled, where there is no plane or the certificate fails.
+bool trySolvePair(Problem& problem, const SolverParams& params, SolveResult& result) noexcept {
+  Term* plane = &problem.terms[0];
+  Term* other = &problem.terms[1];
+  if (plane->kind != PrimitiveKind::kPlane) std::swap(plane, other);
+  if (plane->kind != PrimitiveKind::kPlane) return false;
+  // Near both kinks nothing should be rounded to the spring's length.
+  const Vec3 origin = other->a;
+  problem.moveOrigin(origin);
+  Vec3 y;
+  const int evaluations = balancePair(*plane, *other, problem.spring, y);
+  const double bound = certify(problem, y);
+  if (bound <= params.tolerance) {
+    result.iterations = evaluations;
+    result.offset = problem.offset(y);
+    result.error_bound = problem.length * bound;
+    return true;
+  }
+  problem.moveOrigin(-origin);
+  for (Term& term : problem.terms) {
+    term.z.setZero();
+    term.on = false;
+  }
+  return false;
 }
 
 bool valid(const Primitive& primitive) noexcept {
@@ -303,7 +379,7 @@ template <std::size_t Capacity>
 void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
                       const SolverParams& params, SolveResult& result) noexcept {
   std::array<Term, Capacity> storage;
-  Problem problem{Vec3::Zero(), 0.0, {}};
+  Problem problem{Vec3::Zero(), 0.0, Vec3::Zero(), {}};
 
   // max(0, t) = (t + |t|)/2: a plane is half a directed force and half a norm.
   std::size_t count = 0;
@@ -344,11 +420,15 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     term.on = false;
   }
   if (count == 1) {
-    result.offset = balanceOne(problem);
+    result.offset = problem.offset(balanceOne(problem.spring, problem.terms.front()));
     result.error_bound = rounding;
     return;
   }
   result.solver = SolverKind::kGeneral;
+  if (count == 2 && trySolvePair(problem, params, result)) {
+    result.error_bound += rounding;
+    return;
+  }
   solveGeneral(problem, params, result);
   result.error_bound += rounding;
 }

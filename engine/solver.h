@@ -20,7 +20,7 @@ enum class SolveStatus : std::uint8_t {
 /// What answered.
 enum class SolverKind : std::uint8_t {
   kClosedForm,  ///< At most one primitive other than directed forces.
-  kGeneral,     ///< Proximal method of multipliers.
+  kGeneral,     ///< Two and more: a scalar equation, dual sweeps, Newton, multipliers.
 };
 
 struct SolverParams {

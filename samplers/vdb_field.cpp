@@ -212,8 +212,8 @@ class VdbScalarField final : public ScalarField {
     copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
     std::array<Eigen::Array4d, 8> corners;
     for (int n = 0; n < 8; ++n) {
-      const int at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
-      const auto v = [&](int offset) {
+      const std::ptrdiff_t at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
+      const auto v = [&](std::ptrdiff_t offset) {
         return static_cast<double>(block.values[static_cast<std::size_t>(at + offset)]);
       };
       corners[static_cast<std::size_t>(n)] = {v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),
@@ -276,8 +276,8 @@ class VdbVectorField final : public VectorField {
     copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
     std::array<Eigen::Array<double, 12, 1>, 8> corners;
     for (int n = 0; n < 8; ++n) {
-      const int at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
-      const auto v = [&](int offset) {
+      const std::ptrdiff_t at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
+      const auto v = [&](std::ptrdiff_t offset) {
         return asVec3(openvdb::Vec3d(block.values[static_cast<std::size_t>(at + offset)]));
       };
       corners[static_cast<std::size_t>(n)] << v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),

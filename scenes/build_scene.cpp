@@ -29,9 +29,7 @@ class Placer {
       throw SceneError(path + "/like", "the volumes are placed like each other in a circle",
                        "place one of them by fit, unit or scale");
     }
-    const Placement placement = compute(name, path);
-    done_[name] = placement;
-    return placement;
+    return done_[name] = compute(name, path);
   }
 
  private:

@@ -444,7 +444,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path) {
       volume.file = file;
       volume.grid = grid;
       std::string name = grid.empty() ? "grid" : grid;
-      if (files.size() > 1) name = file.stem().string() + "." + name;
+      if (files.size() > 1) name.insert(0, file.stem().string() + ".");
       if (!first.empty()) {
         volume.place.kind = PlaceSpec::Kind::kLike;
         volume.place.like = first;

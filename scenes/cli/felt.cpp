@@ -130,7 +130,7 @@ std::string Felt::words() const {
       rounded(s["per_tick"]["primitives"].get<double>()),
       rounded(s["per_tick"]["substeps"].get<double>()));
   text += fmt::format(
-      "balance   {} % closed form, {} linear solves a tick; within {} m of the exact one\n",
+      "balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
       rounded(100.0 * static_cast<double>(solvers_[0]) / ticks),
       rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
   text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",

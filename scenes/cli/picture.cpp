@@ -28,6 +28,7 @@ int run(const std::vector<std::string>& command, const std::string& input) {
     close(pipe_ends[0]);
     close(pipe_ends[1]);
     std::vector<char*> argv;
+    argv.reserve(command.size() + 1);
     for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
     argv.push_back(nullptr);
     execvp(argv[0], argv.data());

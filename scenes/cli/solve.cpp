@@ -38,8 +38,8 @@ void onlyKeys(const Json& object, const std::vector<std::string>& keys, const st
   for (const auto& [key, value] : object.items()) {
     if (std::find(keys.begin(), keys.end(), key) == keys.end()) {
       const std::string near = nearestName(key, keys);
-      throw LineError(name + "unknown key \"" + key + "\"" +
-                      (near.empty() ? "" : ", did you mean \"" + near + "\"?"));
+      throw LineError(fmt::format("{}unknown key \"{}\"{}", name, key,
+                                  near.empty() ? "" : ", did you mean \"" + near + "\"?"));
     }
   }
 }

@@ -162,6 +162,28 @@ TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
   }
 }
 
+TEST_CASE("a plane and one other primitive are balanced however near their kinks are", "[solver]") {
+  Random random(22);
+  for (long i = 0; i < test::cases(20000); ++i) {
+    // As surface and viscosity place them: the point at the proxy, the plane a little off it.
+    const Vec3 at = random.inCube(5e-2);
+    const double apart = random.integer(10) == 0 ? 0.0 : random.logUniform(1e-16, 1e-2);
+    Primitive other = random.primitive();
+    if (other.kind == PrimitiveKind::kForce) other.kind = PrimitiveKind::kPoint;
+    other.position = at;
+    const Vec3 normal = random.direction();
+    const std::vector<Primitive> set{other, plane(at + apart * normal, normal, 1.5)};
+    const Vec3 probe = at + random.inCube(2e-3);
+    const SolveResult r = solveProxy(probe, kStiffness, set, probe);
+    if (r.status != SolveStatus::kConverged) FAIL(describe(probe, kStiffness, set));
+    if (i % 40 != 0) continue;
+    const Reference ref = solveReference(probe, kStiffness, set);
+    if ((r.offset - ref.offset).norm() > r.error_bound + ref.error_bound) {
+      FAIL(r.error_bound << " " << ref.error_bound << " " << describe(probe, kStiffness, set));
+    }
+  }
+}
+
 TEST_CASE("up to 1,024 primitives are balanced; more are refused", "[solver]") {
   Random random(9);
   std::vector<Primitive> set;
