@@ -1,6 +1,7 @@
 #include "devices/simulated_device.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <Eigen/Geometry>
@@ -14,10 +15,41 @@ void require(bool good, const char* what, const char* remedy) {
   if (!good) throw DeviceError("simulated device", what, remedy);
 }
 
+/// Where the hand is in a visit of one side: how far from the centre, as a share of the way to the
+/// box's ellipsoid, and how wide a circle it draws.
+struct Visit {
+  double distance, circle;
+};
+
+/// The visit at a share u of its time.
+Visit visitAt(double u) {
+  struct Key {
+    double t;
+    Visit visit;
+  };
+  constexpr std::array<Key, 9> kKeys{{{0.0, {1.25, 0.0}},
+                                      {0.15, {1.0, 0.0}},
+                                      {0.25, {0.8, 0.0}},
+                                      {0.3, {0.8, 0.15}},
+                                      {0.6, {0.8, 0.15}},
+                                      {0.65, {0.8, 0.0}},
+                                      {0.8, {0.3, 0.0}},
+                                      {0.87, {0.3, 0.0}},
+                                      {1.0, {1.25, 0.0}}}};
+  std::size_t i = 0;
+  while (i + 2 < kKeys.size() && kKeys[i + 1].t <= u) ++i;
+  const Key& a = kKeys[i];
+  const Key& b = kKeys[i + 1];
+  const double share = std::clamp((u - a.t) / (b.t - a.t), 0.0, 1.0);
+  const double smooth = share * share * (3.0 - 2.0 * share);
+  return {a.visit.distance + smooth * (b.visit.distance - a.visit.distance),
+          a.visit.circle + smooth * (b.visit.circle - a.visit.circle)};
+}
+
 }  // namespace
 
-SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip,
-                                 std::vector<PathPoint> target, double rate)
+SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target,
+                                 double rate)
     : arm_(arm), grip_(grip), target_(std::move(target)), rate_(rate) {
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
   const auto not_negative = [](double v) { return std::isfinite(v) && v >= 0.0; };
@@ -28,13 +60,14 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip,
   require(not_negative(arm.delay) && arm.delay <= 0.1, "the delay is not 0 to 0.1 s",
           "give seconds, as 0.001");
   require(positive(rate), "the rate is not > 0", "give Hz, as 1000");
-  require(!target_.empty(), "the hand has no target", "give a path");
+  require(target_.at != nullptr && not_negative(target_.seconds), "the hand has no target",
+          "give a path");
 
   info_.name = "simulated";
   info_.limits = {7.9, 2000.0};
   info_.max_stiffness = 1000.0;
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
-  position_ = target_.front().p;
+  position_ = target_.at(0.0);
 
   // A force acts from `delay` after its reading: ceil(delay * rate) forces are on their way.
   const double ticks = arm.delay * rate;
@@ -83,10 +116,15 @@ void SimulatedDevice::advance(const Propagator& step, const Vec3& force) noexcep
   const Vec3 x = step.xx * position_ + step.xv * velocity_ + step.xf * force;
   velocity_ = step.vx * position_ + step.vv * velocity_ + step.vf * force;
   position_ = x;
-  // Coulomb friction takes at most the speed there is.
+  // Coulomb friction acts against the motion, at most as much as stops it: a smaller force than
+  // friction moves nothing.
   const double speed = velocity_.norm();
-  const double loss = arm_.coulomb * step.time / arm_.mass;
-  velocity_ *= speed > loss ? 1.0 - loss / speed : 0.0;
+  if (speed <= 0.0) return;
+  const Vec3 direction = velocity_ / speed;
+  const double stops = speed / step.vf;
+  const double friction = std::min(arm_.coulomb, stops);
+  position_ -= step.xf * friction * direction;
+  velocity_ = friction < stops ? Vec3(velocity_ - step.vf * friction * direction) : Vec3::Zero();
 }
 
 HandState SimulatedDevice::read() noexcept {
@@ -96,9 +134,9 @@ HandState SimulatedDevice::read() noexcept {
 
 void SimulatedDevice::write(const Vec3& force) noexcept {
   // The hand's own pull: its spring is in the propagator, towards a target that moves each tick.
-  const double t = target_.front().t + static_cast<double>(tick_) / rate_;
-  const Vec3 target = positionAt(target_, t, hint_);
-  const Vec3 before = positionAt(target_, t - 1.0 / rate_, hint_);
+  const double t = static_cast<double>(tick_) / rate_;
+  const Vec3 target = target_.at(t);
+  const Vec3 before = target_.at(std::max(0.0, t - 1.0 / rate_));
   const Vec3 pull = grip_.stiffness * target + grip_.damping * rate_ * (target - before);
 
   // queue_[next_] was written `whole + 1` ticks ago and still acts for the fraction of a tick; the
@@ -114,54 +152,39 @@ void SimulatedDevice::write(const Vec3& force) noexcept {
 }
 
 bool SimulatedDevice::ended() const noexcept {
-  return static_cast<double>(tick_) / rate_ > target_.back().t - target_.front().t + 0.5 / rate_;
+  return static_cast<double>(tick_) / rate_ > target_.seconds + 0.5 / rate_;
 }
 
-std::vector<PathPoint> explore(const Box& bounds, double seconds) {
+HandTarget explore(const Box& bounds, double seconds) {
   constexpr double kVisit = 5.0;  // [s] for one side
-  constexpr double kStep = 5e-3;
-  const Vec3 sides[] = {
-      {0.0, 1.0, 0.2}, {0.7, 0.5, 0.4}, {0.1, 0.3, 1.0}, {-0.8, 0.4, 0.3}, {0.3, -0.9, 0.2}};
-  const Vec3 centre = bounds.centre();
-  const Vec3 half = 0.5 * bounds.size();
-
-  // Within a visit: distance from the centre as a share of the way to the box's ellipsoid, and how
-  // wide a circle the hand draws, against time as a share.
-  struct Key {
-    double t, distance, circle;
-  };
-  constexpr Key kKeys[] = {{0.0, 1.25, 0.0}, {0.15, 1.0, 0.0}, {0.25, 0.8, 0.0},
-                           {0.3, 0.8, 0.15}, {0.6, 0.8, 0.15}, {0.65, 0.8, 0.0},
-                           {0.8, 0.3, 0.0},  {0.87, 0.3, 0.0}, {1.0, 1.25, 0.0}};
-  const auto smooth = [](double a, double b, double u) {
-    return a + (b - a) * u * u * (3 - 2 * u);
-  };
-
   const int visits = std::max(1, static_cast<int>(std::lround(seconds / kVisit)));
   const double length = seconds / visits;
-  std::vector<PathPoint> path;
-  const int steps = std::max(1, static_cast<int>(std::lround(seconds / kStep)));
-  for (int i = 0; i <= steps; ++i) {
-    const double t = seconds * i / steps;
-    const int visit = std::min(visits - 1, static_cast<int>(t / length));
-    const double u = t / length - visit;
-    std::size_t key = 0;
-    while (key + 2 < std::size(kKeys) && kKeys[key + 1].t <= u) ++key;
-    const Key& a = kKeys[key];
-    const Key& b = kKeys[key + 1];
-    const double share = std::clamp((u - a.t) / (b.t - a.t), 0.0, 1.0);
-
-    const Vec3 out = sides[static_cast<std::size_t>(visit) % std::size(sides)].normalized();
-    // To the ellipsoid of the box along `out`.
-    const double radius = 1.0 / out.cwiseQuotient(half.cwiseMax(1e-6)).norm();
+  const Vec3 centre = bounds.centre();
+  const Vec3 half = (0.5 * bounds.size()).cwiseMax(1e-6);
+  const auto at = [=](double t) -> Vec3 {
+    const std::array<Vec3, 5> sides{Vec3(0.0, 1.0, 0.2), Vec3(0.7, 0.5, 0.4), Vec3(0.1, 0.3, 1.0),
+                                    Vec3(-0.8, 0.4, 0.3), Vec3(0.3, -0.9, 0.2)};
+    const int visit = std::clamp(static_cast<int>(t / length), 0, visits - 1);
+    const double u = std::clamp(t / length - visit, 0.0, 1.0);
+    const Vec3 out = sides[static_cast<std::size_t>(visit) % sides.size()].normalized();
     const Vec3 across = out.unitOrthogonal();
-    const Vec3 up = out.cross(across);
+    const Visit now = visitAt(u);
+    const double radius = 1.0 / out.cwiseQuotient(half).norm();  // of the box's ellipsoid
     const double angle = 4.0 * M_PI * (u - 0.3) / 0.3;
-    const double circle = radius * smooth(a.circle, b.circle, share);
-    path.push_back({t, centre + radius * smooth(a.distance, b.distance, share) * out +
-                           circle * (std::cos(angle) * across + std::sin(angle) * up)});
-  }
-  return path;
+    return centre +
+           radius * (now.distance * out +
+                     now.circle * (std::cos(angle) * across + std::sin(angle) * out.cross(across)));
+  };
+  return {at, seconds};
+}
+
+HandTarget alongPath(std::vector<PathPoint> path) {
+  const double start = path.front().t;
+  const double seconds = path.back().t - start;
+  return {[path = std::move(path), start, hint = std::size_t{0}](double t) mutable {
+            return positionAt(path, start + t, hint);
+          },
+          seconds};
 }
 
 }  // namespace palpate

@@ -1,6 +1,7 @@
 /// An arm and a hand made of numbers, in virtual time: what a scene is tried on with no hardware.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "devices/path_device.h"
@@ -24,17 +25,23 @@ struct GripParams {
   double damping = 5.0;      ///< [N s/m], >= 0.
 };
 
+/// Where the hand means to be.
+struct HandTarget {
+  std::function<Vec3(double)> at;  ///< [m] at a time [s], 0 to `seconds`.
+  double seconds = 0.0;
+};
+
 /// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
 ///
 /// f is the force written, held over a tick and late by `delay` (whole and fractional ticks). The
 /// linear part is solved exactly over each piece of a tick on which f is constant; Coulomb friction
-/// acts on the speed at the end of each piece, so it can stop the arm but never drive it. The probe
-/// that is read is the arm's position rounded to the encoder's step. Deterministic.
+/// acts as a constant force over each piece, at most what stops the arm: it never drives it. The
+/// probe that is read is the arm's position rounded to the encoder's step. Deterministic. Ends with
+/// the target.
 class SimulatedDevice final : public Device {
  public:
-  /// Throws DeviceError for parameters out of range. `target` as of readPath; ends with it.
-  SimulatedDevice(const ArmParams& arm, const GripParams& grip, std::vector<PathPoint> target,
-                  double rate);
+  /// Throws DeviceError for parameters out of range.
+  SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target, double rate);
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
@@ -56,10 +63,9 @@ class SimulatedDevice final : public Device {
   DeviceInfo info_;
   ArmParams arm_;
   GripParams grip_;
-  std::vector<PathPoint> target_;
+  HandTarget target_;
   double rate_;
   std::int64_t tick_ = 0;
-  std::size_t hint_ = 0;
   Vec3 position_;
   Vec3 velocity_ = Vec3::Zero();
   std::vector<Vec3> queue_;  ///< Forces on their way, oldest at next_.
@@ -68,8 +74,11 @@ class SimulatedDevice final : public Device {
   Propagator late_;   ///< ... and after it.
 };
 
-/// A scripted exploration of what lies in a box: from several sides in turn the hand comes in from
-/// outside, touches, slides in a circle, presses deep and leaves. Target positions, every 5 ms.
-[[nodiscard]] std::vector<PathPoint> explore(const Box& bounds, double seconds);
+/// A scripted exploration of what lies in a box: from several sides in turn, five seconds each, the
+/// hand comes in from outside, touches, slides in a circle, presses deep and leaves.
+[[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
+
+/// A recorded path as a target that the hand strives for. At least one point.
+[[nodiscard]] HandTarget alongPath(std::vector<PathPoint> path);
 
 }  // namespace palpate

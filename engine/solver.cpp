@@ -413,6 +413,13 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     return;
   }
 
+  // Beside the rest some may be too weak to matter: what they can move goes into the bound.
+  constexpr double kNothing = 1e-20;
+  const auto weak = std::remove_if(storage.begin(), storage.begin() + count,
+                                   [&](const Term& t) { return t.sigma < kNothing * sum; });
+  const double left_out = kNothing * problem.length * static_cast<double>(count);
+  count = static_cast<std::size_t>(weak - storage.begin());
+  problem.terms = {storage.data(), count};
   for (Term& term : problem.terms) {
     term.a = (term.a - problem.w) / problem.length;
     term.sigma /= sum;
@@ -421,16 +428,16 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   }
   if (count == 1) {
     result.offset = problem.offset(balanceOne(problem.spring, problem.terms.front()));
-    result.error_bound = rounding;
+    result.error_bound = rounding + left_out;
     return;
   }
   result.solver = SolverKind::kGeneral;
   if (count == 2 && trySolvePair(problem, params, result)) {
-    result.error_bound += rounding;
+    result.error_bound += rounding + left_out;
     return;
   }
   solveGeneral(problem, params, result);
-  result.error_bound += rounding;
+  result.error_bound += rounding + left_out;
 }
 
 }  // namespace

@@ -140,6 +140,10 @@ int feel(const Options& options) {
   if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= 1e6)) {
     throw Error("--seconds", fmt::format("{} is not 0 to 1000000", *options.seconds), "use 10");
   }
+  const auto on_signal = [](int) { interrupted = 1; };
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+
   // Everything that can be refused is refused before anything runs.
   const SceneSpec spec = openScene(options.scene);
   for (const std::string& note : spec.notes) complain(note);
@@ -151,10 +155,6 @@ int feel(const Options& options) {
   Trace trace(options.trace);
   std::optional<WholeFile> summary_file;
   if (!options.summary.empty()) summary_file.emplace(options.summary);
-
-  const auto on_signal = [](int) { interrupted = 1; };
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
 
   const double dt = 1.0 / options.rate;
   const std::int64_t most =

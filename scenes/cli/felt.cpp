@@ -8,14 +8,34 @@
 namespace palpate::cli {
 namespace {
 
-/// The value below which a share of the sorted values lies.
-std::int64_t percentile(const std::vector<std::int64_t>& sorted, double share) {
-  if (sorted.empty()) return 0;
-  const auto last = static_cast<double>(sorted.size() - 1);
-  return sorted[static_cast<std::size_t>(std::ceil(share * last))];
-}
+constexpr double kStep = 1.02;  // of the coarse bins
 
 }  // namespace
+
+void Durations::add(std::int64_t ns) {
+  const std::int64_t value = std::max<std::int64_t>(ns, 0);
+  auto bin = static_cast<std::size_t>(value);
+  if (bin >= kExact) {
+    const double steps = std::log(static_cast<double>(value) / kExact) / std::log(kStep);
+    bin = kExact + std::min(static_cast<std::size_t>(steps), kCoarse - 1);
+  }
+  ++counts_[bin];
+  ++count_;
+  max_ = std::max(max_, value);
+}
+
+std::int64_t Durations::percentile(double share) const {
+  const auto wanted = static_cast<std::int64_t>(std::ceil(share * static_cast<double>(count_)));
+  std::int64_t sum = 0;
+  for (std::size_t bin = 0; bin < counts_.size(); ++bin) {
+    sum += counts_[bin];
+    if (sum == 0 || sum < wanted) continue;
+    if (bin < kExact) return static_cast<std::int64_t>(bin);
+    const double upper = kExact * std::pow(kStep, static_cast<double>(bin - kExact + 1));
+    return std::min(max_, static_cast<std::int64_t>(upper));
+  }
+  return 0;
+}
 
 Felt::Felt(const Scene& scene, double rate)
     : scene_(scene), rate_(rate), modes_(scene.graph.modes.size()) {}
@@ -23,10 +43,10 @@ Felt::Felt(const Scene& scene, double rate)
 void Felt::add(const Telemetry& tick, const ProxyState& state) {
   const StepReport& r = tick.report;
   // The force of a tick works while the hand moves to the next reading.
-  if (!tick_ns_.empty()) net_energy_ += last_force_.dot(tick.probe - last_probe_);
+  if (durations_.count() > 0) net_energy_ += last_force_.dot(tick.probe - last_probe_);
   last_probe_ = tick.probe;
   last_force_ = r.force;
-  tick_ns_.push_back(tick.tick_ns);
+  durations_.add(tick.tick_ns);
   ++statuses_[static_cast<std::size_t>(r.status)];
   ++solvers_[static_cast<std::size_t>(r.solver)];
   limited_ += static_cast<std::int64_t>(r.limited);
@@ -52,7 +72,7 @@ void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& t
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
   ModeFelt& mode = modes_[i];
-  const auto now = static_cast<std::int64_t>(tick_ns_.size());
+  const std::int64_t now = durations_.count();
   if (memory.contact == ModeMemory::Contact::kYielded &&
       mode.contact != ModeMemory::Contact::kYielded) {
     ++mode.yields;
@@ -81,17 +101,16 @@ void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& t
 }
 
 OrderedJson Felt::summary() const {
-  std::vector<std::int64_t> sorted = tick_ns_;
-  std::sort(sorted.begin(), sorted.end());
-  const double ticks = std::max<double>(1.0, static_cast<double>(sorted.size()));
+  const auto count = static_cast<double>(durations_.count());
+  const double ticks = std::max(1.0, count);
   OrderedJson json;
-  json["ticks"] = sorted.size();
-  json["seconds"] = static_cast<double>(sorted.size()) / rate_;
+  json["ticks"] = durations_.count();
+  json["seconds"] = count / rate_;
   json["rate_asked"] = rate_;
-  json["tick_ns"] = {{"p50", percentile(sorted, 0.5)},
-                     {"p99", percentile(sorted, 0.99)},
-                     {"p99.9", percentile(sorted, 0.999)},
-                     {"max", sorted.empty() ? 0 : sorted.back()}};
+  json["tick_ns"] = {{"p50", durations_.percentile(0.5)},
+                     {"p99", durations_.percentile(0.99)},
+                     {"p99.9", durations_.percentile(0.999)},
+                     {"max", durations_.max()}};
   json["force_max"] = force_max_;
   json["error_bound_max"] = bound_max_;
   json["net_energy"] = net_energy_;

@@ -13,6 +13,24 @@
 
 namespace palpate::cli {
 
+/// Counts of durations, exact below 65,536 ns and to 2 % above: a run may be long.
+class Durations {
+ public:
+  Durations() : counts_(kExact + kCoarse) {}
+  void add(std::int64_t ns);
+  /// The duration below or at which a share of all lies; 0 where there is none.
+  [[nodiscard]] std::int64_t percentile(double share) const;
+  [[nodiscard]] std::int64_t count() const noexcept { return count_; }
+  [[nodiscard]] std::int64_t max() const noexcept { return max_; }
+
+ private:
+  static constexpr std::size_t kExact = 65536;
+  static constexpr std::size_t kCoarse = 2048;
+  std::vector<std::int64_t> counts_;
+  std::int64_t count_ = 0;
+  std::int64_t max_ = 0;
+};
+
 /// Adds up a run. Not for the tick: it may allocate.
 class Felt {
  public:
@@ -41,7 +59,7 @@ class Felt {
   const Scene& scene_;
   double rate_;
   std::vector<ModeFelt> modes_;
-  std::vector<std::int64_t> tick_ns_;
+  Durations durations_;
   std::array<std::int64_t, 5> statuses_{};
   std::array<std::int64_t, 2> solvers_{};
   std::int64_t limited_ = 0;

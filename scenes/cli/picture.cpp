@@ -16,6 +16,7 @@ namespace {
 
 constexpr int kPixels = 180;  // along the longest side of a slice
 constexpr std::size_t kMostFields = 2;
+constexpr std::size_t kMostTicks = 20000;
 
 /// Runs a program with `input` on its standard input; its exit status, or -1.
 int run(const std::vector<std::string>& command, const std::string& input) {
@@ -109,7 +110,13 @@ Picture::Picture(const std::string& path)
 }
 
 void Picture::add(const Telemetry& tick) {
+  if (seen_++ % stride_ != 0) return;
   ticks_.push_back(tick);
+  if (ticks_.size() < kMostTicks) return;
+  // As many as can be seen: half of them will do.
+  for (std::size_t i = 0; 2 * i < ticks_.size(); ++i) ticks_[i] = ticks_[2 * i];
+  ticks_.resize(ticks_.size() / 2);
+  stride_ *= 2;
 }
 
 void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
@@ -148,11 +155,8 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
     }
     json["fields"].push_back(std::move(entry));
   }
-  // A few thousand points are as many as can be seen.
-  const std::size_t stride = 1 + ticks_.size() / 5000;
   OrderedJson& rows = json["ticks"] = OrderedJson::array();
-  for (std::size_t i = 0; i < ticks_.size(); i += stride) {
-    const Telemetry& t = ticks_[i];
+  for (const Telemetry& t : ticks_) {
     rows.push_back({t.time, t.probe.x(), t.probe.y(), t.probe.z(), t.report.proxy.x(),
                     t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
                     t.report.force.z()});

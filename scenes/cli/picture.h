@@ -24,7 +24,9 @@ class Picture {
  private:
   std::filesystem::path path_;
   std::filesystem::path script_;
-  std::vector<Telemetry> ticks_;
+  std::vector<Telemetry> ticks_;  ///< Every stride_-th.
+  std::size_t stride_ = 1;
+  std::size_t seen_ = 0;
 };
 
 }  // namespace palpate::cli

@@ -1,0 +1,180 @@
+#include <cmath>
+#include <sstream>
+
+#include <catch2/catch.hpp>
+
+#include "devices/csv.h"
+#include "devices/path_device.h"
+#include "devices/simulated_device.h"
+#include "engine/error.h"
+#include "tests/support/counters.h"
+
+using namespace palpate;
+using Catch::Contains;
+
+namespace {
+
+std::vector<PathPoint> path(const std::string& text) {
+  std::istringstream in(text);
+  return readPath(in, "p.csv");
+}
+
+HandTarget hold(const Vec3& p, double seconds) {
+  return alongPath({{0.0, p}, {seconds, p}});
+}
+
+}  // namespace
+
+TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]") {
+  PathDevice device(path("t,x,y,z\n0,0,0,0\n0.01,0.01,0,0\n0.02,0.01,0.02,0\n"), 1000.0);
+  int ticks = 0;
+  for (; !device.ended(); ++ticks) {
+    const Vec3 p = device.read().position;
+    const double t = ticks * 1e-3;
+    CHECK((p - Vec3(std::min(t, 0.01), std::max(0.0, 2 * (t - 0.01)), 0)).norm() < 1e-15);
+    device.write({5, 5, 5});
+  }
+  CHECK(ticks == 21);
+}
+
+TEST_CASE("a path may start at any time and have one row", "[path]") {
+  PathDevice device(path("t,x,y,z\n5,1,2,3\n"), 1000.0);
+  CHECK(device.read().position == Vec3(1, 2, 3));
+  device.write({});
+  CHECK(device.ended());
+}
+
+TEST_CASE("a bad path is one line that names the row", "[path]") {
+  CHECK_THROWS_WITH(path(""), Contains("p.csv: it is empty"));
+  CHECK_THROWS_WITH(path("x,y,z\n1,2,3\n"), Contains("header t,x,y,z"));
+  CHECK_THROWS_WITH(path("t,x,y,z\n"), Contains("no row"));
+  CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2\n"), Contains("line 2: it has 3 fields"));
+  CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2,nan\n"), Contains("\"nan\" is not a finite number"));
+  CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2,3x\n"), Contains("\"3x\""));
+  CHECK_THROWS_WITH(path("t,x,y,z\n0,1,2,3\n0,1,2,3\n"),
+                    Contains("line 3: the time does not rise"));
+  CHECK(path("t, x, y, z\r\n0, 1e-3, -2, +3\r\n\r\n").front().p == Vec3(1e-3, -2, 3));
+}
+
+TEST_CASE("a free arm with friction slows as its closed form says", "[simulated]") {
+  // Released, no Coulomb, no encoder: v = v0 exp(-b t/m) after a push of one tick.
+  ArmParams arm;
+  arm.coulomb = 0.0;
+  arm.encoder = 0.0;
+  arm.delay = 0.0;
+  SimulatedDevice device(arm, {0.0, 0.0}, hold(Vec3::Zero(), 1.0), 1000.0);
+  device.write({1.0, 0, 0});
+  const double v0 = device.velocity().x();
+  const double decay = std::exp(-arm.viscous / arm.mass * 1e-3);
+  CHECK(v0 == Approx((1.0 - decay) / arm.viscous).epsilon(1e-12));
+  for (int i = 0; i < 100; ++i) device.write(Vec3::Zero());
+  CHECK(device.velocity().x() == Approx(v0 * std::pow(decay, 100)).epsilon(1e-9));
+}
+
+TEST_CASE("the hand's spring holds the arm at its target against a force", "[simulated]") {
+  ArmParams arm;
+  arm.coulomb = 0.0;
+  SimulatedDevice device(arm, {300.0, 5.0}, hold({0.01, 0, 0}, 5.0), 1000.0);
+  for (int i = 0; i < 4000; ++i) device.write({0, 0.6, 0});
+  CHECK((device.position() - Vec3(0.01, 0.6 / 300.0, 0)).norm() < 1e-9);
+}
+
+TEST_CASE("Coulomb friction holds the arm against a smaller force", "[simulated]") {
+  ArmParams arm;
+  arm.coulomb = 0.1;
+  SimulatedDevice device(arm, {0.0, 0.0}, hold(Vec3::Zero(), 5.0), 1000.0);
+  for (int i = 0; i < 1000; ++i) device.write({0.09, 0, 0});
+  CHECK(device.position().norm() < 1e-5);
+  for (int i = 0; i < 1000; ++i) device.write({0.2, 0, 0});
+  CHECK(device.position().x() > 1e-2);
+}
+
+TEST_CASE("a force acts after the delay, whole and fractional", "[simulated]") {
+  const double ticks = GENERATE(0.0, 1.0, 1.5, 3.25);
+  ArmParams arm;
+  arm.viscous = 0.0;
+  arm.coulomb = 0.0;
+  arm.encoder = 0.0;
+  arm.delay = ticks * 1e-3;
+  SimulatedDevice device(arm, {0.0, 0.0}, hold(Vec3::Zero(), 1.0), 1000.0);
+  // One newton held on: v = (t - delay)/m.
+  for (int i = 0; i < 10; ++i) device.write({1, 0, 0});
+  CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
+}
+
+TEST_CASE("the probe is read in steps of the encoder", "[simulated]") {
+  ArmParams arm;
+  arm.encoder = 1e-3;
+  SimulatedDevice device(arm, {300.0, 5.0}, hold({0.0126, -0.0004, 0}, 1.0), 1000.0);
+  CHECK((device.read().position - Vec3(0.013, 0, 0)).norm() < 1e-15);
+}
+
+TEST_CASE("the same run gives the same bits", "[simulated]") {
+  const Box box{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
+  SimulatedDevice a({}, {}, explore(box, 2.0), 1000.0);
+  SimulatedDevice b({}, {}, explore(box, 2.0), 1000.0);
+  while (!a.ended()) {
+    REQUIRE(a.read().position == b.read().position);
+    a.write({0.1, 0.2, 0.3});
+    b.write({0.1, 0.2, 0.3});
+  }
+}
+
+TEST_CASE("the simulated hand has no energy of its own: released it comes to rest", "[simulated]") {
+  SimulatedDevice device({}, {0.0, 0.0}, hold(Vec3::Zero(), 10.0), 1000.0);
+  for (int i = 0; i < 50; ++i) device.write({1, -1, 0.5});
+  double speed = device.velocity().norm();
+  device.write(Vec3::Zero());
+  device.write(Vec3::Zero());
+  speed = device.velocity().norm();
+  for (int i = 0; i < 2000; ++i) {
+    device.write(Vec3::Zero());
+    REQUIRE(device.velocity().norm() <= speed);
+    speed = device.velocity().norm();
+  }
+  CHECK(speed == 0.0);
+}
+
+TEST_CASE("parameters out of range are refused", "[simulated]") {
+  ArmParams arm;
+  arm.mass = 0.0;
+  CHECK_THROWS_AS(SimulatedDevice(arm, {}, hold(Vec3::Zero(), 1.0), 1000.0), DeviceError);
+  CHECK_THROWS_AS(SimulatedDevice({}, {-1.0, 0.0}, hold(Vec3::Zero(), 1.0), 1000.0), DeviceError);
+  CHECK_THROWS_AS(SimulatedDevice({}, {}, HandTarget{}, 1000.0), DeviceError);
+}
+
+TEST_CASE("the exploration starts and ends outside and goes deep between", "[simulated]") {
+  const Box box{{-0.05, -0.03, -0.02}, {0.05, 0.03, 0.02}};
+  for (const double seconds : {1.0, 5.0, 20.0}) {
+    const HandTarget target = explore(box, seconds);
+    CHECK(target.seconds == seconds);
+    const auto depth = [&](const Vec3& p) {
+      return (p - box.centre()).cwiseQuotient(0.5 * box.size()).norm();
+    };
+    double deepest = 9.0;
+    for (int i = 0; i <= 1000; ++i) {
+      const Vec3 p = target.at(seconds * i / 1000.0);
+      REQUIRE(p.allFinite());
+      deepest = std::min(deepest, depth(p));
+    }
+    CHECK(depth(target.at(0.0)) > 1.1);
+    CHECK(depth(target.at(seconds)) > 1.1);
+    CHECK(deepest < 0.4);
+  }
+}
+
+TEST_CASE("reading and writing a device allocates and locks nothing", "[simulated][realtime]") {
+  const Box box{Vec3::Constant(-0.05), Vec3::Constant(0.05)};
+  SimulatedDevice simulated({}, {}, explore(box, 2.0), 1000.0);
+  PathDevice follower({{0.0, Vec3::Zero()}, {1.0, Vec3::Ones()}, {2.0, Vec3::Zero()}}, 1000.0);
+  const test::CountScope scope;
+  for (int i = 0; i < 1500; ++i) {
+    (void)simulated.read();
+    simulated.write({0.1, 0, 0});
+    (void)follower.read();
+    follower.write({0.1, 0, 0});
+  }
+  const test::Counts counts = test::CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+}

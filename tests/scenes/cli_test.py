@@ -1,0 +1,342 @@
+#!/usr/bin/env python3
+"""The program as its users meet it: cli_test.py BIN_DIR VOLUMES_PROGRAM [DATA]."""
+import csv
+import io
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+BIN = Path(sys.argv[1])
+VOLUMES = sys.argv[2]
+PALPATE = str(BIN / "palpate")
+
+
+def run(*words, stdin="", status=0):
+    done = subprocess.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
+                          timeout=120)
+    if done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.holder = tempfile.TemporaryDirectory()
+        cls.dir = Path(cls.holder.name)
+        subprocess.run([VOLUMES, str(cls.dir)], check=True)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.holder.cleanup()
+
+    def refused(self, *words, says, stdin="", status=2):
+        """One clear line on stderr, nothing on stdout, no file left."""
+        before = sorted(os.listdir(self.dir))
+        done = run(*words, stdin=stdin, status=status)
+        lines = done.stderr.splitlines()
+        self.assertEqual(len(lines), 1, done.stderr)
+        self.assertTrue(lines[0].startswith("palpate: "), lines[0])
+        self.assertIn(says, lines[0])
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+
+class Program(Case):
+    def test_help_has_an_example_for_every_verb(self):
+        for verb in ("info", "sample", "solve", "check", "feel"):
+            self.assertIn("Example", run(verb, "--help").stdout)
+        self.assertIn("0.", run("--version").stdout)
+
+    def test_usage_errors_are_one_line(self):
+        self.refused(says="usage")
+        self.refused("tickle", says="usage")
+        self.refused("feel", says="see palpate feel --help")
+        self.refused("info", "a", "--nonsense", says="nonsense")
+
+
+class Info(Case):
+    def test_grids_are_described(self):
+        grids = json.loads(run("info", self.dir / "mixed.vdb", "--json").stdout)["grids"]
+        by_name = {g["name"]: g for g in grids}
+        self.assertEqual(by_name["ball"]["class"], "level set")
+        self.assertTrue(by_name["ball"]["can_be_felt"])
+        self.assertAlmostEqual(by_name["ball"]["voxel_size"][0], 0.1)
+        self.assertFalse(by_name["labels"]["can_be_felt"])
+        self.assertIn("feel", run("info", self.dir / "mixed.vdb").stdout)
+
+    def test_bad_files(self):
+        self.refused("info", self.dir / "none.vdb", says="no such file")
+        self.refused("info", self.dir, says="not a file")
+        text = self.dir / "text.vdb"
+        text.write_text("hello")
+        self.refused("info", text, says="not a .vdb file")
+        whole = (self.dir / "ball.vdb").read_bytes()
+        cut = self.dir / "cut.vdb"
+        cut.write_bytes(whole[: len(whole) // 2])
+        for verb in ("info", "check", "feel"):
+            self.refused(verb, cut, says="truncated")
+
+
+class Sample(Case):
+    def test_columns_and_values(self):
+        done = run("sample", self.dir / "linear.vdb", "--grid", "density", "--points", "-",
+                   stdin="x,y,z\n1,2,0.5\n-9,0,0\n")
+        rows = list(csv.DictReader(io.StringIO(done.stdout)))
+        self.assertEqual(list(rows[0]), ["x", "y", "z", "inside", "value", "gx", "gy", "gz"])
+        # value = x + 2 y - z there
+        self.assertEqual([float(rows[0][k]) for k in ("value", "gx", "gy", "gz")], [4.5, 1, 2, -1])
+        self.assertEqual((rows[0]["inside"], rows[1]["inside"]), ("1", "0"))
+
+    def test_derived_columns(self):
+        done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
+                   "--derive", "curl,divergence,jacobian", stdin="x,y,z\n1,1,1\n")
+        row = next(csv.DictReader(io.StringIO(done.stdout)))
+        self.assertEqual(list(row)[:10], ["x", "y", "z", "inside", "vx", "vy", "vz",
+                                          "curl_x", "curl_y", "curl_z"])
+        # v = (-y, x, 3 z)
+        self.assertEqual(float(row["curl_z"]), 2)
+        self.assertEqual(float(row["divergence"]), 3)
+        self.assertEqual((float(row["j_xy"]), float(row["j_yx"])), (-1, 1))
+
+    def test_bad_input(self):
+        file = self.dir / "linear.vdb"
+        self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
+        self.refused("sample", file, "--grid", "densty", "--points", "-", says='"density"',
+                     stdin="x,y,z\n")
+        for text, says in (("", "empty"), ("a,b\n", "header x,y,z"), ("x,y,z\n1,2\n", "line 2"),
+                           ("x,y,z\n1,2,nan\n", "finite")):
+            self.refused("sample", file, "--grid", "density", "--points", "-", says=says,
+                         stdin=text)
+        self.refused("sample", file, "--grid", "density", "--points", "-", "--derive", "curl",
+                     says="scalar", stdin="x,y,z\n")
+        self.refused("sample", file, "--grid", "density", "--points", "-", "--interpolation",
+                     "cubic", says="trilinear", stdin="x,y,z\n")
+
+
+class Solve(Case):
+    PLANE = {"kind": "plane", "position": [0, 0, 0], "direction": [0, 0, 2], "strength": 1.5}
+
+    def solve(self, *lines, status=0):
+        text = "\n".join(line if isinstance(line, str) else json.dumps(line) for line in lines)
+        return [json.loads(line) for line in run("solve", stdin=text + "\n",
+                                                 status=status).stdout.splitlines()]
+
+    def test_one_plane(self):
+        [held, yielded] = self.solve(
+            {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]},
+            {"stiffness": 500, "probe": [0, 0, -0.01], "primitives": [self.PLANE]})
+        self.assertEqual(held["force"], [0, 0, 0.5])
+        self.assertEqual(held["status"], "converged")
+        self.assertEqual(held["solver"], "closed-form")
+        self.assertAlmostEqual(yielded["force"][2], 1.5)
+
+    def test_general(self):
+        other = {"kind": "point", "position": [0, 0, 0], "strength": 0.5}
+        [answer] = self.solve({"stiffness": 500, "probe": [0.004, 0, -0.001], "start": [0, 0, 0],
+                               "primitives": [self.PLANE, other]})
+        self.assertEqual(answer["solver"], "general")
+        self.assertLess(answer["error_bound"], 1e-8)
+        self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
+
+    def test_nothing_to_balance(self):
+        [answer] = self.solve({"stiffness": 1, "probe": [1, 2, 3], "primitives": []})
+        self.assertEqual((answer["proxy"], answer["force"]), ([1, 2, 3], [0, 0, 0]))
+
+    def test_bad_lines_are_answered_and_the_rest_solved(self):
+        good = {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]}
+
+        def but(**change):
+            return {**good, **change}
+
+        def primitive(**change):
+            return but(primitives=[{**self.PLANE, **change}])
+
+        bad = ["{", "[]", "1", but(stiffness=0), but(stiffness=-5), but(stiffness="x"),
+               but(probe=[0, 0]), but(probe=[0, 0, None]), but(stifness=1),
+               primitive(strength=-1), primitive(kind="sphere"), primitive(direction=[0, 0, 0]),
+               primitive(position=None), primitive(strenght=1), but(primitives={}),
+               '{"stiffness": 1e999, "probe": [0,0,0]}', '{"stiffness": NaN, "probe": [0,0,0]}']
+        answers = self.solve(good, *bad, good, status=2)
+        self.assertEqual(len(answers), len(bad) + 2)
+        self.assertEqual(answers[0], answers[-1])
+        for answer in answers[1:-1]:
+            self.assertEqual(answer["status"], "bad-input")
+            self.assertIsNone(answer["proxy"])
+            self.assertIsNone(answer["force"])
+            self.assertIsNone(answer["error_bound"])
+            self.assertTrue(answer["message"])
+
+
+class Check(Case):
+    def test_prints_the_compiled_graph(self):
+        out = run("check", self.dir / "mixed.vdb")
+        self.assertIn("isosurface of ball", out.stdout)
+        self.assertIn("labels", out.stderr)
+        data = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)
+        self.assertEqual(data["sampled"][0]["field"], "ball")
+
+    def test_bad_scenes(self):
+        scene = self.dir / "bad.json"
+        scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "gone.vdb"}}, "modes": '
+                         '[{"mode": "surface", "of": "a", "strength": 1}]}')
+        for verb in ("check", "feel"):
+            self.refused(verb, scene, says="/volumes/a")
+        scene.write_text("{")
+        self.refused("check", scene, says="not valid JSON")
+        self.refused("check", self.dir / "gone.json", says="no such file")
+        self.refused("check", self.dir / "nan.vdb", says="NaN")
+
+    def test_too_stiff_for_the_device(self):
+        scene = self.dir / "stiff.json"
+        scene.write_text('{"palpate": 1, "coupling": {"stiffness": 4000}, "volumes": {"a": {"file":'
+                         ' "ball.vdb"}}, "modes": [{"mode": "isosurface", "of": "a", "value": 0, '
+                         '"solid": "below", "strength": 1}]}')
+        run("check", scene)
+        self.refused("feel", scene, says="/coupling/stiffness")
+
+
+class Feel(Case):
+    HEADER = ("t,probe_x,probe_y,probe_z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,"
+              "error_bound,iterations,substeps,primitives,tick_ns,status,limited")
+
+    def path(self, rows):
+        file = self.dir / "path.csv"
+        file.write_text("t,x,y,z\n" + "".join(",".join(map(str, r)) + "\n" for r in rows))
+        return f"path:{file}"
+
+    def test_a_ball_pressed_by_a_path(self):
+        # A ball of 2 units, scaled so that its band's bounds are 0.1 m.
+        low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
+            "bounds"]
+        radius = 0.1 / (high[0] - low[0]) * 2.0
+        device = self.path([(0, 0, 0, 0.06), (0.2, 0, 0, radius - 0.004), (0.3, 0, 0, radius - 0.004)])
+        trace = self.dir / "trace.csv"
+        done = run("feel", self.dir / "ball.vdb", "--device", device, "--trace", trace,
+                   "--summary", "-")
+        summary = json.loads(done.stdout)
+        text = trace.read_text()
+        self.assertEqual(text.splitlines()[0], self.HEADER)
+        rows = list(csv.DictReader(io.StringIO(text)))
+        self.assertEqual(len(rows), 301)
+        self.assertEqual(summary["ticks"], 301)
+        first = rows[0]
+        self.assertEqual([first["proxy_x"], first["proxy_y"], first["proxy_z"]],
+                         [first["probe_x"], first["probe_y"], first["probe_z"]])
+        last = rows[-1]
+        force = [float(last[f"force_{a}"]) for a in "xyz"]
+        self.assertAlmostEqual(force[2], 500 * 0.004, delta=0.03)
+        self.assertLess(math.hypot(force[0], force[1]), 0.01)
+        self.assertEqual((last["status"], last["limited"]), ("converged", "0"))
+        self.assertEqual(summary["status"]["converged"], 301)
+        self.assertIn("p99.9", summary["tick_ns"])
+        self.assertLessEqual(summary["force_max"], 3.0 + 1e-9)
+        self.assertTrue(summary["machine"]["processor"])
+        os.remove(trace)
+
+    def test_same_run_same_forces(self):
+        runs = [run("feel", self.dir / "mixed.vdb", "--seconds", 3, "--trace", "-").stdout
+                for _ in range(2)]
+        drop = [[r[:14] + r[15:] for r in csv.reader(io.StringIO(text))] for text in runs]
+        self.assertEqual(drop[0], drop[1])
+        self.assertEqual(len(drop[0]), 3001)
+
+    def test_a_folder(self):
+        folder = self.dir / "some"
+        folder.mkdir()
+        (folder / "ball.vdb").write_bytes((self.dir / "ball.vdb").read_bytes())
+        out = run("feel", folder, "--seconds", 2).stdout
+        self.assertIn("felt", out)
+
+    def test_refusals_leave_nothing(self):
+        ball = self.dir / "ball.vdb"
+        self.refused("feel", ball, "--device", "hid", says="hid")
+        self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
+        self.refused("feel", ball, "--device", "path:-", says="empty")
+        self.refused("feel", ball, "--rate", 0, says="--rate")
+        self.refused("feel", ball, "--rate", "nan", says="--rate")
+        self.refused("feel", ball, "--seconds", -1, says="--seconds")
+        self.refused("feel", ball, "--trace", "/no/such/place/t.csv", says="cannot be written")
+        self.refused("feel", ball, "--picture", "/no/such/place/p.png", says="cannot be written")
+
+    def test_interrupted_it_keeps_what_was_felt(self):
+        summary = self.dir / "interrupted.json"
+        child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
+                                  "100000", "--summary", str(summary)],
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        time.sleep(1.0)
+        child.send_signal(signal.SIGINT)
+        child.communicate(timeout=60)
+        self.assertEqual(child.returncode, 130)
+        self.assertGreater(json.loads(summary.read_text())["ticks"], 0)
+        self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
+        os.remove(summary)
+
+    def test_picture(self):
+        picture = self.dir / "felt.png"
+        run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
+        self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        os.remove(picture)
+
+
+class Import(Case):
+    def setUp(self):
+        if not (BIN / "palpate-import").exists():
+            self.skipTest("built without VTK")
+
+    def nifti(self, name, size=(6, 5, 4), cut=None):
+        """A NIfTI-1 file of floats: value = i + 10 j + 100 k, voxels of 2 mm, at (-1, -2, -3)."""
+        import struct
+        header = bytearray(352)
+        struct.pack_into("<i", header, 0, 348)
+        struct.pack_into("<8h", header, 40, 3, *size, 1, 1, 1, 1)
+        struct.pack_into("<hh", header, 70, 16, 32)
+        struct.pack_into("<8f", header, 76, 1, 2, 2, 2, 1, 1, 1, 1)
+        struct.pack_into("<3f", header, 108, 352, 1, 0)
+        struct.pack_into("<hh", header, 252, 0, 1)
+        struct.pack_into("<12f", header, 280, 2, 0, 0, -1, 0, 2, 0, -2, 0, 0, 2, -3)
+        header[344:348] = b"n+1\0"
+        values = [i + 10 * j + 100 * k for k in range(size[2]) for j in range(size[1])
+                  for i in range(size[0])]
+        data = bytes(header) + struct.pack(f"<{len(values)}f", *values)
+        file = self.dir / name
+        file.write_bytes(data[:cut] if cut else data)
+        return file
+
+    def test_values_and_places_survive(self):
+        out = self.dir / "image.vdb"
+        run("import", self.nifti("image.nii"), out)
+        grid = json.loads(run("info", out, "--json").stdout)["grids"][0]
+        self.assertEqual(grid["name"], "density")
+        self.assertEqual(grid["voxel_size"], [2, 2, 2])
+        done = run("sample", out, "--points", "-", stdin="x,y,z\n3,2,1\n9,6,3\n")
+        rows = list(csv.DictReader(io.StringIO(done.stdout)))
+        self.assertEqual(float(rows[0]["value"]), 2 + 20 + 200)
+        self.assertEqual([float(rows[0][k]) for k in ("gx", "gy", "gz")], [0.5, 5, 50])
+        self.assertEqual(float(rows[1]["value"]), 5 + 40 + 300)
+        os.remove(out)
+
+    def test_bad_images(self):
+        out = self.dir / "never.vdb"
+        cut = self.nifti("cut.nii", cut=500)
+        self.refused("import", cut, out, says="VTK cannot read it")
+        text = self.dir / "text.nii"
+        text.write_text("hello")
+        self.refused("import", text, out, says="not a NIfTI")
+        self.refused("import", self.dir / "gone.nii", out, says="no such file")
+        good = self.nifti("good.nii")
+        self.refused("import", good, self.dir / "never.txt", says=".vdb")
+        self.refused("import", good, "/no/such/place/a.vdb", says="cannot be written")
+        self.refused("import", good, out, "--smooth", -1, says="--smooth")
+        self.refused("import", says="usage")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=1)

@@ -1,0 +1,46 @@
+/// The demo's scene: one whole tick on a real head, counted. Run by head.sh, which imports it.
+#include <cstdio>
+#include <cstdlib>
+
+#include <catch2/catch.hpp>
+
+#include "devices/simulated_device.h"
+#include "engine/step.h"
+#include "scenes/scene_file.h"
+#include "tests/support/counters.h"
+
+using namespace palpate;
+
+TEST_CASE("a tick on the head scene allocates, locks and throws nothing, and is certified",
+          "[head][realtime]") {
+  const char* file = std::getenv("PALPATE_HEAD");
+  REQUIRE(file != nullptr);
+  const BuiltScene built = buildScene(openScene(file));
+  SimulatedDevice device({}, {}, explore(built.bounds, 20.0), 1000.0);
+  Reader reader;
+  ProxyState state(device.info().limits);
+  long two = 0;
+  long converged = 0;
+  long ticks = 0;
+  double most = 0.0;
+  bool within = true;
+  const test::CountScope scope;
+  while (!device.ended()) {
+    const StepReport r = hapticStep(*built.scene, reader, device.read(), state, 1e-3);
+    device.write(r.force);
+    ++ticks;
+    two += static_cast<long>(r.primitives >= 2);
+    converged += static_cast<long>(r.status == StepStatus::kConverged);
+    most = std::max(most, r.force.norm());
+    within = within && r.force.allFinite() && r.force.norm() <= device.info().limits.peak;
+  }
+  const test::Counts counts = test::CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+  CHECK(within);
+  CHECK(converged == ticks);
+  CHECK(two > 1000);  // skin or brain, and tissue
+  CHECK(most > 2.0);  // the brain was pressed, after the skin gave way at 1.5 N
+  CHECK(state.memory(0).contact == ModeMemory::Contact::kOutside);
+}
