@@ -394,6 +394,8 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     }
     if (primitive.kind == PrimitiveKind::kForce) continue;
     Term& term = storage[count++];
+    term.z.setZero();
+    term.on = false;
     term.kind = primitive.kind;
     term.sigma = share;
     term.a = primitive.position - probe;
@@ -423,8 +425,6 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   for (Term& term : problem.terms) {
     term.a = (term.a - problem.w) / problem.length;
     term.sigma /= sum;
-    term.z.setZero();
-    term.on = false;
   }
   if (count == 1) {
     result.offset = problem.offset(balanceOne(problem.spring, problem.terms.front()));

@@ -6,12 +6,11 @@
 
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
-#include <openvdb/tools/LevelSetSphere.h>
 
 #include "engine/step.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/random.h"
-#include "tests/support/vdb_files.h"
+#include "tests/support/vdb_grids.h"
 
 using namespace palpate;
 using namespace palpate::test;
@@ -96,8 +95,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
 TEST_CASE("a level-set sphere pressed along 1,000 directions answers k times depth, radially",
           "[press][fig6]") {
   openvdb::initialize();
-  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
-      3.0F, openvdb::Vec3f(0, 0, 0), 0.05F, 3.0F);
+  const auto sphere = makeBall(3.0, 0.05);
   const TemporaryFolder folder;
   writeVdb(folder / "ball.vdb", {sphere});
   const Pressed pressed = press(loadVolume(folder / "ball.vdb", ""), 3.0, 5.0, 1.0);

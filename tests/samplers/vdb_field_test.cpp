@@ -6,12 +6,11 @@
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Interpolation.h>
-#include <openvdb/tools/LevelSetSphere.h>
 
 #include "samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
-#include "tests/support/vdb_files.h"
+#include "tests/support/vdb_grids.h"
 
 using namespace palpate;
 using namespace palpate::test;
@@ -207,9 +206,7 @@ TEST_CASE("float, half and double grids, scalar and vector, are read", "[sampler
 
 TEST_CASE("inside is honest: a level set's band, a fog's edge", "[samplers]") {
   openvdb::initialize();
-  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
-      2.0F, openvdb::Vec3f(0, 0, 0), 0.1F, 3.0F);
-  sphere->setName("ball");
+  const auto sphere = makeBall(2.0, 0.1);
   Probe ball(fieldOf(sphere));
   CHECK(ball.scalar({2.0, 0, 0}).inside);
   CHECK_FALSE(ball.scalar({1.0, 0, 0}).inside);

@@ -6,12 +6,11 @@
 
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
-#include <openvdb/points/PointConversion.h>
-#include <openvdb/tools/LevelSetSphere.h>
+#include <openvdb/points/PointDataGrid.h>
 
 #include "engine/error.h"
 #include "tests/support/random.h"
-#include "tests/support/vdb_files.h"
+#include "tests/support/vdb_grids.h"
 
 using namespace palpate;
 using namespace palpate::test;
@@ -41,9 +40,7 @@ std::string refusal(const std::filesystem::path& file, const std::string& grid =
 TEST_CASE("a file is described grid by grid", "[volume]") {
   const TemporaryFolder folder;
   openvdb::initialize();
-  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
-      2.0F, openvdb::Vec3f(1, 0, 0), 0.1F, 3.0F);
-  sphere->setName("ball");
+  const auto sphere = makeBall(2.0, 0.1);
   auto velocity = makeGrid<openvdb::Vec3SGrid>(
       8, Transform::createLinearTransform(1.0),
       [](const Vec3d&) { return openvdb::Vec3s(3, 4, 0); }, "velocity");
@@ -53,7 +50,7 @@ TEST_CASE("a file is described grid by grid", "[volume]") {
   CHECK(infos[0].name == "ball");
   CHECK(infos[0].grid_class == GridClass::kLevelSet);
   CHECK(infos[0].active_voxels == sphere->activeVoxelCount());
-  CHECK(infos[0].bounds.lower.x() == Approx(-1.3).margin(0.11));
+  CHECK(infos[0].bounds.lower.x() == Approx(-2.3).margin(0.11));
   CHECK(infos[0].highest == Approx(0.3).margin(0.1));
   CHECK(infos[0].background == Approx(0.3));
   CHECK(infos[1].vector);
@@ -137,10 +134,8 @@ TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
   writeVdb(folder / "labels.vdb", {labels});
   CHECK_THAT(refusal(folder / "labels.vdb"), Contains("type int32"));
 
-  const std::vector<openvdb::Vec3s> positions{{0, 0, 0}, {1, 1, 1}};
-  auto points = openvdb::points::createPointDataGrid<openvdb::points::NullCodec,
-                                                     openvdb::points::PointDataGrid>(
-      positions, *Transform::createLinearTransform(1.0));
+  auto points = openvdb::points::PointDataGrid::create();
+  points->tree().touchLeaf(openvdb::Coord(0, 0, 0));
   writeVdb(folder / "points.vdb", {points});
   CHECK_THAT(refusal(folder / "points.vdb"), Contains("points: rasterise them"));
 

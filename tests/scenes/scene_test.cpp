@@ -2,8 +2,6 @@
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
-#include <openvdb/openvdb.h>
-#include <openvdb/tools/LevelSetSphere.h>
 #include <valijson/adapters/nlohmann_json_adapter.hpp>
 #include <valijson/schema.hpp>
 #include <valijson/schema_parser.hpp>
@@ -19,21 +17,20 @@ using namespace palpate;
 using namespace palpate::test;
 using Catch::Contains;
 using Json = nlohmann::json;
-using openvdb::math::Transform;
 
 namespace {
 
-/// A scene with all that this version has, over a.vdb.
+/// A scene with all that this version has, over linear.vdb.
 Json fullScene() {
   return Json::parse(R"({
     "$schema": "scene.schema.json", "description": "all of it", "palpate": 1,
     "coupling": {"stiffness": 400, "damping": 0.5},
     "accuracy": {"max_substeps": 16},
     "volumes": {
-      "head": {"file": "a.vdb", "grid": "density", "place": {"fit": 0.1}, "interpolation": "trilinear"},
-      "flow": {"file": "a.vdb", "grid": "velocity", "place": {"like": "head"}},
-      "true": {"file": "a.vdb", "grid": "density", "place": {"unit": "mm"}},
-      "turned": {"file": "a.vdb", "grid": "density",
+      "head": {"file": "linear.vdb", "grid": "density", "place": {"fit": 0.1}, "interpolation": "trilinear"},
+      "flow": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "head"}},
+      "true": {"file": "linear.vdb", "grid": "density", "place": {"unit": "mm"}},
+      "turned": {"file": "linear.vdb", "grid": "density",
                  "place": {"scale": 0.01, "rotation_wxyz": [0.7071, 0, 0, 0.7071], "translate": [0, 0, 0.1]}}
     },
     "fields": {
@@ -48,16 +45,6 @@ Json fullScene() {
       {"mode": "force", "of": "spin", "strength": 0.2, "sense": "repel"},
       {"mode": "force", "of": "slope", "strength": {"window": {"level": 0, "width": 1, "max": 1}}, "by": "source"}
     ]})");
-}
-
-void writeFull(const std::filesystem::path& folder) {
-  writeVdb(folder / "a.vdb",
-           {makeGrid<openvdb::FloatGrid>(
-                12, Transform::createLinearTransform(0.5),
-                [](const openvdb::Vec3d& p) { return static_cast<float>(p.x()); }, "density"),
-            makeGrid<openvdb::Vec3SGrid>(
-                12, Transform::createLinearTransform(0.5),
-                [](const openvdb::Vec3d& p) { return openvdb::Vec3s(1, p.x(), 0); }, "velocity")});
 }
 
 bool schemaAccepts(const Json& json) {
@@ -82,7 +69,7 @@ std::string parseError(const std::string& text) {
 
 TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   const TemporaryFolder folder;
-  writeFull(folder.path());
+  writeTestVolumes(folder.path());
   const SceneSpec spec = parseScene(fullScene().dump(), "s.json", folder.path());
   CHECK(spec.coupling.stiffness == 400);
   CHECK(spec.step.max_substeps == 16);
@@ -92,9 +79,9 @@ TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   CHECK(built.scene->graph.modes.size() == 6);
   CHECK(built.scene->graph.unused == std::vector<std::string>{"true", "turned"});
 
-  // fit: 5.5 units become 0.1 m, centred.
-  CHECK(built.placements.at("head").scale == Approx(0.1 / 5.5));
-  CHECK(built.placements.at("head")(Vec3::Constant(2.75)).norm() < 1e-15);
+  // fit: 4 units become 0.1 m, centred.
+  CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
+  CHECK(built.placements.at("head")(Vec3::Constant(2.0)).norm() < 1e-15);
   CHECK(built.placements.at("flow")({1, 2, 3}) == built.placements.at("head")({1, 2, 3}));
   CHECK(built.placements.at("true").scale == 1e-3);
   CHECK((built.placements.at("turned")({1, 0, 0}) - Vec3(0, 0.01, 0.1)).norm() < 1e-6);
@@ -176,7 +163,7 @@ TEST_CASE("bad JSON is one line, and no key may stand twice", "[scene]") {
 
 TEST_CASE("what only loading can see is named by file and path too", "[scene]") {
   const TemporaryFolder folder;
-  writeFull(folder.path());
+  writeTestVolumes(folder.path());
   const auto error = [&](const char* pointer, const Json& value) {
     Json scene = fullScene();
     scene[Json::json_pointer(pointer)] = value;
@@ -211,37 +198,29 @@ TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene
 
 TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   const TemporaryFolder folder;
-  openvdb::initialize();
-  auto sphere = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
-      2.0F, openvdb::Vec3f(0, 0, 0), 0.1F, 3.0F);
-  sphere->setName("ball");
-  auto labels = openvdb::Int32Grid::create();
-  labels->setName("labels");
-  labels->tree().setValue(openvdb::Coord(0, 0, 0), 1);
-  writeFull(folder.path());
-  writeVdb(folder / "b.vdb", {sphere, labels});
-
-  SceneSpec spec = openScene(folder / "b.vdb");
+  writeTestVolumes(folder.path());
+  SceneSpec spec = openScene(folder / "mixed.vdb");
   REQUIRE(spec.graph.modes.size() == 1);
   CHECK(spec.graph.modes[0].kind == ModeKind::kIsosurface);
   CHECK(spec.graph.modes[0].solid == Solid::kBelow);
   REQUIRE(spec.notes.size() == 1);
   CHECK_THAT(spec.notes[0], Contains("grid \"labels\"") && Contains("int32"));
 
-  spec = openScene(folder / "a.vdb");
+  spec = openScene(folder / "linear.vdb");
   REQUIRE(spec.graph.modes.size() == 3);
   CHECK(spec.graph.modes[0].kind == ModeKind::kSurface);
   CHECK(spec.graph.modes[1].kind == ModeKind::kViscosity);
   CHECK(spec.graph.modes[2].kind == ModeKind::kFollow);
 
+  // A folder: every grid that can be felt, in the order of the files, placed like the first.
   spec = openScene(folder.path());
-  CHECK(spec.volumes.size() == 3);
-  CHECK(spec.volumes.count("a.density") == 1);
+  CHECK(spec.volumes.size() == 4);
+  CHECK(spec.volumes.count("linear.density") == 1);
+  CHECK(spec.notes.size() == 3);
   const BuiltScene built = buildScene(spec);
-  CHECK(built.placements.at("b.ball").scale == built.placements.at("a.density").scale);
+  CHECK(built.placements.at("ball.ball").scale == built.placements.at("linear.density").scale);
 
-  writeVdb(folder / "c.vdb", {labels});
-  CHECK_THROWS_WITH(openScene(folder / "c.vdb"), Contains("none of its grids can be felt"));
+  CHECK_THROWS_WITH(openScene(folder / "labels.vdb"), Contains("none of its grids can be felt"));
   CHECK_THROWS_WITH(openScene(folder / "none.vdb"), Contains("no such file"));
 }
 

@@ -17,15 +17,6 @@ namespace {
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
 
-void* counted(std::size_t size, std::size_t alignment) {
-  if (counting) ++total.allocations;
-  void* p = alignment == 0
-                ? std::malloc(size == 0 ? 1 : size)
-                : std::aligned_alloc(alignment, (size + alignment - 1) / alignment * alignment);
-  if (p == nullptr) throw std::bad_alloc();
-  return p;
-}
-
 /// The function of that name in the next library.
 template <class F>
 F next(const char* name) {
@@ -34,50 +25,32 @@ F next(const char* name) {
 
 }  // namespace
 
-void* operator new(std::size_t size) {
-  return counted(size, 0);
+#if PALPATE_SANITIZED
+// A sanitizer owns the allocator; it calls back at every allocation, operator new's included.
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
+                                                                           std::size_t),
+                                                         void (*freed)(const volatile void*));
+
+namespace {
+
+void onAllocated(const volatile void* /*p*/, std::size_t /*size*/) {
+  if (counting) ++total.allocations;
 }
-void* operator new[](std::size_t size) {
-  return counted(size, 0);
-}
-void* operator new(std::size_t size, std::align_val_t a) {
-  return counted(size, static_cast<std::size_t>(a));
-}
-void* operator new[](std::size_t size, std::align_val_t a) {
-  return counted(size, static_cast<std::size_t>(a));
-}
-void operator delete(void* p) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
-void operator delete[](void* p, std::size_t, std::align_val_t) noexcept {
-  std::free(p);
-}
+void onFreed(const volatile void* /*p*/) {}
+const int kHooked = __sanitizer_install_malloc_and_free_hooks(onAllocated, onFreed);
+
+}  // namespace
+#endif
 
 extern "C" {
 
 #if !PALPATE_SANITIZED
-// glibc's own allocator under another name, so that malloc itself can be counted.
+// glibc's own allocator under another name, so that malloc itself, and with it operator new, can be
+// counted.
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
 void* __libc_realloc(void*, std::size_t);
+void* __libc_memalign(std::size_t, std::size_t);
 
 void* malloc(std::size_t size) {
   if (counting) ++total.allocations;
@@ -90,6 +63,11 @@ void* calloc(std::size_t n, std::size_t size) {
 void* realloc(void* p, std::size_t size) {
   if (counting) ++total.allocations;
   return __libc_realloc(p, size);
+}
+
+void* aligned_alloc(std::size_t alignment, std::size_t size) {
+  if (counting) ++total.allocations;
+  return __libc_memalign(alignment, size);
 }
 
 int pthread_mutex_lock(pthread_mutex_t* mutex) {

@@ -5,8 +5,8 @@ namespace palpate::test {
 
 /// What happened since it was made.
 struct Counts {
-  long allocations = 0;  ///< operator new, and malloc and its kin where no sanitizer owns them.
-  long locks = 0;        ///< pthread mutexes and read-write locks taken.
+  long allocations = 0;  ///< malloc and its kin, and so operator new.
+  long locks = 0;        ///< pthread mutexes and read-write locks taken (not under a sanitizer).
   long exceptions = 0;   ///< throw expressions.
 };
 

@@ -1,29 +1,16 @@
-/// Small .vdb files for tests, made with OpenVDB's own tools.
+/// Small .vdb files for tests.
 #pragma once
 
-#include <cstdlib>
 #include <filesystem>
-#include <functional>
 #include <string>
-#include <unistd.h>
-
-#include <openvdb/openvdb.h>
-
-#include "engine/types.h"
 
 namespace palpate::test {
 
 /// A folder that is gone when the test is over.
 class TemporaryFolder {
  public:
-  TemporaryFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "palpate-XXXXXX").string();
-    path_ = mkdtemp(pattern.data());
-  }
-  ~TemporaryFolder() {
-    std::error_code error;
-    std::filesystem::remove_all(path_, error);
-  }
+  TemporaryFolder();
+  ~TemporaryFolder();
   TemporaryFolder(const TemporaryFolder&) = delete;
   TemporaryFolder& operator=(const TemporaryFolder&) = delete;
   [[nodiscard]] std::filesystem::path operator/(const std::string& name) const {
@@ -35,33 +22,11 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
-/// Writes grids to a file, unless a grid of openvdb::io is given otherwise uncompressed.
-inline void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grids) {
-  openvdb::io::File out(file.string());
-  out.write(grids);
-  out.close();
-}
-
-/// A dense block of voxels [0, n)^3 given by a function of their file-space position.
-template <class GridT>
-typename GridT::Ptr makeGrid(
-    int n, const openvdb::math::Transform::Ptr& transform,
-    const std::function<typename GridT::ValueType(const openvdb::Vec3d&)>& value,
-    const std::string& name = "density") {
-  openvdb::initialize();
-  auto grid = GridT::create();
-  grid->setTransform(transform);
-  grid->setName(name);
-  auto accessor = grid->getAccessor();
-  for (int i = 0; i < n; ++i) {
-    for (int j = 0; j < n; ++j) {
-      for (int k = 0; k < n; ++k) {
-        const openvdb::Coord c(i, j, k);
-        accessor.setValue(c, value(transform->indexToWorld(c)));
-      }
-    }
-  }
-  return grid;
-}
+/// Writes into a folder
+/// - ball.vdb: "ball", level set of a sphere of 2 units, voxels of 0.1, half-width 3;
+/// - labels.vdb: "labels", integers, cannot be felt; mixed.vdb: both of these;
+/// - linear.vdb: "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0;
+/// - nan.vdb: "density" with one NaN.
+void writeTestVolumes(const std::filesystem::path& folder);
 
 }  // namespace palpate::test

@@ -1,0 +1,39 @@
+/// OpenVDB grids for the samplers' tests: what vdb_files.h has no file for.
+#pragma once
+
+#include <functional>
+
+#include <openvdb/openvdb.h>
+
+#include "tests/support/vdb_files.h"
+
+namespace palpate::test {
+
+/// Writes grids to a file.
+void writeVdb(const std::filesystem::path& file, const openvdb::GridPtrVec& grids);
+
+/// The level set of a sphere about the origin, half-width 3 voxels, named "ball".
+openvdb::FloatGrid::Ptr makeBall(double radius, double voxel);
+
+/// A dense block of voxels [0, n)^3 given by a function of their file-space position.
+template <class GridT>
+typename GridT::Ptr makeGrid(
+    int n, const openvdb::math::Transform::Ptr& transform,
+    const std::function<typename GridT::ValueType(const openvdb::Vec3d&)>& value,
+    const std::string& name = "density") {
+  openvdb::initialize();
+  auto grid = GridT::create();
+  grid->setTransform(transform);
+  grid->setName(name);
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j < n; ++j) {
+      for (int k = 0; k < n; ++k) {
+        const openvdb::Coord c(i, j, k);
+        grid->tree().setValue(c, value(transform->indexToWorld(c)));
+      }
+    }
+  }
+  return grid;
+}
+
+}  // namespace palpate::test
