@@ -195,11 +195,11 @@ Vec3 sweep(Problem& problem, int rounds) noexcept {
 /// kinks of those that it is on as constraints (augmented Lagrangian). A belief that the step
 /// belies is changed: a multiplier outside its ball, a kink that was crossed. Returns the linear
 /// solves.
-int finish(Problem& problem, Vec3& y) noexcept {
+int finish(Problem& problem, int budget, Vec3& y) noexcept {
   constexpr double kGamma = 1e-7;
   constexpr int kMostSolves = 6;
   int solves = 0;
-  while (solves < kMostSolves) {
+  while (solves < std::min(kMostSolves, budget)) {
     Mat3 H = Mat3::Identity();
     Vec3 g = y - problem.spring;
     for (const Term& term : problem.terms) {
@@ -251,23 +251,23 @@ void solveGeneral(Problem& problem, const SolverParams& params, SolveResult& res
   constexpr double kGammaFactor = 0.1;
   constexpr double kLastGamma = 1e-11;
 
+  problem.moveOrigin(sweep(problem, kRounds));
+  Vec3 y = Vec3::Zero();
   Vec3 best = problem.spring;
   double best_bound = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
-  const auto proved = [&](const Vec3& y) {
-    const double bound = certify(problem, y);
+  const auto proved = [&](const Vec3& guess) {
+    const double bound = certify(problem, guess);
     if (bound < best_bound) {
       best_bound = bound;
-      best = y;
+      best = guess;
     }
     return best_bound <= params.tolerance;
   };
 
   int left = params.max_iterations;
-  problem.moveOrigin(sweep(problem, kRounds));
-  Vec3 y = Vec3::Zero();
   bool done = proved(y);
   if (!done) {
-    left -= finish(problem, y);
+    left -= finish(problem, left, y);
     done = proved(y);
   }
   // Cold again: a start on the edge of the unit balls can jam the Newton below.
@@ -388,9 +388,11 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   for (const Primitive& primitive : primitives) {
     if (primitive.strength <= 0.0) continue;
     const bool plane = primitive.kind == PrimitiveKind::kPlane;
+    // Nearly unit (valid() saw to that) to unit: one Newton step, exact to 1e-12.
+    const Vec3 q = (1.5 - 0.5 * primitive.direction.squaredNorm()) * primitive.direction;
     const double share = plane ? 0.5 * primitive.strength : primitive.strength;
     if (plane || primitive.kind == PrimitiveKind::kForce) {
-      problem.w += (share / stiffness) * primitive.direction;
+      problem.w += (share / stiffness) * q;
     }
     if (primitive.kind == PrimitiveKind::kForce) continue;
     Term& term = storage[count++];
@@ -399,7 +401,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     term.kind = primitive.kind;
     term.sigma = share;
     term.a = primitive.position - probe;
-    term.q = primitive.direction;
+    term.q = q;
     sum += share;
     reach = std::max(reach, term.a.lpNorm<Eigen::Infinity>());
   }

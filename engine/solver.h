@@ -61,7 +61,7 @@ struct SolveResult {
 /// @param primitives  Balanced together; at most kMaxPrimitives.
 /// @param start       Returned as the proxy when the input is bad, normally the last proxy [m].
 ///
-/// RT: no allocation, no lock, no system call; up to 150 KB of stack, touched only as far as there
+/// RT: no allocation, no lock, no system call; about 100 KB of stack, touched only as far as there
 /// are primitives. Cost: O(primitives) per iteration. Deterministic.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,

@@ -62,7 +62,7 @@ class ProxyState {
 
  private:
   friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&,
-                               double) noexcept;
+                               double) noexcept PALPATE_NONBLOCKING;
   friend class Tick;
 
   ForceLimits limits_;

@@ -228,13 +228,10 @@ class VdbFile {
     if (!std::filesystem::is_regular_file(status)) {
       throw VolumeError(path.string(), "it is not a file", "give a .vdb file");
     }
-    std::ifstream stream(path, std::ios::binary);
-    std::uint32_t magic = 0;
-    stream.read(reinterpret_cast<char*>(&magic), sizeof magic);
-    if (!stream.is_open()) {
+    if (!std::ifstream(path, std::ios::binary).is_open()) {
       throw VolumeError(path.string(), "it cannot be read", "check its permissions");
     }
-    if (!stream || magic != openvdb::OPENVDB_MAGIC) {
+    if (!isVdb(path)) {
       throw VolumeError(path.string(), "it is not a .vdb file",
                         "convert it, e.g. with palpate import");
     }
@@ -285,6 +282,13 @@ Volume::Volume(GridInfo info, std::unique_ptr<const Grid> grid)
     : info_(std::move(info)), grid_(std::move(grid)) {}
 
 Volume::~Volume() = default;
+
+bool isVdb(const std::filesystem::path& file) noexcept {
+  std::ifstream stream(file, std::ios::binary);
+  std::uint32_t magic = 0;
+  stream.read(reinterpret_cast<char*>(&magic), sizeof magic);
+  return stream && magic == openvdb::OPENVDB_MAGIC;
+}
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {
   return VdbFile(file).names();

@@ -53,6 +53,9 @@ class Volume {
   std::unique_ptr<const Grid> grid_;
 };
 
+/// True for a readable file that begins as a .vdb does.
+[[nodiscard]] bool isVdb(const std::filesystem::path& file) noexcept;
+
 /// The names of a file's grids, in the file's order. Throws as describeGrids.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 

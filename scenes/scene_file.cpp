@@ -469,9 +469,8 @@ SceneSpec openScene(const std::filesystem::path& path) {
   if (!std::filesystem::exists(path, error)) {
     throw SceneError(path.string(), "no such file", "check the path");
   }
-  if (std::filesystem::is_directory(path, error) || path.extension() == ".vdb") {
-    return sceneFromVdb(path);
-  }
+  const bool folder = std::filesystem::is_directory(path, error);
+  if (folder || path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path);
   return readSceneFile(path);
 }
 

@@ -133,7 +133,21 @@ class Progress {
   bool drawn_ = false;
 };
 
+/// No two outputs may go to one place.
+void checkOutputs(const Options& options) {
+  std::vector<std::string> places{options.trace, options.summary, options.picture};
+  if (options.json) places.emplace_back("-");
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (places[i].empty() || places[i] != places[j]) continue;
+      throw Error("feel", "two outputs would go to \"" + places[i] + "\"",
+                  "give each its own place");
+    }
+  }
+}
+
 int feel(const Options& options) {
+  checkOutputs(options);
   if (!(options.rate >= 10.0 && options.rate <= 100000.0)) {
     throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", options.rate), "use 1000");
   }
@@ -209,7 +223,9 @@ int feel(const Options& options) {
                device->info().name, summary["ticks"].get<std::int64_t>(), felt.words());
   }
   if (interrupted != 0) return kInterrupted;
-  return state.faulted() ? kEndedEarly : kDone;
+  if (!state.faulted()) return kDone;
+  complain("feel: the force was cut: a position or sample was not finite: mend the path or volume");
+  return kEndedEarly;
 }
 
 }  // namespace

@@ -62,6 +62,19 @@ class Program(Case):
         self.refused("info", "a", "--nonsense", says="nonsense")
 
 
+class Documents(unittest.TestCase):
+    ROOT = Path(__file__).resolve().parents[2]
+
+    def test_the_readme_shows_the_smallest_program_as_it_is(self):
+        program = (self.ROOT / "scenes" / "first_tick.cpp").read_text().strip()
+        self.assertIn(program, (self.ROOT / "README.md").read_text())
+
+    def test_every_verb_is_documented(self):
+        text = (self.ROOT / "docs" / "interfaces.md").read_text()
+        for verb in ("info", "import", "sample", "solve", "check", "feel"):
+            self.assertIn(f"\n## {verb} ", text)
+
+
 class Info(Case):
     def test_grids_are_described(self):
         grids = json.loads(run("info", self.dir / "mixed.vdb", "--json").stdout)["grids"]
@@ -261,6 +274,9 @@ class Feel(Case):
         self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
         self.refused("feel", ball, "--device", "path:-", says="empty")
         self.refused("feel", ball, "--rate", 0, says="--rate")
+        same = self.dir / "same"
+        self.refused("feel", ball, "--trace", same, "--summary", same, says="two outputs")
+        self.refused("feel", ball, "--trace", "-", "--json", says="two outputs")
         self.refused("feel", ball, "--rate", "nan", says="--rate")
         self.refused("feel", ball, "--seconds", -1, says="--seconds")
         self.refused("feel", ball, "--trace", "/no/such/place/t.csv", says="cannot be written")
