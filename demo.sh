@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")"
 
 .ci/install build demo
-cmake --preset release -DPALPATE_TESTS=OFF -DPALPATE_BENCH=OFF >build.log 2>&1 ||
+cmake --preset release >build.log 2>&1 ||
     { cat build.log; exit 1; }
 cmake --build --preset release --target palpate palpate-import >>build.log 2>&1 ||
     { tail -40 build.log; exit 1; }

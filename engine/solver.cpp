@@ -291,20 +291,23 @@ void solveGeneral(Problem& problem, const SolverParams& params, SolveResult& res
 }
 
 /// The balance of one primitive and a spring that ends at `spring`: the soft threshold, exact. Sets
-/// the multiplier.
+/// the multiplier. Off the kink y - a keeps the direction of d to the last digit, however small.
 Vec3 balanceOne(const Vec3& spring, Term& term) noexcept {
   const Vec3 d = project(term, spring - term.a);
+  const Vec3 foot = term.kind == PrimitiveKind::kPoint ? term.a : Vec3(spring - d);
+  const double r = d.norm();
   setMultiplier(d / term.sigma, term);
-  return term.on ? Vec3(spring - d) : Vec3(spring - term.sigma * term.z);
+  return r > term.sigma ? Vec3(foot + ((r - term.sigma) / r) * d) : foot;
 }
 
-/// The balance of a plane and one other primitive: a scalar equation. The plane's force f shifts
-/// the spring's end for the other, whose balance is known; the plane's own condition, y in front of
-/// it where f = 0, on it, or behind it where f is full, is monotone in f. Illinois' secant,
-/// bracketed. Returns the balances evaluated.
+/// The balance of a plane and one other primitive: a scalar equation. The plane's force shifts the
+/// spring's end for the other, whose balance is known; the plane's own condition (y before it: no
+/// force; on it; behind it: all force) is monotone in that force. Bracketed, by Chandrupatla's mix
+/// of inverse quadratic interpolation and bisection. Returns the balances evaluated.
 int balancePair(Term& plane, Term& other, const Vec3& spring, Vec3& y) noexcept {
   constexpr int kMost = 60;
-  double zeta = 1.0;  // the plane's multiplier along its normal
+  constexpr double kOnPlane = 4.0 * kEpsilon;
+  double zeta = 1.0;  // the plane's multiplier along its normal, -1 to 1
   int evaluations = 0;
   const auto height = [&](double z) {
     ++evaluations;
@@ -312,32 +315,50 @@ int balancePair(Term& plane, Term& other, const Vec3& spring, Vec3& y) noexcept 
     y = balanceOne(spring - plane.sigma * z * plane.q, other);
     return plane.q.dot(y - plane.a);
   };
-  double low = -1.0;
-  double high = 1.0;
-  double at_high = height(high);
-  double at_low = at_high < 0.0 ? height(low) : 0.0;
-  plane.on = at_high < 0.0 && at_low > 0.0;
-  if (plane.on) {
-    double last = 0.0;
-    while (evaluations < kMost) {
-      double z = high - at_high * (high - low) / (at_high - at_low);
-      if (!(z > low && z < high)) z = 0.5 * (low + high);
-      const double h = height(z);
-      if (std::abs(h) <= 0.5 * kEpsilon * plane.sigma || high - low <= kEpsilon) break;
-      if (h > 0.0) {
-        low = z;
-        at_low = h;
-        if (last > 0.0) at_high *= 0.5;
-      } else {
-        high = z;
-        at_high = h;
-        if (last < 0.0) at_low *= 0.5;
-      }
-      last = h;
+  const auto settled = [&](bool on) {
+    plane.on = on;
+    plane.z = zeta * plane.q;
+    return evaluations;
+  };
+  double a = 1.0;
+  double at_a = height(a);
+  if (at_a >= 0.0) return settled(false);
+  double b = -1.0;
+  double at_b = height(b);
+  if (at_b <= 0.0) return settled(false);
+
+  // a is the newest point, b the other end of the bracket, c the point before.
+  double c = b;
+  double at_c = at_b;
+  double t = at_a / (at_a - at_b);
+  while (evaluations < kMost) {
+    const double z = a + t * (b - a);
+    const double h = height(z);
+    if (std::abs(h) <= kOnPlane) break;
+    if ((h > 0.0) == (at_a > 0.0)) {
+      c = a;
+      at_c = at_a;
+    } else {
+      c = b;
+      at_c = at_b;
+      b = a;
+      at_b = at_a;
     }
+    a = z;
+    at_a = h;
+    const double shortest = kEpsilon / std::abs(b - a);
+    if (shortest > 0.5) break;
+    const double xi = (a - b) / (c - b);
+    const double phi = (at_a - at_b) / (at_c - at_b);
+    if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
+      t = at_a / (at_b - at_a) * at_c / (at_b - at_c) +
+          (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b);
+    } else {
+      t = 0.5;
+    }
+    t = std::clamp(t, shortest, 1.0 - shortest);
   }
-  plane.z = zeta * plane.q;
-  return evaluations;
+  return settled(true);
 }
 
 /// Two primitives of which one is a plane, as a surface with its friction or drag: the commonest
