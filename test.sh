@@ -2,7 +2,7 @@
 # Installs what is missing, builds, and runs every test: first with AddressSanitizer and
 # UndefinedBehaviorSanitizer, then the release. Ends with ctest's summary and its exit status.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
-#   --long       random tests over 100 times as many cases
+#   --long       random tests over 300,000 cases each
 #   --install    only install the packages
 set -euo pipefail
 cd "$(dirname "$0")"

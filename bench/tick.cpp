@@ -33,7 +33,7 @@ double share(std::vector<double>& sorted, double p) {
 
 void print(const std::string& what, Times& times) {
   std::sort(times.ns.begin(), times.ns.end());
-  std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %8.2f\n", what.c_str(), times.ns.size(),
+  std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %10.2f\n", what.c_str(), times.ns.size(),
               share(times.ns, 0.5), share(times.ns, 0.99), share(times.ns, 0.999), times.ns.back(),
               static_cast<double>(times.iterations) / static_cast<double>(times.ns.size()));
 }
@@ -88,8 +88,8 @@ int run(int argc, char** argv) {
       }
     }
   }
-  std::printf("%-14s %8s %8s %8s %8s %8s %8s\n", "ticks", "count", "p50", "p99", "p99.9", "max",
-              "solves");
+  std::printf("%-14s %8s %8s %8s %8s %8s %10s\n", "ticks", "count", "p50", "p99", "p99.9", "max",
+              "iterations");
   print("all", all);
   for (auto& [count, times] : by_primitives) print(std::to_string(count) + " primitives", times);
   return 0;

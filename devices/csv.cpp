@@ -27,15 +27,15 @@ std::vector<std::string> split(const std::string& line) {
 
 }  // namespace
 
-std::vector<std::vector<double>> readCsv(std::istream& in, const std::vector<std::string>& columns,
-                                         const std::string& name) {
+std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
+                            const std::string& name) {
   std::string header;
   for (const std::string& column : columns) header += (header.empty() ? "" : ",") + column;
 
   std::string line;
   std::size_t number = 0;
   bool headed = false;
-  std::vector<std::vector<double>> rows;
+  std::vector<CsvRow> rows;
   while (std::getline(in, line)) {
     ++number;
     if (number == 1 && line.rfind("\xEF\xBB\xBF", 0) == 0) line.erase(0, 3);  // a byte-order mark
@@ -65,7 +65,7 @@ std::vector<std::vector<double>> readCsv(std::istream& in, const std::vector<std
       }
       row.push_back(value);
     }
-    rows.push_back(std::move(row));
+    rows.push_back({number, std::move(row)});
   }
   if (!headed) throw DeviceError(name, "it is empty", "give the header " + header + " and rows");
   return rows;

@@ -1,17 +1,22 @@
 /// Small CSV tables of numbers, strictly read.
 #pragma once
 
+#include <cstddef>
 #include <istream>
 #include <string>
 #include <vector>
 
 namespace palpate {
 
+struct CsvRow {
+  std::size_t line = 0;  ///< In the file, from 1.
+  std::vector<double> values;
+};
+
 /// Reads a table whose header is exactly `columns` and whose every field is a finite number. Blank
 /// lines are skipped, CRLF and blanks around a field are fine. Throws DeviceError that names `name`
 /// and the line.
-[[nodiscard]] std::vector<std::vector<double>> readCsv(std::istream& in,
-                                                       const std::vector<std::string>& columns,
-                                                       const std::string& name);
+[[nodiscard]] std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
+                                          const std::string& name);
 
 }  // namespace palpate

@@ -20,11 +20,11 @@ Vec3 positionAt(const std::vector<PathPoint>& path, double t, std::size_t& hint)
 }
 
 std::vector<PathPoint> readPath(std::istream& in, const std::string& name) {
-  const std::vector<std::vector<double>> rows = readCsv(in, {"t", "x", "y", "z"}, name);
+  const std::vector<CsvRow> rows = readCsv(in, {"t", "x", "y", "z"}, name);
   std::vector<PathPoint> path;
-  for (const std::vector<double>& row : rows) {
+  for (const auto& [line, row] : rows) {
     if (!path.empty() && !(row[0] > path.back().t)) {
-      throw DeviceError(name + " line " + std::to_string(path.size() + 2), "the time does not rise",
+      throw DeviceError(name + " line " + std::to_string(line), "the time does not rise",
                         "sort the rows by t and drop equal times");
     }
     path.push_back({row[0], {row[1], row[2], row[3]}});

@@ -15,6 +15,9 @@ void require(bool good, const char* what, const char* remedy) {
   if (!good) throw DeviceError("simulated device", what, remedy);
 }
 
+/// How far outside the box's ellipsoid a visit begins and ends, as a share of its radius.
+constexpr double kOutside = 1.25;
+
 /// Where the hand is in a visit of one side: how far from the centre, as a share of the way to the
 /// box's ellipsoid, and how wide a circle it draws.
 struct Visit {
@@ -27,7 +30,7 @@ Visit visitAt(double u) {
     double t;
     Visit visit;
   };
-  constexpr std::array<Key, 9> kKeys{{{0.0, {1.25, 0.0}},
+  constexpr std::array<Key, 9> kKeys{{{0.0, {kOutside, 0.0}},
                                       {0.15, {1.0, 0.0}},
                                       {0.25, {0.8, 0.0}},
                                       {0.3, {0.8, 0.15}},
@@ -35,7 +38,7 @@ Visit visitAt(double u) {
                                       {0.65, {0.8, 0.0}},
                                       {0.8, {0.3, 0.0}},
                                       {0.87, {0.3, 0.0}},
-                                      {1.0, {1.25, 0.0}}}};
+                                      {1.0, {kOutside, 0.0}}}};
   std::size_t i = 0;
   while (i + 2 < kKeys.size() && kKeys[i + 1].t <= u) ++i;
   const Key& a = kKeys[i];
@@ -54,9 +57,12 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   const auto positive = [](double v) { return std::isfinite(v) && v > 0.0; };
   const auto not_negative = [](double v) { return std::isfinite(v) && v >= 0.0; };
   require(positive(arm.mass), "the mass is not > 0", "give kg, as 0.1");
-  require(not_negative(arm.viscous) && not_negative(arm.coulomb) && not_negative(arm.encoder) &&
-              not_negative(grip.stiffness) && not_negative(grip.damping),
-          "a parameter is negative", "give numbers >= 0");
+  require(not_negative(arm.viscous), "the arm's viscous friction is negative",
+          "give N s/m, as 0.5");
+  require(not_negative(arm.coulomb), "the arm's Coulomb friction is negative", "give N, as 0.02");
+  require(not_negative(arm.encoder), "the encoder's step is negative", "give metres, as 1e-5");
+  require(not_negative(grip.stiffness), "the grip's stiffness is negative", "give N/m, as 300");
+  require(not_negative(grip.damping), "the grip's damping is negative", "give N s/m, as 5");
   require(not_negative(arm.delay) && arm.delay <= 0.1, "the delay is not 0 to 0.1 s",
           "give seconds, as 0.001");
   require(positive(rate), "the rate is not > 0", "give Hz, as 1000");
@@ -84,22 +90,26 @@ SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
   const double s = (arm_.viscous + grip_.damping) / (2.0 * m);
   const double w2 = grip_.stiffness / m;
   const double d = w2 - s * s;
+  // e^{-s t} cos(w t) and e^{-s t} sin(w t)/w, or their limits without oscillation.
   const double e = std::exp(-s * time);
-  double cosine = 1.0;
-  double sine = time;  // sin(w t)/w
+  double cosine = e;
+  double sine = e * time;
   if (d > 1e-12) {
-    cosine = std::cos(std::sqrt(d) * time);
-    sine = std::sin(std::sqrt(d) * time) / std::sqrt(d);
+    cosine = e * std::cos(std::sqrt(d) * time);
+    sine = e * std::sin(std::sqrt(d) * time) / std::sqrt(d);
   } else if (d < -1e-12) {
-    cosine = std::cosh(std::sqrt(-d) * time);
-    sine = std::sinh(std::sqrt(-d) * time) / std::sqrt(-d);
+    const double r = std::sqrt(-d);  // at most s: neither exponent is positive
+    const double slow = std::exp(-w2 / (s + r) * time);
+    const double fast = std::exp(-(s + r) * time);
+    cosine = 0.5 * (slow + fast);
+    sine = 0.5 * (slow - fast) / r;
   }
   Propagator p{};
   p.time = time;
-  p.xx = e * (cosine + s * sine);
-  p.xv = e * sine;
-  p.vx = -e * w2 * sine;
-  p.vv = e * (cosine - s * sine);
+  p.xx = cosine + s * sine;
+  p.xv = sine;
+  p.vx = -w2 * sine;
+  p.vv = cosine - s * sine;
   p.vf = p.xv / m;
   if (grip_.stiffness > 0.0) {
     p.xf = (1.0 - p.xx) / grip_.stiffness;
@@ -157,6 +167,7 @@ bool SimulatedDevice::ended() const noexcept {
 
 HandTarget explore(const Box& bounds, double seconds) {
   constexpr double kVisit = 5.0;  // [s] for one side
+  constexpr double kRound = 0.2;  // of that, to come round from the last side
   const int visits = std::max(1, static_cast<int>(std::lround(seconds / kVisit)));
   const double length = seconds / visits;
   const Vec3 centre = bounds.centre();
@@ -166,14 +177,30 @@ HandTarget explore(const Box& bounds, double seconds) {
                                     Vec3(-0.8, 0.4, 0.3), Vec3(0.3, -0.9, 0.2)};
     const int visit = std::clamp(static_cast<int>(t / length), 0, visits - 1);
     const double u = std::clamp(t / length - visit, 0.0, 1.0);
-    const Vec3 out = sides[static_cast<std::size_t>(visit) % sides.size()].normalized();
+    const auto side = [&](int n) {
+      return Vec3(sides[static_cast<std::size_t>(n) % sides.size()].normalized());
+    };
+    // To the ellipsoid of the box, along a direction.
+    const auto radius = [&](const Vec3& out) { return 1.0 / out.cwiseQuotient(half).norm(); };
+
+    // First round the outside from the last side to this one, along the great circle.
+    if (visit > 0 && u < kRound) {
+      const Vec3 from = side(visit - 1);
+      const Vec3 to = side(visit);
+      const double share = u / kRound;
+      const double angle = share * share * (3.0 - 2.0 * share) * std::acos(from.dot(to));
+      const Vec3 across = (to - from.dot(to) * from).normalized();
+      const Vec3 out = std::cos(angle) * from + std::sin(angle) * across;
+      return centre + kOutside * radius(out) * out;
+    }
+    const double v = visit > 0 ? (u - kRound) / (1.0 - kRound) : u;
+    const Vec3 out = side(visit);
     const Vec3 across = out.unitOrthogonal();
-    const Visit now = visitAt(u);
-    const double radius = 1.0 / out.cwiseQuotient(half).norm();  // of the box's ellipsoid
-    const double angle = 4.0 * M_PI * (u - 0.3) / 0.3;
+    const Visit now = visitAt(v);
+    const double angle = 4.0 * M_PI * (v - 0.3) / 0.3;
     return centre +
-           radius * (now.distance * out +
-                     now.circle * (std::cos(angle) * across + std::sin(angle) * out.cross(across)));
+           radius(out) * (now.distance * out + now.circle * (std::cos(angle) * across +
+                                                             std::sin(angle) * out.cross(across)));
   };
   return {at, seconds};
 }

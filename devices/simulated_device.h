@@ -33,7 +33,8 @@ struct HandTarget {
 
 /// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
 ///
-/// f is the force written, held over a tick and late by `delay` (whole and fractional ticks). The
+/// f is the force written, held over a tick and late by `delay` (whole and fractional ticks); the
+/// hand's target and its speed are held over a tick as well. The
 /// linear part is solved exactly over each piece of a tick on which f is constant; Coulomb friction
 /// acts as a constant force over each piece, at most what stops the arm: it never drives it. The
 /// probe that is read is the arm's position rounded to the encoder's step. Deterministic. Ends with
@@ -75,7 +76,7 @@ class SimulatedDevice final : public Device {
 };
 
 /// A scripted exploration of what lies in a box: from several sides in turn, five seconds each, the
-/// hand comes in from outside, touches, slides in a circle, presses deep and leaves.
+/// hand comes round the outside, touches, slides in a circle, presses deep and leaves.
 [[nodiscard]] HandTarget explore(const Box& bounds, double seconds);
 
 /// A recorded path as a target that the hand strives for. At least one point.

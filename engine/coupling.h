@@ -13,11 +13,14 @@ struct CouplingParams {
 /// Eq. (3): k (x_proxy - x_probe) + D (v_proxy - v_probe), the force on the hand [N].
 ///
 /// The damping is left out of the balance, as in the paper (D = 0 in section 4.2), and enters the
-/// output only. Both velocities come from one estimator: pass the rate of change of `offset`, so
-/// that in free space, where the proxy is at the probe, the force is exactly zero.
+/// output only. Departure: the damper acts along the spring, on the rate of its length, and may at
+/// most cancel or double the spring's force. As eq. (3) is written it pulls the hand into a surface
+/// that it leaves, kicks it by D times every jump of the proxy (contact, yield), and drives it
+/// round a curve; along the spring it only makes a loop of force over length that dissipates. In
+/// free space, where the proxy is at the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
-/// @param offset_rate  v_proxy - v_probe [m/s].
+/// @param offset_rate  v_proxy - v_probe, the rate of change of `offset` [m/s].
 /// RT: no allocation.
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  const Vec3& offset_rate) noexcept PALPATE_NONBLOCKING;

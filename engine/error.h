@@ -3,6 +3,7 @@
 
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace palpate {
 
@@ -40,5 +41,9 @@ class DeviceError : public Error {
  public:
   using Error::Error;
 };
+
+/// For remedies: the candidate that is spelled most like `name`, or empty if none is near.
+[[nodiscard]] std::string nearestName(const std::string& name,
+                                      const std::vector<std::string>& candidates);
 
 }  // namespace palpate

@@ -1,7 +1,9 @@
 /// The primitive graph: which property feeds which mode. Names at load, indices in the tick.
 #pragma once
 
+#include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -99,13 +101,8 @@ inline constexpr std::size_t kMaxFields = 64;
 [[nodiscard]] Graph compileGraph(const GraphSpec& spec,
                                  const std::map<std::string, FieldPtr>& fields);
 
-/// The candidate that is spelled most like `name`, or empty if none is near.
-[[nodiscard]] std::string nearestName(const std::string& name,
-                                      const std::vector<std::string>& candidates);
-
 /// The words of the scene file.
 [[nodiscard]] const char* wordFor(ModeKind kind) noexcept;
 [[nodiscard]] const char* wordFor(Derivation derivation) noexcept;
-[[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
 
 }  // namespace palpate

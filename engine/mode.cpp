@@ -12,6 +12,8 @@ using Contact = ModeMemory::Contact;
 constexpr double kSight = 2.0;
 /// A proxy this near its surface is on it: kinks that differ by rounding only are one [voxels].
 constexpr double kOnIt = 1e-9;
+/// Two walls whose normals' cosine is less are two walls.
+constexpr double kTurn = 0.95;
 /// Pushed this far through its surface, a proxy has left it [voxels].
 constexpr double kYield = 0.05;
 
@@ -79,6 +81,17 @@ Sight look(const IsosurfaceMode& mode, const Properties& at) noexcept {
   return sight;
 }
 
+/// The surface at p is another wall than the one remembered. If p, moved along that one, is behind
+/// the new one, they make a concave edge, and both stay; before it, the edge is convex and was
+/// left.
+void meetWalls(const Sight& sight, ModeMemory& memory) noexcept {
+  if (sight.normal.dot(memory.normal) >= kTurn) return;
+  const bool back = memory.cornered && sight.normal.dot(memory.other_normal) >= kTurn;
+  memory.cornered = back || sight.height < 0.0;
+  memory.other_anchor = memory.anchor;
+  memory.other_normal = memory.normal;
+}
+
 bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeMemory& memory,
           PrimitiveSet& set) noexcept {
   // The sign of V - V0 counts outside the data as well: background is free or solid like the rest.
@@ -90,9 +103,12 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
   // Which side is the proxy on, and may the surface act?
   double share = 1.0;
   switch (memory.contact) {
-    case Contact::kUnknown:
-      memory.contact = free ? Contact::kOutside : Contact::kInside;
+    case Contact::kUnknown: {
+      // On the surface, to rounding or a light press, is outside.
+      const bool resting = sight.clear && sight.height > -kYield * mode.voxel;
+      memory.contact = free || resting ? Contact::kOutside : Contact::kInside;
       break;
+    }
     case Contact::kInside:
       if (free) memory.contact = Contact::kOutside;
       break;
@@ -111,6 +127,7 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
       break;
     }
   }
+  if (memory.contact != Contact::kOutside) memory.placed = memory.cornered = false;
   if (memory.contact == Contact::kInside) return true;
 
   // The plane: on the surface where it is seen, else where it was while pushed through. Deep in a
@@ -118,12 +135,22 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
   const bool same = memory.contact == Contact::kOutside || sight.normal.dot(memory.normal) > 0.5;
   if (sight.clear && same) {
     const bool on_it = std::abs(sight.height) < kOnIt * mode.voxel;
-    memory.anchor = on_it ? p : Vec3(p - sight.height * sight.normal);
+    const Vec3 anchor = on_it ? p : Vec3(p - sight.height * sight.normal);
+    if (memory.placed) meetWalls(sight, memory);
+    memory.anchor = anchor;
     memory.normal = sight.normal;
+    memory.placed = memory.contact == Contact::kOutside;
   } else if (memory.contact == Contact::kOutside) {
     return true;
   }
-  return add(set, PrimitiveKind::kPlane, memory.anchor, memory.normal, share * mode.strength(at));
+  const double strength = share * mode.strength(at);
+  bool room = true;
+  // A plane is trusted as far as a voxel from where it was placed.
+  if ((p - memory.other_anchor).norm() > mode.voxel) memory.cornered = false;
+  if (memory.cornered) {
+    room = add(set, PrimitiveKind::kPlane, memory.other_anchor, memory.other_normal, strength);
+  }
+  return add(set, PrimitiveKind::kPlane, memory.anchor, memory.normal, strength) && room;
 }
 
 }  // namespace

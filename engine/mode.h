@@ -41,7 +41,8 @@ struct SurfaceMode {
   Strength strength;
 };
 
-/// A plane (eq. 13) on the surface V = value near the proxy; remembers on which side it is.
+/// A plane (eq. 13) on the surface V = value near the proxy; remembers on which side it is. In a
+/// concave edge both walls hold.
 struct IsosurfaceMode {
   int value = -1;
   int gradient = -1;
@@ -74,6 +75,10 @@ struct ModeMemory {
   bool emitted = false;         ///< The last sub-step has a primitive of this mode.
   Vec3 anchor = Vec3::Zero();   ///< The plane's position [m].
   Vec3 normal = Vec3::UnitX();  ///< Its outward normal.
+  bool placed = false;          ///< Outside, with the plane above placed.
+  bool cornered = false;        ///< In a concave edge: the plane below is its other wall.
+  Vec3 other_anchor = Vec3::Zero();
+  Vec3 other_normal = Vec3::UnitX();
 };
 
 /// Step 2 of the paper's figure 1: adds the primitives that one mode asks for at the proxy.

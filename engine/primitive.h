@@ -19,6 +19,9 @@ enum class PrimitiveKind : std::uint8_t {
   kPlane,  ///< eq. (13): constant push along `direction`, only behind the plane (eq. 12).
 };
 
+/// The paper's word for it.
+[[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
+
 /// One primitive in W.
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::kForce;

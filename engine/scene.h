@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "engine/coupling.h"
 #include "engine/field.h"
@@ -15,9 +16,14 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  int max_substeps = 8;  ///< The proxy moves at most a voxel at a time where there is data; at the
-                         ///< cap the rest of the way waits for the next tick. 1 to 64.
+  int max_substeps = 8;  ///< The proxy moves at most a voxel at a time where there is data; after
+                         ///< so many moves in which a primitive held it, the rest of the way waits
+                         ///< for the next tick. 1 to 64. Moves in which nothing holds it are free,
+                         ///< up to kMostSubsteps in all.
 };
+
+/// Most sub-steps of one tick.
+inline constexpr int kMostSubsteps = 64;
 
 /// Fields, graph and parameters. Immutable once made; readers and the proxy's memory live
 /// elsewhere.

@@ -405,7 +405,10 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   // max(0, t) = (t + |t|)/2: a plane is half a directed force and half a norm.
   std::size_t count = 0;
   double sum = 0.0;
-  double reach = 0.0;  // largest distance that enters, for the rounding
+  // Sizes that enter, for the rounding: the largest distance, and what forces add up to before they
+  // cancel.
+  double reach = 0.0;
+  double pushed = 0.0;
   for (const Primitive& primitive : primitives) {
     if (primitive.strength <= 0.0) continue;
     const bool plane = primitive.kind == PrimitiveKind::kPlane;
@@ -414,6 +417,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     const double share = plane ? 0.5 * primitive.strength : primitive.strength;
     if (plane || primitive.kind == PrimitiveKind::kForce) {
       problem.w += (share / stiffness) * q;
+      pushed += share / stiffness;
     }
     if (primitive.kind == PrimitiveKind::kForce) continue;
     Term& term = storage[count++];
@@ -428,8 +432,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   }
   problem.terms = {storage.data(), count};
   problem.length = sum / stiffness;
-  reach = std::max(reach, problem.w.lpNorm<Eigen::Infinity>());
-  const double rounding = 8.0 * kEpsilon * reach;
+  const double rounding = 8.0 * kEpsilon * (reach + pushed + problem.length);
 
   // Nothing but directed forces, or strengths that cannot move the proxy beyond rounding.
   if (problem.length <= rounding || problem.length < std::numeric_limits<double>::min()) {

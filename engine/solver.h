@@ -11,7 +11,7 @@ namespace palpate {
 
 /// How a solve ended. Every value is safe to act on: `proxy` is finite whenever `start` is.
 enum class SolveStatus : std::uint8_t {
-  kConverged,       ///< error_bound is within the tolerance.
+  kConverged,       ///< error_bound is within the tolerance, or at the rounding of the input.
   kIterationLimit,  ///< Best point found so far; error_bound says how far off it can be.
   kBadInput,        ///< A NaN, an infinity, stiffness <= 0, strength < 0, a direction that is not
                     ///< unit length or too many primitives came in; proxy is `start`, unchanged.
@@ -35,8 +35,9 @@ struct SolveResult {
   Vec3 proxy = Vec3::Zero();   ///< [m]
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], not rounded to the probe's magnitude: the
                                ///< spring's force is k times this.
-  double error_bound = 0.0;  ///< [m], at least the distance of probe + offset to the exact answer.
-  int iterations = 0;        ///< 3x3 linear solves; 0 for the closed form.
+  double error_bound = 0.0;    ///< [m], at least the distance of probe + offset to the exact
+                               ///< answer, but for the last digit of the directions (1e-16 rad).
+  int iterations = 0;          ///< 3x3 linear solves; 0 for the closed form.
   SolverKind solver = SolverKind::kClosedForm;
   SolveStatus status = SolveStatus::kConverged;
 };

@@ -29,8 +29,9 @@ class Tick {
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     Vec3& proxy = state_.proxy_;
     bool arrived = false;
+    int held = 0;
     Vec3 offset = proxy - probe_;
-    while (!arrived && report.substeps < scene_.step.max_substeps) {
+    while (!arrived && held < scene_.step.max_substeps && report.substeps < kMostSubsteps) {
       ++report.substeps;
       report.samples += reader_.sample(scene_, proxy, state_.properties_);
       placePrimitives(report);
@@ -45,6 +46,9 @@ class Tick {
       report.error_bound = solved.error_bound;
       report.solver = solved.solver;
 
+      constexpr double kFree = 1e-9;  // [m] from the probe: nothing holds the proxy
+      if (solved.offset.norm() > kFree) ++held;
+
       // At most as far as the data of this place can be trusted.
       const Vec3 way = solved.proxy - proxy;
       const double reach = reachFrom(proxy, solved.proxy);
@@ -52,7 +56,7 @@ class Tick {
       arrived = length <= reach;
       proxy = arrived ? solved.proxy : Vec3(proxy + (reach / length) * way);
       offset = arrived ? solved.offset : Vec3(proxy - probe_);
-      settleModes(proxy);
+      if (arrived) settleModes(proxy);
     }
     if (!arrived) worsen(report, StepStatus::kSubstepLimit);
     return offset;
@@ -105,7 +109,9 @@ class Tick {
 StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand, ProxyState& state,
                       double dt) noexcept {
   StepReport report;
-  bool good = hand.position.allFinite() && !state.faulted_;
+  constexpr double kFarthest = 1e6;  // [m]: no hand is there; false for NaN as well
+  bool good = hand.position.cwiseAbs().maxCoeff() < kFarthest && hand.position.allFinite() &&
+              !state.faulted_;
   if (good) {
     Tick tick(scene, reader, hand.position, state);
     tick.meetScene();

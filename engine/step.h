@@ -13,13 +13,14 @@
 
 namespace palpate {
 
-/// How a tick ended, worst first in the order of severity. Each is safe to send.
+/// How a tick ended, in the order of severity, the best first. Each is safe to send.
 enum class StepStatus : std::uint8_t {
   kConverged,       ///< All is well.
   kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Raise
                     ///< max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
-  kDropped,         ///< More primitives than kMaxPrimitives: some were left out.
+  kDropped,         ///< More primitives than kMaxPrimitives: some were left out. No scene of this
+                    ///< version can: 256 modes of at most two primitives each.
   kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
                     ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
 };
@@ -32,7 +33,7 @@ struct StepReport {
   double error_bound = 0.0;    ///< Of the last balance [m].
   double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]:
                                ///< max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2).
-  int iterations = 0;          ///< Linear solves, all sub-steps.
+  int iterations = 0;          ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;                              ///< Field reads, all sub-steps.
   int primitives = 0;                           ///< Balanced in the last sub-step.
@@ -47,15 +48,16 @@ class ProxyState {
   /// `limits`: of the device that the force goes to. Allocates; the tick does not.
   explicit ProxyState(const ForceLimits& limits = {}) : limits_(limits), memories_(kMaxModes) {}
 
-  /// Lets force out again after a fault; the proxy starts anew at the hand.
+  /// Lets force out again after a fault; the proxy starts anew at the hand, contacts forgotten.
   void clearFault() noexcept {
     faulted_ = false;
     placed_ = false;
+    scene_id_ = 0;
   }
   [[nodiscard]] bool faulted() const noexcept { return faulted_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
   [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
-  /// Of the last sub-step, in the order of the modes that emitted one.
+  /// Of the last sub-step, in the order of the modes that emitted one (or, in an edge, two).
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
   /// What mode i of the scene remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
@@ -84,7 +86,7 @@ class ProxyState {
 /// where it is and forgets contacts.
 ///
 /// @param reader  This thread's; bound to the scene as needed.
-/// @param hand    Position [m]; a NaN or infinity is a fault: zero force, latched.
+/// @param hand    Position [m]; NaN or farther than 1e6 m is a fault: zero force, latched.
 /// @param dt      Time since the last tick [s], > 0; else the force may not grow.
 /// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or so.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,

@@ -2,37 +2,40 @@
 
 #include <algorithm>
 #include <cmath>
-#include <stdexcept>
+
+#include "engine/error.h"
 
 namespace palpate {
 
 TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
   if (!std::isfinite(constant) || constant < 0.0) {
-    throw std::invalid_argument("a strength must be a finite number >= 0");
+    throw SceneError("strength", "a strength must be a finite number >= 0", "mend the curve");
   }
 }
 
 TransferFunction TransferFunction::window(double level, double width, double max) {
   if (!std::isfinite(level) || !std::isfinite(width) || !std::isfinite(max)) {
-    throw std::invalid_argument("a window's level, width and max must be finite");
+    throw SceneError("strength", "a window's level, width and max must be finite",
+                     "mend the curve");
   }
-  if (width <= 0.0) throw std::invalid_argument("a window's width must be > 0");
+  if (width <= 0.0) throw SceneError("strength", "a window's width must be > 0", "mend the curve");
   return piecewise({{level - 0.5 * width, 0.0}, {level + 0.5 * width, max}});
 }
 
 TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
-  if (knots.empty()) throw std::invalid_argument("a piecewise curve needs at least one point");
+  if (knots.empty())
+    throw SceneError("strength", "a piecewise curve needs at least one point", "mend the curve");
   for (const Knot& knot : knots) {
     if (!std::isfinite(knot.first) || !std::isfinite(knot.second)) {
-      throw std::invalid_argument("a curve's points must be finite");
+      throw SceneError("strength", "a curve's points must be finite", "mend the curve");
     }
     if (knot.second < 0.0) {
-      throw std::invalid_argument("a curve's outputs must be >= 0: turn a force round by sense");
+      throw SceneError("strength", "a curve's outputs must be >= 0", "turn a force round by sense");
     }
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };
   if (!std::is_sorted(knots.begin(), knots.end(), ascending)) {
-    throw std::invalid_argument("a curve's inputs must ascend");
+    throw SceneError("strength", "a curve's inputs must ascend", "mend the curve");
   }
   return TransferFunction(std::move(knots));
 }

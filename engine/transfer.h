@@ -12,7 +12,7 @@ class TransferFunction {
  public:
   using Knot = std::pair<double, double>;  ///< input, output
 
-  /// The number itself, >= 0, for every input. Throws std::invalid_argument.
+  /// The number itself, >= 0, for every input. Throws SceneError, as the makers below.
   TransferFunction(double constant = 0.0);  // NOLINT(google-explicit-constructor): a number is one
   /// Rises linearly from 0 at level - width/2 to max at level + width/2. width > 0, max >= 0.
   [[nodiscard]] static TransferFunction window(double level, double width, double max);

@@ -26,6 +26,12 @@ struct Box {
   Vec3 upper = Vec3::Constant(-1.0);
 
   [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
+  /// Makes it hold p as well.
+  void extend(const Vec3& p) noexcept {
+    const bool first = empty();
+    lower = first ? p : Vec3(lower.cwiseMin(p));
+    upper = first ? p : Vec3(upper.cwiseMax(p));
+  }
   [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }
   [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }
 };

@@ -144,84 +144,84 @@ Vec3 asVec3(const openvdb::Vec3d& v) noexcept {
 }
 
 FieldFrame frameOf(const Volume& volume, const Placement& placement) {
-  // One voxel wider than the active voxels' centres: a cell at the edge has an active corner.
+  // As far beyond the active voxels' centres as a cell with an active corner reaches.
+  const Vec3 margin = volume.grid().linear.cwiseAbs().rowwise().sum();
+  const Box& file = volume.info().bounds;
   FieldFrame frame;
   frame.voxel = volume.info().voxel.minCoeff() * placement.scale;
   frame.metres_per_unit = placement.scale;
-  const Box& file = volume.info().bounds;
   for (int corner = 0; corner < 8; ++corner) {
     Vec3 p_F;
     for (int a = 0; a < 3; ++a) {
       const bool upper = ((corner >> a) & 1) != 0;
-      const double margin = volume.info().voxel.maxCoeff();
-      p_F[a] = upper ? file.upper[a] + margin : file.lower[a] - margin;
+      p_F[a] = upper ? file.upper[a] + margin[a] : file.lower[a] - margin[a];
     }
-    const Vec3 p_W = placement(p_F);
-    frame.bounds.lower = corner == 0 ? p_W : Vec3(frame.bounds.lower.cwiseMin(p_W));
-    frame.bounds.upper = corner == 0 ? p_W : Vec3(frame.bounds.upper.cwiseMax(p_W));
+    frame.bounds.extend(placement(p_F));
   }
   return frame;
 }
 
-/// Corners needed for `inside`.
-int cornersNeeded(const Volume& volume) {
-  return volume.info().grid_class == GridClass::kLevelSet ? 8 : 1;
-}
-
-/// Rows of a cell: value and its central differences along the index axes.
-template <class GridT>
-class VdbScalarField final : public ScalarField {
+/// What scalar and vector fields share: the grid, its map, and the cell that a position is in. Rows
+/// of a cell: the C components of the value, then their central differences, index axis by axis.
+template <class GridT, int C>
+class CellReader {
   using Value = typename GridT::ValueType;
-  using Cache = CellCache<GridT, 4>;
+  using Cache = CellCache<GridT, 4 * C>;
+  using Row = Eigen::Array<double, 4 * C, 1>;
   static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
 
  public:
-  VdbScalarField(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
-                 const Placement& placement)
-      : ScalarField(frameOf(*volume, placement)),
-        volume_(std::move(volume)),
+  CellReader(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
+             const Placement& placement)
+      : volume_(std::move(volume)),
         grid_(std::move(grid)),
         map_(volume_->grid(), placement),
-        corners_needed_(cornersNeeded(*volume_)) {}
+        // For `inside`: a level set means something only within its band.
+        corners_needed_(volume_->info().grid_class == GridClass::kLevelSet ? 8 : 1) {}
 
-  void reset(FieldCache& cache) const noexcept override {
-    ::new (cache.bytes.data()) Cache(*grid_);
-  }
+  void reset(FieldCache& memory) const noexcept { ::new (memory.bytes.data()) Cache(*grid_); }
 
-  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+  /// The cell at p_W, and the position t in it; null where there is no place in the grid.
+  const Cache* find(const Vec3& p_W, FieldCache& memory, Vec3& t) const noexcept {
     auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
     std::array<int, 3> cell{};
-    Vec3 t;
-    ScalarSample out;
-    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) {
-      out.value = static_cast<double>(grid_->background());
-      return out;
-    }
+    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) return nullptr;
     if (cell != cache.cell) load(cell, cache);
-    const Eigen::Array4d row = cache.poly(t);
-    out.value = row[0];
-    out.gradient = map_.gradient_from_index * Vec3(row[1], row[2], row[3]);
-    out.cell_gradient = map_.gradient_from_index * cache.poly.slope(t, 0);
-    out.inside = cache.inside;
-    return out;
+    return &cache;
   }
+
+  [[nodiscard]] const GridT& grid() const noexcept { return *grid_; }
+  [[nodiscard]] const IndexMap& map() const noexcept { return map_; }
 
  private:
   void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
     Block<Value> block;
     copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
-    std::array<Eigen::Array4d, 8> corners;
+    std::array<Row, 8> corners;
     for (int n = 0; n < 8; ++n) {
       const std::ptrdiff_t at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
-      const auto v = [&](std::ptrdiff_t offset) {
-        return static_cast<double>(block.values[static_cast<std::size_t>(at + offset)]);
+      const auto v = [&](std::ptrdiff_t offset, int c) {
+        return component(block.values[static_cast<std::size_t>(at + offset)], c);
       };
-      corners[static_cast<std::size_t>(n)] = {v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),
-                                              0.5 * (v(1) - v(-1))};
+      Row& row = corners[static_cast<std::size_t>(n)];
+      for (int c = 0; c < C; ++c) {
+        row[c] = v(0, c);
+        row[C + c] = 0.5 * (v(16, c) - v(-16, c));
+        row[2 * C + c] = 0.5 * (v(4, c) - v(-4, c));
+        row[3 * C + c] = 0.5 * (v(1, c) - v(-1, c));
+      }
     }
     cache.poly.fit(corners);
     cache.inside = block.active_corners >= corners_needed_;
     cache.cell = cell;
+  }
+
+  static double component(const Value& value, int c) noexcept {
+    if constexpr (C == 1) {
+      return static_cast<double>(value);
+    } else {
+      return static_cast<double>(value[c]);
+    }
   }
 
   std::shared_ptr<const Volume> volume_;
@@ -230,68 +230,65 @@ class VdbScalarField final : public ScalarField {
   int corners_needed_;
 };
 
-/// Rows of a cell: the three components, then their central differences, axis by axis.
 template <class GridT>
-class VdbVectorField final : public VectorField {
-  using Value = typename GridT::ValueType;
-  using Cache = CellCache<GridT, 12>;
-  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
-
+class VdbScalarField final : public ScalarField {
  public:
-  VdbVectorField(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
+  VdbScalarField(const std::shared_ptr<const Volume>& volume, const typename GridT::ConstPtr& grid,
                  const Placement& placement)
-      : VectorField(frameOf(*volume, placement)),
-        volume_(std::move(volume)),
-        grid_(std::move(grid)),
-        map_(volume_->grid(), placement),
-        corners_needed_(cornersNeeded(*volume_)) {}
+      : ScalarField(frameOf(*volume, placement)), reader_(volume, grid, placement) {}
 
-  void reset(FieldCache& cache) const noexcept override {
-    ::new (cache.bytes.data()) Cache(*grid_);
-  }
+  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
 
-  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
-    std::array<int, 3> cell{};
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
     Vec3 t;
-    VectorSample out;
-    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) {
-      out.value = map_.rotation * asVec3(openvdb::Vec3d(grid_->background()));
+    ScalarSample out;
+    const auto* cell = reader_.find(p_W, memory, t);
+    if (cell == nullptr) {
+      out.value = static_cast<double>(reader_.grid().background());
       return out;
     }
-    if (cell != cache.cell) load(cell, cache);
-    const Eigen::Array<double, 12, 1> row = cache.poly(t);
-    out.value = map_.rotation * row.head<3>().matrix();
-    // d v_F / d index, columns are axes; then both indices into W.
-    Mat3 J;
-    J << row[3], row[6], row[9], row[4], row[7], row[10], row[5], row[8], row[11];
-    out.jacobian = map_.rotation * J * map_.gradient_from_index.transpose();
-    out.inside = cache.inside;
+    const Eigen::Array4d row = cell->poly(t);
+    out.value = row[0];
+    out.gradient = reader_.map().gradient_from_index * Vec3(row[1], row[2], row[3]);
+    out.cell_gradient = reader_.map().gradient_from_index * cell->poly.slope(t, 0);
+    out.inside = cell->inside;
     return out;
   }
 
  private:
-  void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
-    Block<Value> block;
-    copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
-    std::array<Eigen::Array<double, 12, 1>, 8> corners;
-    for (int n = 0; n < 8; ++n) {
-      const std::ptrdiff_t at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
-      const auto v = [&](std::ptrdiff_t offset) {
-        return asVec3(openvdb::Vec3d(block.values[static_cast<std::size_t>(at + offset)]));
-      };
-      corners[static_cast<std::size_t>(n)] << v(0), 0.5 * (v(16) - v(-16)), 0.5 * (v(4) - v(-4)),
-          0.5 * (v(1) - v(-1));
+  CellReader<GridT, 1> reader_;
+};
+
+template <class GridT>
+class VdbVectorField final : public VectorField {
+ public:
+  VdbVectorField(const std::shared_ptr<const Volume>& volume, const typename GridT::ConstPtr& grid,
+                 const Placement& placement)
+      : VectorField(frameOf(*volume, placement)), reader_(volume, grid, placement) {}
+
+  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Vec3 t;
+    VectorSample out;
+    const IndexMap& map = reader_.map();
+    const auto* cell = reader_.find(p_W, memory, t);
+    if (cell == nullptr) {
+      out.value = map.rotation * asVec3(openvdb::Vec3d(reader_.grid().background()));
+      return out;
     }
-    cache.poly.fit(corners);
-    cache.inside = block.active_corners >= corners_needed_;
-    cache.cell = cell;
+    const Eigen::Array<double, 12, 1> row = cell->poly(t);
+    out.value = map.rotation * row.head<3>().matrix();
+    // d v_F / d index, columns are axes; then both indices into W.
+    Mat3 J;
+    J << row[3], row[6], row[9], row[4], row[7], row[10], row[5], row[8], row[11];
+    out.jacobian = map.rotation * J * map.gradient_from_index.transpose();
+    out.inside = cell->inside;
+    return out;
   }
 
-  std::shared_ptr<const Volume> volume_;
-  typename GridT::ConstPtr grid_;
-  IndexMap map_;
-  int corners_needed_;
+ private:
+  CellReader<GridT, 3> reader_;
 };
 
 }  // namespace
@@ -299,7 +296,7 @@ class VdbVectorField final : public VectorField {
 Placement fitInto(const Box& bounds_F, double size) {
   const double longest = bounds_F.size().maxCoeff();
   if (!(longest > 0.0) || !std::isfinite(longest)) {
-    throw VolumeError("place", "the volume has no extent to fit", "give its scale instead");
+    throw VolumeError("fit", "the volume is one voxel and has no extent", "give its scale instead");
   }
   Placement placement;
   placement.scale = size / longest;

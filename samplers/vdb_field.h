@@ -20,7 +20,8 @@ struct Placement {
   }
 };
 
-/// Centred in W, the longest side of the active bounds `size` metres long.
+/// Centred in W, the longest side of the active bounds `size` metres long. Throws VolumeError where
+/// the bounds have no extent.
 [[nodiscard]] Placement fitInto(const Box& bounds_F, double size);
 
 /// A scalar or vector field over a volume, by its type.

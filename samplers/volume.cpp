@@ -16,7 +16,6 @@
 #include <tbb/parallel_reduce.h>
 
 #include "engine/error.h"
-#include "engine/graph.h"
 #include "samplers/volume_grid.h"
 
 namespace palpate {
@@ -145,9 +144,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
         for (int a = 0; a < 3; ++a) {
           p_I[a] = (((corner >> a) & 1) != 0) ? active.max()[a] : active.min()[a];
         }
-        const Vec3 p_F = grid->linear * p_I + grid->origin;
-        info.bounds.lower = corner == 0 ? p_F : Vec3(info.bounds.lower.cwiseMin(p_F));
-        info.bounds.upper = corner == 0 ? p_F : Vec3(info.bounds.upper.cwiseMax(p_F));
+        info.bounds.extend(grid->linear * p_I + grid->origin);
       }
     }
   }

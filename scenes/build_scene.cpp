@@ -1,5 +1,6 @@
 #include "scenes/build_scene.h"
 
+#include <algorithm>
 #include <cmath>
 #include <set>
 
@@ -44,7 +45,11 @@ class Placer {
     };
     switch (place.kind) {
       case PlaceSpec::Kind::kFit:
-        return fitInto(volumes_.at(name)->info().bounds, positive(place.size, "fit"));
+        try {
+          return fitInto(volumes_.at(name)->info().bounds, positive(place.size, "fit"));
+        } catch (const VolumeError& e) {
+          throw SceneError::within(path, e);
+        }
       case PlaceSpec::Kind::kUnit: {
         Placement placement;
         placement.scale = positive(place.size, "unit");
@@ -112,15 +117,26 @@ BuiltScene buildScene(const SceneSpec& spec) {
   }
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
-    built.bounds.lower =
-        built.bounds.empty() ? box.lower : Vec3(built.bounds.lower.cwiseMin(box.lower));
-    built.bounds.upper = built.bounds.upper.cwiseMax(box.upper);
+    built.bounds.extend(box.lower);
+    built.bounds.extend(box.upper);
   }
   try {
     built.scene = makeScene(spec.graph, built.fields, spec.coupling, spec.step);
   } catch (const SceneError& e) {
     if (spec.source.empty()) throw;
     throw SceneError::within(spec.source, e);
+  }
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const ModeSpec& mode = spec.graph.modes[i];
+    const auto volume = built.volumes.find(mode.of);
+    if (mode.kind != ModeKind::kIsosurface || volume == built.volumes.end()) continue;
+    const GridInfo& info = volume->second->info();
+    const double low = std::min(info.lowest, info.background);
+    const double high = std::max(info.highest, info.background);
+    if (mode.value >= low && mode.value <= high) continue;
+    built.notes.push_back(at(spec, fmt::format("/modes/{}/value: {} is outside the grid's values, "
+                                               "{} to {}: there is no surface to feel",
+                                               i, mode.value, low, high)));
   }
   return built;
 }

@@ -1,10 +1,13 @@
 /// From a description of a scene to one that can be felt.
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include "engine/scene.h"
 #include "samplers/vdb_field.h"
@@ -54,6 +57,7 @@ struct BuiltScene {
   std::map<std::string, Placement> placements;
   std::map<std::string, FieldPtr> fields;  ///< All volumes, placed.
   Box bounds;                              ///< Of all fields in W [m].
+  std::vector<std::string> notes;  ///< What is valid but can hardly be meant, one line each.
 };
 
 /// Loads, places, checks and compiles. Throws SceneError (with the JSON path) or VolumeError;

@@ -1,15 +1,16 @@
 /// The smallest program: a ball, a hand that presses on it, and the force it feels.
 #include <cstdio>
 
+#include "engine/error.h"
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
 #include "scenes/build_scene.h"
 
-int main() {
+int main() try {
   using namespace palpate;
 
-  // A scene: one volume, felt as a surface of 3 N. For a grid write
-  //   spec.volumes["ball"].file = "ball.vdb";
+  // A scene: one volume, felt as a surface of 3 N. For a level set in a file write
+  //   spec.volumes["ball"].file = "ball.vdb";  // its longest side becomes 0.1 m
   SceneSpec spec;
   spec.volumes["ball"].field = makeSphere(/*centre=*/Vec3::Zero(), /*radius=*/0.04);
   ModeSpec skin;
@@ -21,15 +22,18 @@ int main() {
   spec.graph.modes.push_back(skin);
   const BuiltScene ball = buildScene(spec);
 
-  // Ticks: the hand comes down on the ball, 0.1 m/s at 1 kHz.
+  // Ticks: the hand comes down on the ball from 0.1 m, 0.1 m/s at 1 kHz.
   Reader reader;
   ProxyState state;
-  for (int tick = 0; tick <= 70; ++tick) {
-    const HandState hand{{0.0, 0.0, 0.045 - 1e-4 * tick}};
+  for (int tick = 0; tick <= 640; ++tick) {
+    const HandState hand{{0.0, 0.0, 0.1 - 1e-4 * tick}};
     const StepReport report = hapticStep(*ball.scene, reader, hand, state, 1e-3);
-    if (tick % 10 == 0) {
-      std::printf("hand %4.1f mm, proxy %4.1f mm, force %.2f N\n", 1e3 * hand.position.z(),
+    if (tick % 20 == 0) {
+      std::printf("hand %5.1f mm, proxy %5.1f mm, force %.2f N\n", 1e3 * hand.position.z(),
                   1e3 * report.proxy.z(), report.force.z());
     }
   }
+} catch (const palpate::Error& e) {
+  std::fprintf(stderr, "first_tick: %s\n", e.what());
+  return 2;
 }

@@ -119,32 +119,33 @@ class Node {
 };
 
 TransferFunction readStrength(const Node& node) {
-  try {
-    if (node.json().is_number()) return node.notNegative();
-    node.object({"window", "piecewise"}, {"product"});
-    if (node.has("window") == node.has("piecewise")) {
-      node.fail("it is neither a number nor one curve",
-                "write a number, {\"window\": ...} or {\"piecewise\": ...}");
-    }
-    if (node.has("window")) {
-      const Node window = node.child("window").object({"level", "width", "max"});
-      return TransferFunction::window(window.need("level").number(),
-                                      window.need("width").positive(),
-                                      window.need("max").notNegative());
-    }
-    const Node curve = node.child("piecewise");
-    if (!curve.json().is_array() || curve.json().empty()) {
-      curve.fail("it is not a list of points", "write [[input, output], ...]");
-    }
-    std::vector<TransferFunction::Knot> knots;
-    for (std::size_t i = 0; i < curve.json().size(); ++i) {
-      const auto knot = curve.element(i).numbers<2>();
-      knots.emplace_back(knot[0], knot[1]);
-    }
-    return TransferFunction::piecewise(std::move(knots));
-  } catch (const std::invalid_argument& e) {
-    node.fail(e.what(), "mend the curve");
+  if (node.json().is_number()) return node.notNegative();
+  node.object({"window", "piecewise"}, {"product"});
+  if (node.has("window") == node.has("piecewise")) {
+    node.fail("it is neither a number nor one curve",
+              "write a number, {\"window\": ...} or {\"piecewise\": ...}");
   }
+  if (node.has("window")) {
+    const Node window = node.child("window").object({"level", "width", "max"});
+    return TransferFunction::window(window.need("level").number(), window.need("width").positive(),
+                                    window.need("max").notNegative());
+  }
+  const Node curve = node.child("piecewise");
+  if (!curve.json().is_array() || curve.json().empty()) {
+    curve.fail("it is not a list of points", "write [[input, output], ...]");
+  }
+  std::vector<TransferFunction::Knot> knots;
+  for (std::size_t i = 0; i < curve.json().size(); ++i) {
+    const Node point = curve.element(i);
+    const auto knot = point.numbers<2>();
+    (void)point.element(1).notNegative();
+    knots.emplace_back(knot[0], knot[1]);
+  }
+  const auto ascending = [](const auto& a, const auto& b) { return a.first < b.first; };
+  if (!std::is_sorted(knots.begin(), knots.end(), ascending)) {
+    curve.fail("its inputs do not ascend", "sort the points by input");
+  }
+  return TransferFunction::piecewise(std::move(knots));
 }
 
 PlaceSpec readPlace(const Node& node) {
@@ -256,7 +257,10 @@ ModeSpec readMode(const Node& node) {
 Json parseJson(const std::string& text, const std::string& source) {
   std::vector<std::set<std::string>> open;
   std::string twice;
-  const Json::parser_callback_t watch = [&](int, Json::parse_event_t event, Json& value) {
+  const Json::parser_callback_t watch = [&](int depth, Json::parse_event_t event, Json& value) {
+    if (depth > 64) {
+      throw SceneError(source, "it is nested deeper than 64 levels", "a scene needs a few");
+    }
     if (event == Json::parse_event_t::object_start) open.emplace_back();
     if (event == Json::parse_event_t::object_end) open.pop_back();
     if (event == Json::parse_event_t::key && !open.back().insert(value.get<std::string>()).second) {
@@ -356,7 +360,13 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   spec.source = source;
   if (root.has("coupling")) {
     const Node node = root.child("coupling").object({"stiffness", "damping", "description"});
-    if (node.has("stiffness")) spec.coupling.stiffness = node.child("stiffness").positive();
+    if (node.has("stiffness")) {
+      if (node.child("stiffness").json().is_object()) {
+        node.child("stiffness")
+            .fail("this version does not have a varying stiffness yet", "write a number in N/m");
+      }
+      spec.coupling.stiffness = node.child("stiffness").positive();
+    }
     if (node.has("damping")) spec.coupling.damping = node.child("damping").notNegative();
   }
   if (root.has("accuracy")) {

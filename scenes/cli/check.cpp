@@ -22,6 +22,11 @@ std::string describe(const ModeSpec& mode) {
     text += fmt::format(" at {}, {} is solid", rounded(mode.value),
                         mode.solid == Solid::kAbove ? "above" : "below");
   }
+  if (mode.kind == ModeKind::kForce && mode.sense) {
+    text += *mode.sense == Sense::kAttract ? " (attract)" : " (repel)";
+  } else if (mode.kind == ModeKind::kForce) {
+    text += " (along a vector, down a scalar's gradient)";
+  }
   text += ", strength " + describe(mode.strength);
   if (!mode.by.empty()) text += " by " + mode.by;
   return text;
@@ -46,6 +51,28 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
     out.push_back(graph.scalar_properties[static_cast<std::size_t>(read.divergence)]);
   }
   return out;
+}
+
+/// The volume that a name comes from in the end.
+std::string volumeOf(const SceneSpec& spec, std::string name) {
+  for (auto derived = spec.graph.fields.find(name); derived != spec.graph.fields.end();
+       derived = spec.graph.fields.find(name)) {
+    name = derived->second.of;
+  }
+  return name;
+}
+
+/// The modes that read a volume: why it is sampled.
+std::vector<std::string> readersOf(const SceneSpec& spec, const Graph& graph,
+                                   const std::string& volume) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const ModeSpec& mode = spec.graph.modes[i];
+    if (volumeOf(spec, mode.of) == volume || volumeOf(spec, mode.by) == volume) {
+      names.push_back(graph.mode_names[i]);
+    }
+  }
+  return names;
 }
 
 OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
@@ -76,12 +103,14 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   }
   json["sampled"] = OrderedJson::array();
   for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
-    json["sampled"].push_back(
-        {{"field", graph.scalar_names[i]}, {"properties", wanted(graph, graph.scalar_reads[i])}});
+    json["sampled"].push_back({{"field", graph.scalar_names[i]},
+                               {"properties", wanted(graph, graph.scalar_reads[i])},
+                               {"for", readersOf(spec, graph, graph.scalar_names[i])}});
   }
   for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
-    json["sampled"].push_back(
-        {{"field", graph.vector_names[i]}, {"properties", wanted(graph, graph.vector_reads[i])}});
+    json["sampled"].push_back({{"field", graph.vector_names[i]},
+                               {"properties", wanted(graph, graph.vector_reads[i])},
+                               {"for", readersOf(spec, graph, graph.vector_names[i])}});
   }
   json["derived"] = OrderedJson::array();
   for (const MagnitudeStep& step : graph.magnitudes) {
@@ -113,11 +142,13 @@ void print(const OrderedJson& json) {
                rounded(1e3 * volume["metres_per_unit"].get<double>()));
   }
   for (const auto& sampled : json["sampled"]) {
-    std::string properties;
-    for (const auto& p : sampled["properties"]) {
-      properties += (properties.empty() ? "" : ", ") + p.get<std::string>();
-    }
-    fmt::print("samples   {}: {}\n", sampled["field"].get<std::string>(), properties);
+    const auto list = [](const OrderedJson& names) {
+      std::string text;
+      for (const auto& name : names) text += (text.empty() ? "" : ", ") + name.get<std::string>();
+      return text;
+    };
+    fmt::print("samples   {}: {}; for {}\n", sampled["field"].get<std::string>(),
+               list(sampled["properties"]), list(sampled["for"]));
   }
   for (const auto& derived : json["derived"]) {
     fmt::print("derives   {}\n", derived.get<std::string>());
@@ -146,9 +177,10 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       const SceneSpec spec = openScene(*scene);
       for (const std::string& note : spec.notes) complain(note);
       const BuiltScene built = buildScene(spec);
+      for (const std::string& note : built.notes) complain(note);
       const OrderedJson out = report(spec, built);
       if (*json) {
-        fmt::print("{}\n", out.dump(2));
+        fmt::print("{}\n", dump(out, 2));
       } else {
         print(out);
       }

@@ -14,10 +14,14 @@
 
 namespace palpate::cli {
 
+std::string dump(const OrderedJson& json, int indent) {
+  return json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
+}
+
 void complain(const std::string& line) {
   std::string clean = line;
   for (char& c : clean) {
-    if (c == '\n' || c == '\r') c = ' ';
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';  // one line, no escapes
   }
   fmt::print(stderr, "palpate: {}\n", clean);
 }
@@ -39,8 +43,15 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
     file_ = stdout;
     return;
   }
+  std::error_code error;
+  for (int links = 0; links < 40 && std::filesystem::is_symlink(path_, error); ++links) {
+    path_ = path_.parent_path() / std::filesystem::read_symlink(path_, error);
+  }
   partial_ = path_;
-  partial_ += fmt::format(".partial-{}", getpid());
+  const auto status = std::filesystem::status(path_, error);
+  const bool in_place =
+      std::filesystem::exists(status) && !std::filesystem::is_regular_file(status);
+  if (!in_place) partial_ += fmt::format(".partial-{}", getpid());
   file_ = std::fopen(partial_.c_str(), "wb");
   if (file_ == nullptr) {
     throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
@@ -51,7 +62,7 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
 WholeFile::~WholeFile() {
   if (file_ == nullptr || file_ == stdout) return;
   std::fclose(file_);
-  std::remove(partial_.c_str());
+  if (partial_ != path_) std::remove(partial_.c_str());
 }
 
 void WholeFile::write(const std::string& text) {
@@ -69,9 +80,10 @@ void WholeFile::commit() {
   std::FILE* file = std::exchange(file_, nullptr);
   const bool flushed = std::fclose(file) == 0;
   std::error_code error;
-  if (flushed) std::filesystem::rename(partial_, path_, error);
+  const bool in_place = partial_ == path_;
+  if (flushed && !in_place) std::filesystem::rename(partial_, path_, error);
   if (!flushed || error) {
-    std::remove(partial_.c_str());
+    if (!in_place) std::remove(partial_.c_str());
     throw Error(path_.string(), "it could not be finished", "check the disk and its permissions");
   }
 }

@@ -32,6 +32,9 @@ void addSolve(CLI::App& app, std::function<int()>& body);
 void addCheck(CLI::App& app, std::function<int()>& body);
 void addFeel(CLI::App& app, std::function<int()>& body);
 
+/// JSON as text, any bytes in names made printable.
+[[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
+
 /// One line on stderr: `palpate: ...`.
 void complain(const std::string& line);
 
@@ -42,7 +45,7 @@ void complain(const std::string& line);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
 
 /// A file that appears whole or not at all: written beside its place and renamed by commit().
-/// `-` is standard output.
+/// `-` is standard output; a pipe or device that is there already is written to as it is.
 class WholeFile {
  public:
   /// Opens at once, so that a path that cannot be written is known before any work is done. Throws

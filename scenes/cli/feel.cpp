@@ -3,6 +3,7 @@
 #include <cmath>
 #include <csignal>
 #include <fstream>
+#include <limits>
 #include <optional>
 #include <thread>
 #include <unistd.h>
@@ -24,6 +25,7 @@ namespace palpate::cli {
 namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
+constexpr double kDefaultSeconds = 10.0;
 
 struct Options {
   std::string scene;
@@ -39,7 +41,7 @@ struct Options {
 std::unique_ptr<Device> makeDevice(const Options& options, const Box& bounds) {
   const std::string& name = options.device;
   if (name == "simulated") {
-    const auto target = explore(bounds, options.seconds.value_or(10.0));
+    const auto target = explore(bounds, options.seconds.value_or(kDefaultSeconds));
     return std::make_unique<SimulatedDevice>(ArmParams{}, GripParams{}, target, options.rate);
   }
   if (name.rfind("path:", 0) == 0) {
@@ -133,8 +135,8 @@ class Progress {
   bool drawn_ = false;
 };
 
-/// No two outputs may go to one place.
-void checkOutputs(const Options& options) {
+/// No two outputs may go to one place, and none to what is read.
+void checkOutputs(const Options& options, const SceneSpec& spec) {
   std::vector<std::string> places{options.trace, options.summary, options.picture};
   if (options.json) places.emplace_back("-");
   for (std::size_t i = 0; i < places.size(); ++i) {
@@ -144,24 +146,39 @@ void checkOutputs(const Options& options) {
                   "give each its own place");
     }
   }
+  std::vector<std::filesystem::path> inputs{options.scene};
+  if (options.device.rfind("path:", 0) == 0) inputs.emplace_back(options.device.substr(5));
+  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
+  for (const std::string& place : places) {
+    for (const std::filesystem::path& input : inputs) {
+      std::error_code error;
+      if (!place.empty() && place != "-" && std::filesystem::equivalent(place, input, error)) {
+        throw Error(place, "it is an input of this run", "write to another file");
+      }
+    }
+  }
 }
 
 int feel(const Options& options) {
-  checkOutputs(options);
   if (!(options.rate >= 10.0 && options.rate <= 100000.0)) {
     throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", options.rate), "use 1000");
   }
   if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= 1e6)) {
-    throw Error("--seconds", fmt::format("{} is not 0 to 1000000", *options.seconds), "use 10");
+    throw Error("--seconds",
+                fmt::format("{} is not more than 0 and at most 1000000", *options.seconds),
+                "use 10");
   }
   const auto on_signal = [](int) { interrupted = 1; };
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
+  std::signal(SIGHUP, on_signal);
 
   // Everything that can be refused is refused before anything runs.
   const SceneSpec spec = openScene(options.scene);
+  checkOutputs(options, spec);
   for (const std::string& note : spec.notes) complain(note);
   const BuiltScene built = buildScene(spec);
+  for (const std::string& note : built.notes) complain(note);
   const std::unique_ptr<Device> device = makeDevice(options, built.bounds);
   checkDevice(spec, device->info().name, device->info().max_stiffness);
   std::optional<Picture> picture;
@@ -171,13 +188,15 @@ int feel(const Options& options) {
   if (!options.summary.empty()) summary_file.emplace(options.summary);
 
   const double dt = 1.0 / options.rate;
-  const std::int64_t most =
-      options.seconds ? static_cast<std::int64_t>(std::llround(*options.seconds * options.rate))
-                      : std::numeric_limits<std::int64_t>::max();
+  const bool whole_path = !options.seconds && options.device != "simulated";
+  const double seconds = options.seconds.value_or(kDefaultSeconds);
+  const std::int64_t most = whole_path
+                                ? std::numeric_limits<std::int64_t>::max()
+                                : static_cast<std::int64_t>(std::llround(seconds * options.rate));
   Reader reader;
   ProxyState state(device->info().limits);
   Felt felt(*built.scene, options.rate);
-  Progress progress(options.seconds ? most : 0);
+  Progress progress(whole_path ? 0 : most);
   for (std::int64_t i = 0; i < most && !device->ended() && interrupted == 0; ++i) {
     Telemetry tick;
     const HandState hand = device->read();
@@ -185,7 +204,7 @@ int feel(const Options& options) {
     tick.report = hapticStep(*built.scene, reader, hand, state, dt);
     const auto end = std::chrono::steady_clock::now();
     device->write(tick.report.force);
-    tick.time = static_cast<double>(i) * dt;
+    tick.time = static_cast<double>(i) / options.rate;
     tick.probe = hand.position;
     tick.tick_ns = std::chrono::nanoseconds(end - start).count();
     trace.add(tick);
@@ -195,7 +214,7 @@ int feel(const Options& options) {
   }
 
   OrderedJson summary;
-  summary["palpate"] = kVersion;
+  summary["version"] = kVersion;
   summary["scene"] = spec.source;
   summary["device"] = device->info().name;
   summary["clock"] = "virtual";
@@ -211,16 +230,21 @@ int feel(const Options& options) {
   summary["machine"] = machine();
   trace.commit();
   if (summary_file) {
-    summary_file->write(summary.dump(2) + "\n");
+    summary_file->write(dump(summary, 2) + "\n");
     summary_file->commit();
   }
   if (picture) picture->draw(spec, built);
   if (options.json) {
-    fmt::print("{}\n", summary.dump(2));
+    fmt::print("{}\n", dump(summary, 2));
   } else if (options.trace != "-" && options.summary != "-") {
     fmt::print("run       {} s at {} Hz in virtual time, device {}, {} ticks\n{}",
                rounded(summary["seconds"].get<double>()), rounded(options.rate),
                device->info().name, summary["ticks"].get<std::int64_t>(), felt.words());
+  }
+  if (!felt.anything()) {
+    complain(
+        "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
+        "volumes are");
   }
   if (interrupted != 0) return kInterrupted;
   if (!state.faulted()) return kDone;

@@ -63,6 +63,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) {
   for (std::size_t i = 0; i < modes_.size(); ++i) {
     const ModeMemory& memory = state.memory(i);
     const bool emitted = memory.emitted && next < primitives.size();
+    // In an edge a surface has two planes; the last is the newest.
+    if (emitted && memory.cornered) ++next;
     addMode(i, emitted ? &primitives[next++] : nullptr, tick, memory);
   }
 }
@@ -98,6 +100,10 @@ void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& t
     ++mode.touches;
   }
   mode.last_active = now;
+}
+
+bool Felt::anything() const {
+  return std::any_of(modes_.begin(), modes_.end(), [](const ModeFelt& m) { return m.active > 0; });
 }
 
 OrderedJson Felt::summary() const {
@@ -155,7 +161,7 @@ std::string Felt::words() const {
   text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
                       rounded(force_max_), limited_,
                       statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
-  text += fmt::format("energy    {} J given to the hand; {} J injected by surfaces re-placed\n",
+  text += fmt::format("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
                       rounded(net_energy_), rounded(injected_));
   for (const auto& mode : s["felt"]) {
     text += fmt::format("felt      {}: ", mode["mode"].get<std::string>());

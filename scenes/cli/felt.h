@@ -39,6 +39,8 @@ class Felt {
   /// One tick, after it was sent.
   void add(const Telemetry& tick, const ProxyState& state);
 
+  /// False if no mode ever took part in a force.
+  [[nodiscard]] bool anything() const;
   /// The summary file's content, less what the caller knows better.
   [[nodiscard]] OrderedJson summary() const;
   /// The same in words.

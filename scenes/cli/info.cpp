@@ -77,7 +77,7 @@ void addInfo(CLI::App& app, std::function<int()>& body) {
         out["file"] = *file;
         out["grids"] = OrderedJson::array();
         for (const GridInfo& grid : grids) out["grids"].push_back(describe(grid));
-        fmt::print("{}\n", out.dump(2));
+        fmt::print("{}\n", dump(out, 2));
       } else {
         for (const GridInfo& grid : grids) print(grid);
       }

@@ -1,6 +1,11 @@
 /// `palpate`: the program. One file a verb; what they print and read is in docs/interfaces.md.
+#include <algorithm>
+#include <csignal>
+#include <cstdio>
 #include <exception>
+#include <fcntl.h>
 #include <new>
+#include <system_error>
 
 #include <fmt/format.h>
 
@@ -18,6 +23,21 @@ int run(int argc, char** argv) {
   app.set_version_flag("--version", cli::kVersion);
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
+
+  // A verb of the contract that is not built yet, or a slip, deserves its own word.
+  const std::string first = argc > 1 ? argv[1] : "";
+  const std::vector<std::string> verbs{"info", "import", "sample", "solve", "check", "feel"};
+  for (const char* later : {"explain", "press", "stability", "devices", "view"}) {
+    if (first == later) {
+      throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
+    }
+  }
+  if (!first.empty() && first[0] != '-' &&
+      std::find(verbs.begin(), verbs.end(), first) == verbs.end()) {
+    const std::string near = nearestName(first, verbs);
+    throw Error("usage", "\"" + first + "\" is no verb",
+                near.empty() ? "see palpate --help" : "did you mean \"" + near + "\"?");
+  }
 
   std::function<int()> body;
   cli::addInfo(app, body);
@@ -40,7 +60,22 @@ int run(int argc, char** argv) {
     cli::complain(fmt::format("usage: {}: see palpate {}--help", e.what(), verb));
     return cli::kBadInput;
   }
-  return body();
+  const int status = body();
+  // Data that did not arrive is not done.
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+    throw Error("standard output", "it cannot be written", "check the disk or the pipe");
+  }
+  return status;
+}
+
+/// A closed standard stream would give its number to the next file opened.
+void holdStandardStreams() {
+  for (const int fd : {0, 1, 2}) {
+    if (fcntl(fd, F_GETFD) == -1) (void)open("/dev/null", fd == 1 ? O_RDONLY : O_RDWR);
+  }
+  // Writing to a closed pipe or past a limit is then an error like any other.
+  std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_IGN);
 }
 
 }  // namespace
@@ -48,12 +83,18 @@ int run(int argc, char** argv) {
 int main(int argc, char** argv) {
   using namespace palpate;
   try {
+    holdStandardStreams();
     return run(argc, argv);
   } catch (const Error& e) {
     cli::complain(e.what());
     return cli::kBadInput;
   } catch (const std::bad_alloc&) {
     cli::complain("memory: there is not enough for this: use a smaller volume");
+    return cli::kEndedEarly;
+  } catch (const std::system_error& e) {
+    cli::complain(
+        fmt::format("standard output: it cannot be written ({}): check the disk or the pipe",
+                    e.code().message()));
     return cli::kEndedEarly;
   } catch (const std::exception& e) {
     cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));

@@ -102,6 +102,9 @@ Picture::Picture(const std::string& path)
   if (!std::filesystem::exists(script_)) {
     script_ = programFolder().parent_path() / "share" / "palpate" / "feel_picture.py";
   }
+  if (path_.extension() != ".png") {
+    throw Error(path, "it is not named .png", "give a file name that ends in .png");
+  }
   WholeFile probe(path_);  // can it be written?
   const int status = run({script_.string(), "--check"}, "");
   if (status != 0) {
@@ -161,7 +164,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
                     t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
                     t.report.force.z()});
   }
-  const int status = run({script_.string()}, json.dump());
+  const int status = run({script_.string()}, dump(json));
   std::error_code error;
   if (status == 0) std::filesystem::rename(partial, path_, error);
   if (status != 0 || error) {

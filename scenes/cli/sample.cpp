@@ -102,7 +102,7 @@ int sample(const Options& options) {
     for (const std::string& column : table.columns) out += "," + column;
     out += "\n";
   }
-  for (const std::vector<double>& p : points) {
+  for (const auto& [line, p] : points) {
     const Row row = table.read({p[0], p[1], p[2]});
     if (options.json) {
       OrderedJson json;
@@ -111,7 +111,7 @@ int sample(const Options& options) {
       json["z"] = p[2];
       json["inside"] = row[0] == 1.0;
       for (std::size_t i = 1; i < row.size(); ++i) json[table.columns[i]] = row[i];
-      out += json.dump() + "\n";
+      out += dump(json) + "\n";
     } else {
       out += number(p[0]) + "," + number(p[1]) + "," + number(p[2]);
       for (const double value : row) out += "," + number(value);

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "engine/graph.h"
+#include "engine/error.h"
 #include "engine/solver.h"
 #include "scenes/cli/common.h"
 
@@ -79,7 +79,10 @@ Primitive readPrimitive(const Json& json, const std::string& name) {
 OrderedJson answer(const std::string& line) {
   Json json;
   try {
-    json = Json::parse(line);
+    json = Json::parse(line, [](int depth, Json::parse_event_t, Json&) {
+      if (depth > 16) throw LineError("it is nested too deep");
+      return true;
+    });
   } catch (const Json::exception&) {
     throw LineError("it is not valid JSON");
   }
@@ -131,7 +134,7 @@ int solve(std::istream& in) {
       out["message"] = e.what();
       status = kBadInput;
     }
-    fmt::print("{}\n", out.dump(-1, ' ', false, OrderedJson::error_handler_t::replace));
+    fmt::print("{}\n", dump(out));
   }
   return status;
 }
@@ -143,9 +146,9 @@ void addSolve(CLI::App& app, std::function<int()>& body) {
   auto file = std::make_shared<std::string>("-");
   verb->add_option("FILE", *file, "JSON Lines; - is standard input (default)");
   verb->footer(
-      "Example:\n  echo '{\"stiffness\":500,\"probe\":[0,0,-0.001],\"primitives\":[{\"kind\":"
-      "\"plane\",\n    \"position\":[0,0,0],\"direction\":[0,0,1],\"strength\":1.5}]}' | palpate "
-      "solve");
+      "Example (one line):\n  echo '{\"stiffness\":500,\"probe\":[0,0,-0.001],\"primitives\":[{"
+      "\"kind\":\"plane\",\"position\":[0,0,0],\"direction\":[0,0,1],\"strength\":1.5}]}' | "
+      "palpate solve");
   verb->callback([=, &body] {
     body = [=] {
       std::ifstream holder;

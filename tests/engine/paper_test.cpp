@@ -89,6 +89,28 @@ TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force,
   }
 }
 
+TEST_CASE("weak primitives of any kind and direction: at most their sum, equal to the reference",
+          "[paper]") {
+  Random random(4);
+  for (double strength = 1e-9; strength < 2e-2; strength *= 10.0) {
+    for (int i = 0; i < 100; ++i) {
+      const Vec3 probe = random.inCube(5e-3);
+      std::vector<Primitive> set;
+      double sum = 0.0;
+      for (int j = 0; j < 4; ++j) {
+        set.push_back(random.primitive());
+        set.back().strength = strength * random.uniform(0.1, 1.0);
+        sum += set.back().strength;
+      }
+      const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
+      const test::Reference reference = solveReference(probe, kStiffness, set, 2000);
+      CAPTURE(describe(probe, kStiffness, set));
+      REQUIRE(kStiffness * solved.offset.norm() <= sum * (1.0 + 1e-6));
+      REQUIRE(kStiffness * (solved.offset - reference.offset).norm() <= 1e-5 * sum);
+    }
+  }
+}
+
 TEST_CASE("fig. 2 a: orthogonal weak constraints are right in both methods", "[paper][fig2]") {
   Random random(3);
   for (int i = 0; i < 100; ++i) {

@@ -139,6 +139,23 @@ TEST_CASE("zero-strength primitives change nothing", "[solver]") {
   }
 }
 
+TEST_CASE("forces that cancel leave their rounding in the bound", "[solver]") {
+  Random random(23);
+  for (int i = 0; i < 300; ++i) {
+    std::vector<Primitive> set;
+    for (int j = 0; j < 3; ++j) {
+      Primitive p = random.primitive();
+      p.kind = PrimitiveKind::kForce;
+      p.strength = random.uniform(7e3, 1e4);
+      set.push_back(p);
+      p.direction = -p.direction;
+      set.push_back(p);
+    }
+    const SolveResult r = solveProxy(Vec3::Zero(), 1.0, set, Vec3::Zero());
+    REQUIRE(r.offset.norm() <= r.error_bound);
+  }
+}
+
 TEST_CASE("the same input gives the same bits", "[solver]") {
   Random random(8);
   std::vector<Primitive> set;

@@ -2,9 +2,10 @@
 
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 
 #include <catch2/catch.hpp>
+
+#include "engine/error.h"
 
 using palpate::TransferFunction;
 
@@ -43,11 +44,11 @@ TEST_CASE("a transfer function of NaN is zero, never NaN", "[transfer]") {
 
 TEST_CASE("negative, infinite and disordered curves are refused", "[transfer]") {
   const double inf = std::numeric_limits<double>::infinity();
-  CHECK_THROWS_AS(TransferFunction(-1.0), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction(inf), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction::window(0, 0, 1), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction::window(0, 1, -1), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction::piecewise({}), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction::piecewise({{1, 0}, {0, 1}}), std::invalid_argument);
-  CHECK_THROWS_AS(TransferFunction::piecewise({{0, 0}, {1, -1}}), std::invalid_argument);
+  CHECK_THROWS_AS(TransferFunction(-1.0), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction(inf), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction::window(0, 0, 1), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction::window(0, 1, -1), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction::piecewise({}), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction::piecewise({{1, 0}, {0, 1}}), palpate::SceneError);
+  CHECK_THROWS_AS(TransferFunction::piecewise({{0, 0}, {1, -1}}), palpate::SceneError);
 }

@@ -57,7 +57,9 @@ class Program(Case):
 
     def test_usage_errors_are_one_line(self):
         self.refused(says="usage")
-        self.refused("tickle", says="usage")
+        self.refused("tickle", says="is no verb")
+        self.refused("fel", says='did you mean "feel"?')
+        self.refused("press", says="does not have it yet")
         self.refused("feel", says="see palpate feel --help")
         self.refused("info", "a", "--nonsense", says="nonsense")
 
@@ -274,6 +276,8 @@ class Feel(Case):
         self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
         self.refused("feel", ball, "--device", "path:-", says="empty")
         self.refused("feel", ball, "--rate", 0, says="--rate")
+        self.refused("feel", ball, "--trace", ball, says="it is an input")
+        self.refused("feel", ball, "--picture", "-", says=".png")
         same = self.dir / "same"
         self.refused("feel", ball, "--trace", same, "--summary", same, says="two outputs")
         self.refused("feel", ball, "--trace", "-", "--json", says="two outputs")
@@ -281,6 +285,34 @@ class Feel(Case):
         self.refused("feel", ball, "--seconds", -1, says="--seconds")
         self.refused("feel", ball, "--trace", "/no/such/place/t.csv", says="cannot be written")
         self.refused("feel", ball, "--picture", "/no/such/place/p.png", says="cannot be written")
+
+    def test_output_that_cannot_be_written_is_an_error(self):
+        ball = str(self.dir / "ball.vdb")
+        for words in (("info", ball), ("check", ball), ("feel", ball, "--seconds", "1", "--json"),
+                      ("feel", ball, "--seconds", "1", "--trace", "-")):
+            with open("/dev/full", "w") as full:
+                done = subprocess.run([PALPATE, *words], stdout=full, stderr=subprocess.PIPE,
+                                      text=True, timeout=60)
+            self.assertIn(done.returncode, (1, 2), words)
+            self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
+
+    def test_devices_and_links_are_written_through(self):
+        link = self.dir / "link.csv"
+        link.symlink_to(self.dir / "behind.csv")
+        run("feel", self.dir / "ball.vdb", "--seconds", 1, "--trace", link, "--summary",
+            "/dev/null")
+        self.assertTrue(link.is_symlink())
+        self.assertTrue((self.dir / "behind.csv").read_text().startswith("t,probe_x"))
+        self.assertFalse(Path("/dev/null").is_file())
+        os.remove(link)
+        os.remove(self.dir / "behind.csv")
+
+    def test_what_can_hardly_be_meant_is_said(self):
+        scene = self.dir / "high.json"
+        scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode":'
+                         ' "isosurface", "of": "a", "value": 50, "strength": 1}]}')
+        self.assertIn("outside the grid", run("check", scene).stderr)
+        self.assertIn("nothing was felt", run("feel", scene, "--seconds", 1).stderr)
 
     def test_interrupted_it_keeps_what_was_felt(self):
         summary = self.dir / "interrupted.json"

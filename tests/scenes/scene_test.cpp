@@ -125,6 +125,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/modes/0/depth", 0, "/modes/0/depth: 0 is not > 0"},
       {"/coupling/stiffness", 0, "/coupling/stiffness: 0 is not > 0"},
       {"/coupling/stiffness", nullptr, "null is not a number"},
+      {"/coupling/stiffness", {{"window", 1}}, "does not have a varying stiffness yet"},
       {"/coupling/damping", -0.1, "/coupling/damping: -0.1 is negative"},
       {"/accuracy/max_substeps", 2.5, "not a whole number"},
       {"/accuracy/max_substeps", 0, "not a whole number"},
@@ -159,6 +160,8 @@ TEST_CASE("bad JSON is one line, and no key may stand twice", "[scene]") {
              Contains("\"palpate\" stands twice in one object"));
   CHECK_THAT(parseError(R"({"palpate": 1e999})"), Contains("not valid JSON"));
   CHECK_THAT(parseError(R"({"palpate": NaN})"), Contains("not valid JSON"));
+  CHECK_THAT(parseError(std::string(100000, '[') + std::string(100000, ']')),
+             Contains("nested deeper"));
 }
 
 TEST_CASE("what only loading can see is named by file and path too", "[scene]") {
@@ -184,6 +187,17 @@ TEST_CASE("what only loading can see is named by file and path too", "[scene]") 
   CHECK_THAT(error("/modes/0/of", "flow"), Contains("s.json: /modes/0/of"));
   CHECK_THAT(error("/modes/0/of", "heads"), Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/fields/swirl/magnitude", "swirl"), Contains("derived from itself"));
+}
+
+TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]") {
+  SceneSpec spec;
+  spec.volumes["far"].field = makeSphere(Vec3::Constant(-5.0), 0.04);
+  ModeSpec skin;
+  skin.kind = ModeKind::kIsosurface;
+  skin.of = "far";
+  spec.graph.modes = {skin};
+  const BuiltScene built = buildScene(spec);
+  CHECK((built.bounds.centre() - Vec3::Constant(-5.0)).norm() < 1e-12);
 }
 
 TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene]") {
