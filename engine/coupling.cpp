@@ -7,12 +7,13 @@ namespace palpate {
 
 Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                    const Vec3& offset_rate) noexcept {
-  const Vec3 spring = params.stiffness * offset;
+  Vec3 spring = params.stiffness * offset;
   const double length = offset.norm();
   if (!(params.damping > 0.0) || !(length > 0.0)) return spring;
   const double damper = params.damping * offset_rate.dot(offset) / length;
   const double share = damper / (params.stiffness * length);
-  return (1.0 + std::clamp(std::isnan(share) ? 0.0 : share, -1.0, 1.0)) * spring;
+  spring *= 1.0 + std::clamp(std::isnan(share) ? 0.0 : share, -1.0, 1.0);
+  return spring;
 }
 
 LimitedForce limitForce(const Vec3& wanted, const Vec3& previous, double dt,

@@ -328,19 +328,15 @@ int balancePair(Term& plane, Term& other, const Vec3& spring, Vec3& y) noexcept 
   if (at_b <= 0.0) return settled(false);
 
   // a is the newest point, b the other end of the bracket, c the point before.
-  double c = b;
-  double at_c = at_b;
   double t = at_a / (at_a - at_b);
   while (evaluations < kMost) {
     const double z = a + t * (b - a);
     const double h = height(z);
     if (std::abs(h) <= kOnPlane) break;
-    if ((h > 0.0) == (at_a > 0.0)) {
-      c = a;
-      at_c = at_a;
-    } else {
-      c = b;
-      at_c = at_b;
+    const bool same_side = (h > 0.0) == (at_a > 0.0);
+    const double c = same_side ? a : b;
+    const double at_c = same_side ? at_a : at_b;
+    if (!same_side) {
       b = a;
       at_b = at_a;
     }
