@@ -32,10 +32,10 @@ class Device {
 
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
   /// The newest position. RT: no allocation, no lock.
-  [[nodiscard]] virtual HandState read() noexcept = 0;
+  [[nodiscard]] virtual HandState read() noexcept PALPATE_NONBLOCKING = 0;
   /// Sends a force [N] that has passed limitForce; it holds until the next one. A device in virtual
   /// time moves on by one tick. RT: no allocation, no lock.
-  virtual void write(const Vec3& force) noexcept = 0;
+  virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
   /// True when there is nothing more to read, as at the end of a recorded path.
   [[nodiscard]] virtual bool ended() const noexcept { return false; }
 };

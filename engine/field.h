@@ -62,7 +62,8 @@ class ScalarField {
   virtual void reset(FieldCache& cache) const noexcept = 0;
   /// Value and gradient at p_W [m]; NaN and far-away positions give `inside` false.
   /// RT: no allocation, no lock. Cost: tens of ns.
-  [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept = 0;
+  [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
+      PALPATE_NONBLOCKING = 0;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
 
@@ -79,7 +80,8 @@ class VectorField {
   virtual ~VectorField() = default;
 
   virtual void reset(FieldCache& cache) const noexcept = 0;
-  [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept = 0;
+  [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
+      PALPATE_NONBLOCKING = 0;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
 

@@ -11,31 +11,21 @@ Box cube(const Vec3& centre, double half) {
 
 }  // namespace
 
-ScalarSample AnalyticScalarField::sample(const Vec3& p_W, FieldCache& /*cache*/) const noexcept {
-  return p_W.allFinite() ? formula_(p_W) : ScalarSample{};
-}
-
-VectorSample AnalyticVectorField::sample(const Vec3& p_W, FieldCache& /*cache*/) const noexcept {
-  return p_W.allFinite() ? formula_(p_W) : VectorSample{};
-}
-
 std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius, double voxel) {
-  return std::make_shared<AnalyticScalarField>(
-      FieldFrame{voxel, 1.0, cube(centre, 2.0 * radius)}, [=](const Vec3& p) {
-        const Vec3 r = p - centre;
-        const double distance = r.norm();
-        const Vec3 normal = distance > 0.0 ? Vec3(r / distance) : Vec3::Zero();
-        return ScalarSample{distance - radius, normal, normal, true};
-      });
+  return makeScalarField(FieldFrame{voxel, 1.0, cube(centre, 2.0 * radius)}, [=](const Vec3& p) {
+    const Vec3 r = p - centre;
+    const double distance = r.norm();
+    const Vec3 normal = distance > 0.0 ? Vec3(r / distance) : Vec3::Zero();
+    return ScalarSample{distance - radius, normal, normal, true};
+  });
 }
 
 std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point, const Vec3& normal,
                                                  double voxel) {
   const Vec3 n = normal.normalized();
-  return std::make_shared<AnalyticScalarField>(FieldFrame{voxel, 1.0, cube(point, 10.0)},
-                                               [=](const Vec3& p) {
-                                                 return ScalarSample{n.dot(p - point), n, n, true};
-                                               });
+  return makeScalarField(FieldFrame{voxel, 1.0, cube(point, 10.0)}, [=](const Vec3& p) {
+    return ScalarSample{n.dot(p - point), n, n, true};
+  });
 }
 
 std::shared_ptr<const VectorField> makeVortex(const Vec3& centre, const Vec3& omega, double axial,
@@ -43,11 +33,10 @@ std::shared_ptr<const VectorField> makeVortex(const Vec3& centre, const Vec3& om
   const Vec3 axis = omega.normalized();
   Mat3 J;
   J << 0, -omega.z(), omega.y(), omega.z(), 0, -omega.x(), -omega.y(), omega.x(), 0;
-  return std::make_shared<AnalyticVectorField>(
-      FieldFrame{voxel, 1.0, cube(centre, radius)}, [=](const Vec3& p) {
-        const Vec3 r = p - centre;
-        return VectorSample{omega.cross(r) + axial * axis, J, r.norm() <= radius};
-      });
+  return makeVectorField(FieldFrame{voxel, 1.0, cube(centre, radius)}, [=](const Vec3& p) {
+    const Vec3 r = p - centre;
+    return VectorSample{omega.cross(r) + axial * axis, J, r.norm() <= radius};
+  });
 }
 
 }  // namespace palpate

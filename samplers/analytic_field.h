@@ -1,7 +1,6 @@
 /// Fields given by a formula: for tests, benchmarks and first programs. No OpenVDB.
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <utility>
 
@@ -10,36 +9,56 @@
 namespace palpate {
 
 /// A scalar field from a formula for its value and gradient, in metres of W.
+/// @tparam Formula  ScalarSample(const Vec3& p) noexcept, p [m]; `inside` is its own to set. What
+/// it
+///                  does is done in the tick: no allocation, no lock.
+template <class Formula>
 class AnalyticScalarField final : public ScalarField {
  public:
-  /// Returns value and gradient at p [m]; `inside` is the formula's to set.
-  using Formula = std::function<ScalarSample(const Vec3&)>;
-
   /// `frame.voxel` is the step [m] that the proxy may take before the formula is read again.
   AnalyticScalarField(const FieldFrame& frame, Formula formula)
       : ScalarField(frame), formula_(std::move(formula)) {}
 
   void reset(FieldCache& /*cache*/) const noexcept override {}
-  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept override;
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W,
+                                    FieldCache& /*cache*/) const noexcept override {
+    return p_W.allFinite() ? formula_(p_W) : ScalarSample{};
+  }
 
  private:
   Formula formula_;
 };
 
-/// A vector field from a formula for its value and Jacobian, in metres of W.
+/// A vector field from a formula for its value and Jacobian: VectorSample(const Vec3& p) noexcept.
+template <class Formula>
 class AnalyticVectorField final : public VectorField {
  public:
-  using Formula = std::function<VectorSample(const Vec3&)>;
-
   AnalyticVectorField(const FieldFrame& frame, Formula formula)
       : VectorField(frame), formula_(std::move(formula)) {}
 
   void reset(FieldCache& /*cache*/) const noexcept override {}
-  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept override;
+  [[nodiscard]] VectorSample sample(const Vec3& p_W,
+                                    FieldCache& /*cache*/) const noexcept override {
+    return p_W.allFinite() ? formula_(p_W) : VectorSample{};
+  }
 
  private:
   Formula formula_;
 };
+
+/// A scalar field from any formula.
+template <class Formula>
+[[nodiscard]] std::shared_ptr<const ScalarField> makeScalarField(const FieldFrame& frame,
+                                                                 Formula formula) {
+  return std::make_shared<AnalyticScalarField<Formula>>(frame, std::move(formula));
+}
+
+/// A vector field from any formula.
+template <class Formula>
+[[nodiscard]] std::shared_ptr<const VectorField> makeVectorField(const FieldFrame& frame,
+                                                                 Formula formula) {
+  return std::make_shared<AnalyticVectorField<Formula>>(frame, std::move(formula));
+}
 
 /// The distance to a sphere's surface [m], negative inside.
 [[nodiscard]] std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
@@ -51,7 +70,7 @@ class AnalyticVectorField final : public VectorField {
                                                                double voxel = 1e-3);
 
 /// A rigid vortex about an axis through `centre` with a flow along it: v = omega x r + axial e.
-/// curl v = 2 omega, div v = 0.
+/// curl v = 2 omega, div v = 0. Data within `radius` [m].
 [[nodiscard]] std::shared_ptr<const VectorField> makeVortex(const Vec3& centre, const Vec3& omega,
                                                             double axial, double radius,
                                                             double voxel = 1e-3);

@@ -257,7 +257,7 @@ TEST_CASE("a NaN hand is a fault: zero force until it is cleared", "[step][safet
 TEST_CASE("a field that returns rubbish costs the force, not the hand", "[step][safety]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Random random(7);
-  const auto rubbish = std::make_shared<AnalyticScalarField>(
+  const auto rubbish = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&](const Vec3& p) {
         const auto any = [&](double v) {
           const int n = random.integer(12);
@@ -311,14 +311,14 @@ TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides ov
   // Two half-spaces about the y axis: their union (a groove) and intersection (a
   // roof).
   const auto wedge = [](bool groove, double slope) {
-    return std::make_shared<AnalyticScalarField>(
-        FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [=](const Vec3& p) {
-          const Vec3 a = Vec3(slope, 0, 1).normalized();
-          const Vec3 b = Vec3(-slope, 0, 1).normalized();
-          const bool first = groove ? a.dot(p) < b.dot(p) : a.dot(p) > b.dot(p);
-          const Vec3 n = first ? a : b;
-          return ScalarSample{n.dot(p), n, n, true};
-        });
+    return makeScalarField(FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}},
+                           [=](const Vec3& p) {
+                             const Vec3 a = Vec3(slope, 0, 1).normalized();
+                             const Vec3 b = Vec3(-slope, 0, 1).normalized();
+                             const bool first = groove ? a.dot(p) < b.dot(p) : a.dot(p) > b.dot(p);
+                             const Vec3 n = first ? a : b;
+                             return ScalarSample{n.dot(p), n, n, true};
+                           });
   };
   Bench groove{FieldPtr(wedge(true, 1.0)), {mode(ModeKind::kIsosurface, "it", 2.0)}};
   StepReport r;
