@@ -146,7 +146,7 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
   const double strength = share * mode.strength(at);
   bool room = true;
   // A plane is trusted as far as a voxel from where it was placed.
-  if ((p - memory.other_anchor).norm() > mode.voxel) memory.cornered = false;
+  memory.cornered = memory.cornered && (p - memory.other_anchor).norm() <= mode.voxel;
   if (memory.cornered) {
     room = add(set, PrimitiveKind::kPlane, memory.other_anchor, memory.other_normal, strength);
   }
@@ -166,7 +166,7 @@ bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p
   const std::size_t before = set.size();
   const bool room =
       std::visit([&](const auto& m) { return emit(m, properties, p, memory, set); }, mode);
-  memory.emitted = set.size() > before;
+  memory.emitted = static_cast<int>(set.size() - before);
   return room;
 }
 
@@ -174,7 +174,7 @@ void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept {
   const auto* iso = std::get_if<IsosurfaceMode>(&mode);
   if (iso == nullptr || memory.contact == Contact::kInside) return;
   const double past = memory.normal.dot(memory.anchor - proxy);
-  if (memory.contact == Contact::kOutside && memory.emitted && past > kYield * iso->voxel) {
+  if (memory.contact == Contact::kOutside && memory.emitted > 0 && past > kYield * iso->voxel) {
     memory.contact = Contact::kYielded;
   }
 }

@@ -72,7 +72,7 @@ struct ModeMemory {
     kInside,   ///< On the solid side: free to move and to leave.
   };
   Contact contact = Contact::kUnknown;
-  bool emitted = false;         ///< The last sub-step has a primitive of this mode.
+  int emitted = 0;              ///< Primitives of this mode in the last sub-step.
   Vec3 anchor = Vec3::Zero();   ///< The plane's position [m].
   Vec3 normal = Vec3::UnitX();  ///< Its outward normal.
   bool placed = false;          ///< Outside, with the plane above placed.

@@ -37,7 +37,9 @@ struct SolveResult {
                                ///< spring's force is k times this.
   double error_bound = 0.0;    ///< [m], at least the distance of probe + offset to the exact
                                ///< answer, but for the last digit of the directions (1e-16 rad).
-  int iterations = 0;          ///< 3x3 linear solves; 0 for the closed form.
+  int iterations = 0;          ///< Of the method that answered: 3x3 linear solves, or, for a plane
+                               ///< and one other primitive, evaluations of their scalar equation;
+                               ///< 0 for the closed form.
   SolverKind solver = SolverKind::kClosedForm;
   SolveStatus status = SolveStatus::kConverged;
 };

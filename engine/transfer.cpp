@@ -6,36 +6,41 @@
 #include "engine/error.h"
 
 namespace palpate {
+namespace {
+
+[[noreturn]] void refuse(const char* why, const char* remedy = "mend the curve") {
+  throw SceneError("strength", why, remedy);
+}
+
+}  // namespace
 
 TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
   if (!std::isfinite(constant) || constant < 0.0) {
-    throw SceneError("strength", "a strength must be a finite number >= 0", "mend the curve");
+    refuse("a strength must be a finite number >= 0");
   }
 }
 
 TransferFunction TransferFunction::window(double level, double width, double max) {
   if (!std::isfinite(level) || !std::isfinite(width) || !std::isfinite(max)) {
-    throw SceneError("strength", "a window's level, width and max must be finite",
-                     "mend the curve");
+    refuse("a window's level, width and max must be finite");
   }
-  if (width <= 0.0) throw SceneError("strength", "a window's width must be > 0", "mend the curve");
+  if (width <= 0.0) refuse("a window's width must be > 0");
   return piecewise({{level - 0.5 * width, 0.0}, {level + 0.5 * width, max}});
 }
 
 TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
-  if (knots.empty())
-    throw SceneError("strength", "a piecewise curve needs at least one point", "mend the curve");
+  if (knots.empty()) refuse("a piecewise curve needs at least one point");
   for (const Knot& knot : knots) {
     if (!std::isfinite(knot.first) || !std::isfinite(knot.second)) {
-      throw SceneError("strength", "a curve's points must be finite", "mend the curve");
+      refuse("a curve's points must be finite");
     }
     if (knot.second < 0.0) {
-      throw SceneError("strength", "a curve's outputs must be >= 0", "turn a force round by sense");
+      refuse("a curve's outputs must be >= 0", "turn a force round by sense");
     }
   }
   const auto ascending = [](const Knot& a, const Knot& b) { return a.first < b.first; };
   if (!std::is_sorted(knots.begin(), knots.end(), ascending)) {
-    throw SceneError("strength", "a curve's inputs must ascend", "mend the curve");
+    refuse("a curve's inputs must ascend");
   }
   return TransferFunction(std::move(knots));
 }

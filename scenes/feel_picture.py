@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Draws a run of `palpate feel`: JSON on standard input, a PNG out.
+"""Draws a run of `palpate feel`: JSON on standard input, a PNG on standard output.
 
 With --check it only sees whether matplotlib is there.
 """
@@ -68,7 +68,7 @@ def main():
     ax.legend(ncol=4, fontsize=8)
     ax.grid(alpha=0.3)
     figure.suptitle(f"palpate feel {data['scene']}: the proxy's path, projected on the slices", fontsize=10)
-    figure.savefig(data["out"], dpi=110)
+    figure.savefig(sys.stdout.buffer, format="png", dpi=110)
 
 
 if __name__ == "__main__":

@@ -35,9 +35,7 @@ std::string describe(const ModeSpec& mode) {
 /// The properties of the compiled graph that come from each field, in words.
 std::vector<std::string> wanted(const Graph& graph, const ScalarRead& read) {
   std::vector<std::string> out;
-  for (const int i : {read.value}) {
-    if (i >= 0) out.emplace_back("value");
-  }
+  if (read.value >= 0) out.emplace_back("value");
   for (const int i : {read.gradient, read.cell_gradient}) {
     if (i >= 0) out.push_back(graph.vector_properties[static_cast<std::size_t>(i)]);
   }

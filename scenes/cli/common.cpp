@@ -72,6 +72,10 @@ void WholeFile::write(const std::string& text) {
   }
 }
 
+int WholeFile::descriptor() const {
+  return fileno(file_);
+}
+
 void WholeFile::commit() {
   if (file_ == stdout) {
     std::fflush(stdout);

@@ -56,6 +56,8 @@ class WholeFile {
   ~WholeFile();
 
   void write(const std::string& text);
+  /// For a program that writes it by itself.
+  [[nodiscard]] int descriptor() const;
   /// Throws Error where the disk is full and the like.
   void commit();
 

@@ -62,10 +62,10 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) {
   std::size_t next = 0;
   for (std::size_t i = 0; i < modes_.size(); ++i) {
     const ModeMemory& memory = state.memory(i);
-    const bool emitted = memory.emitted && next < primitives.size();
-    // In an edge a surface has two planes; the last is the newest.
-    if (emitted && memory.cornered) ++next;
-    addMode(i, emitted ? &primitives[next++] : nullptr, tick, memory);
+    next += static_cast<std::size_t>(memory.emitted);
+    // The last that a mode emits is the newest; after a fault there may be none.
+    const bool there = memory.emitted > 0 && next <= primitives.size();
+    addMode(i, there ? &primitives[next - 1] : nullptr, tick, memory);
   }
 }
 

@@ -1,13 +1,9 @@
 #include "scenes/cli/picture.h"
 
 #include <algorithm>
-#include <csignal>
-#include <cstring>
+#include <cerrno>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <utility>
-
-#include <fmt/format.h>
 
 #include "engine/error.h"
 
@@ -18,14 +14,16 @@ constexpr int kPixels = 180;  // along the longest side of a slice
 constexpr std::size_t kMostFields = 2;
 constexpr std::size_t kMostTicks = 20000;
 
-/// Runs a program with `input` on its standard input; its exit status, or -1.
-int run(const std::vector<std::string>& command, const std::string& input) {
+/// Runs a program with `input` on its standard input and its standard output to a descriptor; its
+/// exit status, or -1.
+int run(const std::vector<std::string>& command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
     dup2(pipe_ends[0], STDIN_FILENO);
+    dup2(output, STDOUT_FILENO);
     close(pipe_ends[0]);
     close(pipe_ends[1]);
     std::vector<char*> argv;
@@ -36,7 +34,6 @@ int run(const std::vector<std::string>& command, const std::string& input) {
     _exit(127);
   }
   close(pipe_ends[0]);
-  std::signal(SIGPIPE, SIG_IGN);
   std::size_t written = 0;
   while (written < input.size()) {
     const ssize_t n = write(pipe_ends[1], input.data() + written, input.size() - written);
@@ -52,12 +49,12 @@ int run(const std::vector<std::string>& command, const std::string& input) {
 }
 
 /// A field as a function for pictures: the value, or a vector's magnitude.
-std::function<std::optional<double>(const Vec3&)> reading(const FieldPtr& field) {
+std::function<double(const Vec3&)> reading(const FieldPtr& field) {
   auto cache = std::make_shared<FieldCache>();
   return std::visit(
-      [&](const auto& f) -> std::function<std::optional<double>(const Vec3&)> {
+      [&](const auto& f) -> std::function<double(const Vec3&)> {
         f->reset(*cache);
-        return [f, cache](const Vec3& p) -> std::optional<double> {
+        return [f, cache](const Vec3& p) {
           const auto s = f->sample(p, *cache);
           if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ScalarSample>) {
             return s.value;
@@ -87,27 +84,27 @@ OrderedJson slice(const FieldPtr& field, const Box& bounds, const Vec3& through,
       Vec3 p = through;
       p[a] = bounds.lower[a] + (i + 0.5) / columns * bounds.size()[a];
       p[b] = bounds.lower[b] + (j + 0.5) / rows * bounds.size()[b];
-      const auto value = read(p);
-      line.push_back(value ? OrderedJson(static_cast<float>(*value)) : OrderedJson(nullptr));
+      line.push_back(static_cast<float>(read(p)));
     }
     json["values"].push_back(std::move(line));
   }
   return json;
 }
 
+/// A name that says what it will be.
+std::string checked(const std::string& path) {
+  if (std::filesystem::path(path).extension() == ".png") return path;
+  throw Error(path, "it is not named .png", "give a file name that ends in .png");
+}
+
 }  // namespace
 
 Picture::Picture(const std::string& path)
-    : path_(path), script_(programFolder() / "feel_picture.py") {
+    : path_(path), file_(checked(path)), script_(programFolder() / "feel_picture.py") {
   if (!std::filesystem::exists(script_)) {
     script_ = programFolder().parent_path() / "share" / "palpate" / "feel_picture.py";
   }
-  if (path_.extension() != ".png") {
-    throw Error(path, "it is not named .png", "give a file name that ends in .png");
-  }
-  WholeFile probe(path_);  // can it be written?
-  const int status = run({script_.string(), "--check"}, "");
-  if (status != 0) {
+  if (run({script_.string(), "--check"}, "", file_.descriptor()) != 0) {
     throw Error("--picture", "python3 with matplotlib is not there", "install python3-matplotlib");
   }
 }
@@ -122,7 +119,7 @@ void Picture::add(const Telemetry& tick) {
   stride_ *= 2;
 }
 
-void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
+void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
   // Slices through the middle of what was touched.
   Vec3 middle = Vec3::Zero();
   int touched = 0;
@@ -134,10 +131,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
   middle = touched == 0 ? built.bounds.centre() : Vec3(middle / touched);
   middle = middle.cwiseMax(built.bounds.lower).cwiseMin(built.bounds.upper);
 
-  std::filesystem::path partial = path_;
-  partial += fmt::format(".partial-{}.png", getpid());
   OrderedJson json;
-  json["out"] = partial.string();
   json["scene"] = spec.source;
   json["fields"] = OrderedJson::array();
   for (const auto& [name, field] : built.fields) {
@@ -164,14 +158,11 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) const {
                     t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
                     t.report.force.z()});
   }
-  const int status = run({script_.string()}, dump(json));
-  std::error_code error;
-  if (status == 0) std::filesystem::rename(partial, path_, error);
-  if (status != 0 || error) {
-    std::filesystem::remove(partial, error);
+  if (run({script_.string()}, dump(json), file_.descriptor()) != 0) {
     throw Error(path_.string(), "the picture could not be drawn",
                 "see the message of matplotlib above");
   }
+  file_.commit();
 }
 
 }  // namespace palpate::cli

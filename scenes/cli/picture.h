@@ -19,10 +19,11 @@ class Picture {
   explicit Picture(const std::string& path);
   void add(const Telemetry& tick);
   /// Throws Error; no partial file is left.
-  void draw(const SceneSpec& spec, const BuiltScene& built) const;
+  void draw(const SceneSpec& spec, const BuiltScene& built);
 
  private:
   std::filesystem::path path_;
+  WholeFile file_;
   std::filesystem::path script_;
   std::vector<Telemetry> ticks_;  ///< Every stride_-th.
   std::size_t stride_ = 1;
