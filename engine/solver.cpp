@@ -12,376 +12,579 @@ namespace palpate {
 namespace {
 
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+/// A line search ends where this share of the slope is left.
+constexpr double kSlopeLeft = 0.03;
+/// |z|^2 of a multiplier inside its ball: the primitive holds the proxy on its kink.
+constexpr double kOnKink = 1.0 - 1e-12;
 
-/// A primitive other than a directed force, as sigma |P (y - a)|: P projects on the point's three,
-/// the line's two or the plane's one constrained directions. Lengths in units of S/k, forces in
-/// units of S, so that sigmas add up to 1.
-struct Term {
-  PrimitiveKind kind;
-  double sigma;
-  Vec3 a;   ///< anchor
-  Vec3 q;   ///< unit direction
-  Vec3 z;   ///< multiplier: the primitive's force is -sigma z, |z| <= 1, in the range of P
-  bool on;  ///< believed to hold the proxy on its kink (on the plane, line or point)
+/// The primitives of one balance other than directed forces, as sigma |P y - b|, P = alpha I +
+/// beta q q^T the projector on the point's three, the line's two or the plane's one constrained
+/// directions. Lengths in units of S/k, forces in units of S, so that sigmas add up to 1. Field by
+/// field, so that the loops below run several terms at a time.
+///
+/// b = P a, a the anchor: where on its line or plane a primitive stands does not matter, and b is
+/// small wherever the kink is near the origin. So distances to near kinks keep their digits.
+struct Terms {
+  std::size_t count = 0;
+  double* sigma;
+  double* alpha;             ///< point 1, line 1, plane 0
+  double* beta;              ///< point 0, line -1, plane 1
+  std::array<double*, 3> q;  ///< unit direction
+  std::array<double*, 3> b;
+  std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
+  std::array<double*, 3> u;  ///< scratch: u of the last envelopeGradient, then Line's fields
+  std::size_t* source;       ///< index of the primitive
+
+  static constexpr std::size_t kFields = 15;
 };
 
-Vec3 project(const Term& term, const Vec3& d) noexcept {
-  switch (term.kind) {
-    case PrimitiveKind::kPoint:
-      return d;
-    case PrimitiveKind::kLine:
-      return d - term.q * term.q.dot(d);
-    case PrimitiveKind::kPlane:
-      return term.q * term.q.dot(d);
-    case PrimitiveKind::kForce:
-      break;
+template <std::size_t Capacity>
+struct Storage {
+  // A cache line more than needed: at a power of two all fields would share one set of the cache.
+  std::array<std::array<double, Capacity + 8>, Terms::kFields> fields;
+  std::array<std::size_t, Capacity> source;
+
+  Terms view() noexcept {
+    const auto at = [&](std::size_t i) { return fields[i].data(); };
+    return {0,
+            at(0),
+            at(1),
+            at(2),
+            {at(3), at(4), at(5)},
+            {at(6), at(7), at(8)},
+            {at(9), at(10), at(11)},
+            {at(12), at(13), at(14)},
+            source.data()};
   }
-  return Vec3::Zero();
+};
+
+Vec3 get(const std::array<double*, 3>& field, std::size_t i) noexcept {
+  return {field[0][i], field[1][i], field[2][i]};
 }
 
-/// H += c P.
-void addProjector(const Term& term, double c, Mat3& H) noexcept {
-  if (term.kind != PrimitiveKind::kPlane) H.diagonal().array() += c;
-  if (term.kind == PrimitiveKind::kLine) H.noalias() -= (c * term.q) * term.q.transpose();
-  if (term.kind == PrimitiveKind::kPlane) H.noalias() += (c * term.q) * term.q.transpose();
+void set(const std::array<double*, 3>& field, std::size_t i, const Vec3& v) noexcept {
+  for (std::size_t axis = 0; axis < 3; ++axis) field[axis][i] = v[static_cast<Eigen::Index>(axis)];
+}
+
+/// P v.
+Vec3 project(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
+  const Vec3 q = get(terms.q, i);
+  return terms.alpha[i] * v + (terms.beta[i] * q.dot(v)) * q;
+}
+
+/// P v, once more projected: what rounding leaves outside the range of P is gone.
+Vec3 projectExactly(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
+  return project(terms, i, project(terms, i, v));
+}
+
+/// std::max by value: its references keep the compiler from running the loops several at a time.
+double larger(double a, double b) noexcept {
+  return a > b ? a : b;
 }
 
 /// Solves H x = b for a symmetric H with eigenvalues >= 1, by L D L^T.
 Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
-  const double l10 = H(1, 0) / H(0, 0);
-  const double l20 = H(2, 0) / H(0, 0);
-  const double d1 = H(1, 1) - l10 * H(1, 0);
+  const double i0 = 1.0 / H(0, 0);
+  const double l10 = H(1, 0) * i0;
+  const double l20 = H(2, 0) * i0;
+  const double i1 = 1.0 / (H(1, 1) - l10 * H(1, 0));
   const double m = H(2, 1) - l10 * H(2, 0);
-  const double l21 = m / d1;
+  const double l21 = m * i1;
   const double d2 = H(2, 2) - l20 * H(2, 0) - l21 * m;
   const double y1 = b[1] - l10 * b[0];
   const double y2 = b[2] - l20 * b[0] - l21 * y1;
   Vec3 x;
   x[2] = y2 / d2;
-  x[1] = y1 / d1 - l21 * x[2];
-  x[0] = b[0] / H(0, 0) - l10 * x[1] - l20 * x[2];
+  x[1] = y1 * i1 - l21 * x[2];
+  x[0] = b[0] * i0 - l10 * x[1] - l20 * x[2];
   return x;
 }
 
-/// Minimise |y - spring|^2 / 2 + sum sigma |P (y - a)|, dimensionless, and what restores metres.
+/// Minimise |y - spring|^2 / 2 + sum sigma |P y - b|, dimensionless, and what restores metres.
 struct Problem {
-  Vec3 w;         ///< the spring's end, relative to the probe [m]: directed forces only move it
-  double length;  ///< S/k [m]
-  Vec3 spring;    ///< the spring's end, in units of S/k from the origin
-  std::span<Term> terms;
+  Vec3 w = Vec3::Zero();  ///< the spring's end, relative to the probe [m]: directed forces only
+                          ///< move it
+  double length = 0.0;    ///< S/k [m]
+  Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of S/k from the origin
+  Terms terms;
 
   /// Moves the origin, so that small distances near it are not rounded to the size of others.
   void moveOrigin(const Vec3& to) noexcept {
     spring -= to;
-    for (Term& term : terms) term.a -= to;
+    for (std::size_t i = 0; i < terms.count; ++i) {
+      set(terms.b, i, projectExactly(terms, i, get(terms.b, i) - to));
+    }
   }
   /// A solution as a displacement from the probe [m].
   [[nodiscard]] Vec3 offset(const Vec3& y) const noexcept { return w + length * (y - spring); }
 };
 
+/// Which side of a norm's envelope a primitive is on.
+enum class Pieces : std::uint8_t {
+  kActual,    ///< As u says: on its kink where |u| <= 1.
+  kBelieved,  ///< As the multiplier says: on its kink where |z| < 1.
+};
+
 /// Gradient at y of the potential with each norm replaced by its Moreau envelope around z, and its
-/// (generalised) Hessian.
-Vec3 envelopeGradient(const Problem& problem, double gamma, const Vec3& y, Mat3& H) noexcept {
-  Vec3 g = y - problem.spring;
-  H.setIdentity();
-  for (const Term& term : problem.terms) {
-    const Vec3 u = term.z + project(term, y - term.a) / gamma;
-    const double r2 = u.squaredNorm();
-    if (r2 <= 1.0) {
-      g += term.sigma * u;
-      addProjector(term, term.sigma / gamma, H);
-      continue;
+/// (generalised) Hessian. u = z + (P y - b)/gamma; gradient sigma u on the kink, sigma u/|u| off
+/// it.
+template <Pieces pieces>
+Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat3& H) noexcept {
+  Terms& t = problem.terms;
+  const double x = at.x();
+  const double y = at.y();
+  const double z = at.z();
+  const double per_gamma = 1.0 / gamma;
+  double gx = 0.0;
+  double gy = 0.0;
+  double gz = 0.0;
+  double hxx = 0.0;
+  double hyy = 0.0;
+  double hzz = 0.0;
+  double hxy = 0.0;
+  double hxz = 0.0;
+  double hyz = 0.0;
+#pragma omp simd reduction(+ : gx, gy, gz, hxx, hyy, hzz, hxy, hxz, hyz)
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const double alpha = t.alpha[i];
+    const double beta = t.beta[i];
+    const double qx = t.q[0][i];
+    const double qy = t.q[1][i];
+    const double qz = t.q[2][i];
+    const double along = beta * (qx * x + qy * y + qz * z);
+    const double ux = t.z[0][i] + per_gamma * (alpha * x + along * qx - t.b[0][i]);
+    const double uy = t.z[1][i] + per_gamma * (alpha * y + along * qy - t.b[1][i]);
+    const double uz = t.z[2][i] + per_gamma * (alpha * z + along * qz - t.b[2][i]);
+    t.u[0][i] = ux;
+    t.u[1][i] = uy;
+    t.u[2][i] = uz;
+    const double r = std::sqrt(ux * ux + uy * uy + uz * uz);
+    bool on = r <= 1.0;
+    double shrink = 1.0 / larger(r, 1.0);
+    if constexpr (pieces == Pieces::kBelieved) {
+      on = t.z[0][i] * t.z[0][i] + t.z[1][i] * t.z[1][i] + t.z[2][i] * t.z[2][i] < kOnKink;
+      shrink = on ? 1.0 : 1.0 / larger(r, kEpsilon);
     }
-    const double r = std::sqrt(r2);
-    const Vec3 e = u / r;
-    g += term.sigma * e;
-    if (term.kind != PrimitiveKind::kPlane) {
-      const double c = term.sigma / (gamma * r);
-      addProjector(term, c, H);
-      H.noalias() -= (c * e) * e.transpose();
-    }
+    const double ex = shrink * ux;
+    const double ey = shrink * uy;
+    const double ez = shrink * uz;
+    const double sigma = t.sigma[i];
+    gx += sigma * ex;
+    gy += sigma * ey;
+    gz += sigma * ez;
+    // c P on the kink, c (P - e e^T) off it, where a plane has P = e e^T.
+    const double c = per_gamma * sigma * shrink * (on ? 1.0 : alpha);
+    const double curl = on ? 0.0 : c;
+    const double cb = c * beta;
+    const double ca = c * alpha;
+    hxx += ca + cb * qx * qx - curl * ex * ex;
+    hyy += ca + cb * qy * qy - curl * ey * ey;
+    hzz += ca + cb * qz * qz - curl * ez * ez;
+    hxy += cb * qx * qy - curl * ex * ey;
+    hxz += cb * qx * qz - curl * ex * ez;
+    hyz += cb * qy * qz - curl * ey * ez;
   }
-  return g;
+  H << 1.0 + hxx, hxy, hxz, hxy, 1.0 + hyy, hyz, hxz, hyz, 1.0 + hzz;
+  return at - problem.spring + Vec3(gx, gy, gz);
 }
 
-/// Semismooth Newton on the envelope from y, which becomes its minimiser (nearly). Returns the
-/// number of linear solves, at most `budget`.
-int minimiseEnvelope(const Problem& problem, double gamma, int budget, Vec3& y) noexcept {
-  constexpr int kMaxTrials = 24;
-  // The slope is minus the squared distance to the model's minimiser in the model's own metric:
-  // well below the width of a kink, or down at the rounding of y.
-  const double target = std::max(1e-3 * gamma * gamma, 1e-30);
-  Mat3 H;
-  Vec3 g = envelopeGradient(problem, gamma, y, H);
-  int solves = 0;
-  while (solves < budget) {
-    const Vec3 step = -solve3(H, g);
-    ++solves;
-    const double slope = g.dot(step);  // < 0: the envelope falls by about -slope/2
-    double t = 1.0;
-    Vec3 trial = y + step;
-    g = envelopeGradient(problem, gamma, trial, H);
-
-    // Where the full step passes the valley, find the place on the way where the slope is small.
-    // The slope is monotone in t, and unlike an energy difference it does not drown in rounding.
-    double low = 0.0;
-    double low_slope = slope;
-    double high = 1.0;
-    double high_slope = g.dot(step);
-    for (int i = 0; i < kMaxTrials && high_slope > -0.3 * slope; ++i) {
-      t = std::clamp(low + (high - low) * low_slope / (low_slope - high_slope),
-                     low + 0.1 * (high - low), high - 0.1 * (high - low));
-      trial = y + t * step;
-      g = envelopeGradient(problem, gamma, trial, H);
-      const double trial_slope = g.dot(step);
-      if (std::abs(trial_slope) <= -0.3 * slope) break;
-      if (trial_slope > 0.0) {
-        high = t;
-        high_slope = trial_slope;
-      } else {
-        low = t;
-        low_slope = trial_slope;
-      }
-    }
-    y = trial;
-    if (-slope <= target) break;
-  }
-  return solves;
-}
-
-/// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
-/// The dual point: d/|d| for primitives that y is off, the multipliers for those that it is on.
-double certify(const Problem& problem, const Vec3& y) noexcept {
-  double gap = 0.0;
-  Vec3 imbalance = y - problem.spring;
-  for (const Term& term : problem.terms) {
-    const Vec3 d = project(term, y - term.a);
-    const double distance = d.norm();
-    if (!term.on && distance > 0.0) {
-      imbalance += (term.sigma / distance) * d;
-    } else {
-      gap += term.sigma * std::max(0.0, distance - term.z.dot(d));
-      imbalance += term.sigma * term.z;
-    }
-  }
-  return std::sqrt(2.0 * gap + imbalance.squaredNorm());
-}
-
-/// Sets the multiplier to u or its nearest point of the unit ball, and the belief with it.
-void setMultiplier(const Vec3& u, Term& term) noexcept {
-  const double r = u.norm();
-  term.on = r <= 1.0 + 1e-12;
-  term.z = r <= 1.0 ? u : Vec3(u / r);
-}
-
-/// Coordinate ascent on the dual: given the others, a primitive's best force is a projection. Exact
-/// after one round where the primitives are orthogonal; else it finds who holds the proxy.
-Vec3 sweep(Problem& problem, int rounds) noexcept {
-  Vec3 y = problem.spring;
-  for (const Term& term : problem.terms) y -= term.sigma * term.z;
-  for (int round = 0; round < rounds; ++round) {
-    const Vec3 before = y;
-    for (Term& term : problem.terms) {
-      const Vec3 others = y + term.sigma * term.z;
-      setMultiplier(project(term, others - term.a) / term.sigma, term);
-      y = others - term.sigma * term.z;
-    }
-    if ((y - before).squaredNorm() < 1e-20) break;
-  }
-  return y;
-}
-
-/// Takes the beliefs for true and solves for them: Newton on the norms of those that y is off, the
-/// kinks of those that it is on as constraints (augmented Lagrangian). A belief that the step
-/// belies is changed: a multiplier outside its ball, a kink that was crossed. Returns the linear
-/// solves.
-int finish(Problem& problem, int budget, Vec3& y) noexcept {
-  constexpr double kGamma = 1e-7;
-  constexpr int kMostSolves = 6;
-  int solves = 0;
-  while (solves < std::min(kMostSolves, budget)) {
-    Mat3 H = Mat3::Identity();
-    Vec3 g = y - problem.spring;
-    for (const Term& term : problem.terms) {
-      const Vec3 d = project(term, y - term.a);
-      if (term.on) {
-        g += term.sigma * (term.z + d / kGamma);
-        addProjector(term, term.sigma / kGamma, H);
-        continue;
-      }
-      const double distance = d.norm();
-      if (!(distance > 0.0)) return solves;
-      const Vec3 e = d / distance;
-      g += term.sigma * e;
-      if (term.kind == PrimitiveKind::kPlane) continue;
-      const double c = term.sigma / distance;
-      addProjector(term, c, H);
-      H.noalias() -= (c * e) * e.transpose();
-    }
-    const Vec3 step = -solve3(H, g);
-    ++solves;
-    y += step;
-    bool changed = false;
-    for (Term& term : problem.terms) {
-      const Vec3 d = project(term, y - term.a);
-      if (term.on) {
-        setMultiplier(term.z + d / kGamma, term);
-        changed = changed || !term.on;
-        continue;
-      }
-      const Vec3 before = project(term, y - step - term.a);
-      if (d.dot(before) <= 0.0) {
-        setMultiplier(before.normalized(), term);
-        term.on = true;
-        changed = true;
-      }
-    }
-    if (!changed && step.squaredNorm() < 1e-22) break;
-  }
-  return solves;
-}
-
-/// Speculates, then proves. A few rounds of coordinate ascent tell which primitives hold the proxy;
-/// Newton finishes for those; the certificate says whether that was right. If not, the proximal
-/// method of multipliers starts afresh: envelopes around z, minimised by Newton, tightened. Kinks
-/// come out exact, and nothing degenerates as the tolerance falls.
-void solveGeneral(Problem& problem, const SolverParams& params, SolveResult& result) noexcept {
-  constexpr int kRounds = 10;
-  constexpr double kFirstGamma = 0.3;
-  constexpr double kGammaFactor = 0.1;
-  constexpr double kLastGamma = 1e-11;
-
-  problem.moveOrigin(sweep(problem, kRounds));
-  Vec3 y = Vec3::Zero();
-  Vec3 best = problem.spring;
-  double best_bound = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
-  const auto proved = [&](const Vec3& guess) {
-    const double bound = certify(problem, guess);
-    if (bound < best_bound) {
-      best_bound = bound;
-      best = guess;
-    }
-    return best_bound <= params.tolerance;
-  };
-
-  int left = params.max_iterations;
-  bool done = proved(y);
-  if (!done) {
-    left -= finish(problem, left, y);
-    done = proved(y);
-  }
-  // Cold again: a start on the edge of the unit balls can jam the Newton below.
-  if (!done) {
-    y.setZero();
-    for (Term& term : problem.terms) term.z.setZero();
-  }
-  double gamma = kFirstGamma;
-  while (!done && left > 0) {
-    left -= minimiseEnvelope(problem, gamma, left, y);
-    for (Term& term : problem.terms) {
-      setMultiplier(term.z + project(term, y - term.a) / gamma, term);
-    }
-    done = proved(y);
-    gamma = std::max(kGammaFactor * gamma, kLastGamma);
-  }
-  result.iterations = params.max_iterations - left;
-  result.offset = problem.offset(best);
-  result.error_bound = problem.length * best_bound;
-  if (!done) result.status = SolveStatus::kIterationLimit;
-}
-
-/// The balance of one primitive and a spring that ends at `spring`: the soft threshold, exact. Sets
-/// the multiplier. Off the kink y - a keeps the direction of d to the last digit, however small.
-Vec3 balanceOne(const Vec3& spring, Term& term) noexcept {
-  const Vec3 d = project(term, spring - term.a);
-  const Vec3 foot = term.kind == PrimitiveKind::kPoint ? term.a : Vec3(spring - d);
-  const double r = d.norm();
-  setMultiplier(d / term.sigma, term);
-  return r > term.sigma ? Vec3(foot + ((r - term.sigma) / r) * d) : foot;
-}
-
-/// The balance of a plane and one other primitive: a scalar equation. The plane's force shifts the
-/// spring's end for the other, whose balance is known; the plane's own condition (y before it: no
-/// force; on it; behind it: all force) is monotone in that force. Bracketed, by Chandrupatla's mix
-/// of inverse quadratic interpolation and bisection. Returns the balances evaluated.
-int balancePair(Term& plane, Term& other, const Vec3& spring, Vec3& y) noexcept {
-  constexpr int kMost = 60;
-  constexpr double kOnPlane = 4.0 * kEpsilon;
-  double zeta = 1.0;  // the plane's multiplier along its normal, -1 to 1
-  int evaluations = 0;
-  const auto height = [&](double z) {
-    ++evaluations;
-    zeta = z;
-    y = balanceOne(spring - plane.sigma * z * plane.q, other);
-    return plane.q.dot(y - plane.a);
-  };
-  const auto settled = [&](bool on) {
-    plane.on = on;
-    plane.z = zeta * plane.q;
-    return evaluations;
-  };
-  double a = 1.0;
-  double at_a = height(a);
-  if (at_a >= 0.0) return settled(false);
-  double b = -1.0;
-  double at_b = height(b);
-  if (at_b <= 0.0) return settled(false);
-
+/// Where f, which rises or falls from a to b through zero, is at most `enough` from it: bracketed,
+/// by Chandrupatla's mix of inverse quadratic interpolation and a step to middle(a, b). The last
+/// place evaluated is the one returned.
+template <class F, class Middle>
+double findRoot(F f, double a, double at_a, double b, double at_b, double enough,
+                const Middle& middle, int most) noexcept {
   // a is the newest point, b the other end of the bracket, c the point before.
-  double t = at_a / (at_a - at_b);
-  while (evaluations < kMost) {
-    const double z = a + t * (b - a);
-    const double h = height(z);
-    if (std::abs(h) <= kOnPlane) break;
-    const bool same_side = (h > 0.0) == (at_a > 0.0);
+  double x = a + at_a / (at_a - at_b) * (b - a);
+  for (int i = 0; i < most; ++i) {
+    const double y = f(x);
+    if (std::abs(y) <= enough) break;
+    const bool same_side = (y > 0.0) == (at_a > 0.0);
     const double c = same_side ? a : b;
     const double at_c = same_side ? at_a : at_b;
     if (!same_side) {
       b = a;
       at_b = at_a;
     }
-    a = z;
-    at_a = h;
+    a = x;
+    at_a = y;
     const double shortest = kEpsilon / std::abs(b - a);
     if (shortest > 0.5) break;
     const double xi = (a - b) / (c - b);
     const double phi = (at_a - at_b) / (at_c - at_b);
+    double t = 0.0;
     if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
       t = at_a / (at_b - at_a) * at_c / (at_b - at_c) +
           (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b);
     } else {
-      t = 0.5;
+      t = (middle(a, b) - a) / (b - a);
     }
-    t = std::clamp(t, shortest, 1.0 - shortest);
+    x = a + std::clamp(t, shortest, 1.0 - shortest) * (b - a);
   }
-  return settled(true);
+  return x;
+}
+
+/// The envelope along a line from the place of the last envelopeGradient: with v = P step / gamma,
+/// u + t v has the length sqrt(c (t - turn)^2 + nearest).
+class Line {
+ public:
+  Line(Problem& problem, double gamma, const Vec3& at, const Vec3& step) noexcept
+      : terms_(problem.terms),
+        gamma_(gamma),
+        slope_((at - problem.spring).dot(step)),
+        curvature_(step.squaredNorm()) {
+    Terms& t = terms_;
+    const double per_gamma = 1.0 / gamma;
+    const double x = step.x();
+    const double y = step.y();
+    const double z = step.z();
+#pragma omp simd
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double alpha = t.alpha[i];
+      const double qx = t.q[0][i];
+      const double qy = t.q[1][i];
+      const double qz = t.q[2][i];
+      const double along = t.beta[i] * (qx * x + qy * y + qz * z);
+      const double vx = per_gamma * (alpha * x + along * qx);
+      const double vy = per_gamma * (alpha * y + along * qy);
+      const double vz = per_gamma * (alpha * z + along * qz);
+      const double c = vx * vx + vy * vy + vz * vz;
+      const double ux = t.u[0][i];
+      const double uy = t.u[1][i];
+      const double uz = t.u[2][i];
+      const double turn =
+          -(ux * vx + uy * vy + uz * vz) / larger(c, std::numeric_limits<double>::min());
+      const double nx = ux + turn * vx;
+      const double ny = uy + turn * vy;
+      const double nz = uz + turn * vz;
+      t.u[0][i] = turn;
+      t.u[1][i] = c;
+      t.u[2][i] = nx * nx + ny * ny + nz * nz;
+    }
+  }
+
+  /// d/dt of the envelope. Rises with t, and unlike energies does not drown in rounding.
+  [[nodiscard]] double slope(double at) const noexcept {
+    const Terms& t = terms_;
+    double sum = 0.0;
+#pragma omp simd reduction(+ : sum)
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double past = at - t.u[0][i];
+      const double c = t.u[1][i];
+      const double r = std::sqrt(c * past * past + t.u[2][i]);
+      sum += t.sigma[i] * c * past / larger(r, 1.0);
+    }
+    return slope_ + at * curvature_ + gamma_ * sum;
+  }
+
+  /// Where between 0 and 1 the slope, `at_start` < 0 at 0 and `at_end` > 0 at 1, has nearly
+  /// vanished. Kinks may be many decades nearer than 1: the middle is that of the exponents.
+  [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
+    constexpr int kMostTrials = 40;
+    static constexpr double kNearest = 1e-15;
+    const auto middle = [](double a, double b) {
+      const double low = std::max(std::min(a, b), kNearest);
+      const double high = std::max(a, b);
+      return high > 10.0 * low ? std::sqrt(low * high) : 0.5 * (a + b);
+    };
+    return findRoot([this](double t) { return slope(t); }, 1.0, at_end, 0.0, at_start,
+                    -kSlopeLeft * at_start, middle, kMostTrials);
+  }
+
+ private:
+  Terms& terms_;
+  double gamma_;
+  double slope_;
+  double curvature_;
+};
+
+/// The multipliers become u, or its nearest point of the unit ball.
+template <Pieces pieces>
+void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept {
+  Terms& t = problem.terms;
+  const double x = at.x();
+  const double y = at.y();
+  const double z = at.z();
+  const double per_gamma = 1.0 / gamma;
+#pragma omp simd
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const double alpha = t.alpha[i];
+    const double qx = t.q[0][i];
+    const double qy = t.q[1][i];
+    const double qz = t.q[2][i];
+    const double along = t.beta[i] * (qx * x + qy * y + qz * z);
+    const double zx = t.z[0][i];
+    const double zy = t.z[1][i];
+    const double zz = t.z[2][i];
+    const double ux = zx + per_gamma * (alpha * x + along * qx - t.b[0][i]);
+    const double uy = zy + per_gamma * (alpha * y + along * qy - t.b[1][i]);
+    const double uz = zz + per_gamma * (alpha * z + along * qz - t.b[2][i]);
+    const double r = std::sqrt(ux * ux + uy * uy + uz * uz);
+    const double shrink = 1.0 / larger(r, 1.0);
+    double nx = shrink * ux;
+    double ny = shrink * uy;
+    double nz = shrink * uz;
+    if constexpr (pieces == Pieces::kBelieved) {
+      // Believed off its kink and come out on the other side: then it is on it.
+      const bool crossed = ux * zx + uy * zy + uz * zz < 0.0;
+      nx = crossed ? 0.9 * zx : nx;
+      ny = crossed ? 0.9 * zy : ny;
+      nz = crossed ? 0.9 * zz : nz;
+    }
+    t.z[0][i] = nx;
+    t.z[1][i] = ny;
+    t.z[2][i] = nz;
+  }
+}
+
+/// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
+/// Two dual points are tried: the multipliers; and d/|d| instead for those primitives whose
+/// multiplier points along d = P y - b.
+double certify(const Problem& problem, const Vec3& at) noexcept {
+  constexpr double kAlong = 1.0 - 1e-4;
+  constexpr double kLastDigits = 4.0 * kEpsilon;
+  const Terms& t = problem.terms;
+  const double x = at.x();
+  const double y = at.y();
+  const double z = at.z();
+  double gap = 0.0;
+  double mx = 0.0;
+  double my = 0.0;
+  double mz = 0.0;
+  double off_gap = 0.0;
+  double ox = 0.0;
+  double oy = 0.0;
+  double oz = 0.0;
+#pragma omp simd reduction(+ : gap, mx, my, mz, off_gap, ox, oy, oz)
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const double alpha = t.alpha[i];
+    const double qx = t.q[0][i];
+    const double qy = t.q[1][i];
+    const double qz = t.q[2][i];
+    const double along = t.beta[i] * (qx * x + qy * y + qz * z);
+    const double dx = alpha * x + along * qx - t.b[0][i];
+    const double dy = alpha * y + along * qy - t.b[1][i];
+    const double dz = alpha * z + along * qz - t.b[2][i];
+    const double zx = t.z[0][i];
+    const double zy = t.z[1][i];
+    const double zz = t.z[2][i];
+    const double sigma = t.sigma[i];
+    const double distance = std::sqrt(dx * dx + dy * dy + dz * dz);
+    const double held = zx * dx + zy * dy + zz * dz;
+    // The difference is rounded to its terms' last digits: what that can hide counts as well.
+    const double loss = sigma * (larger(distance - held, 0.0) + kLastDigits * distance);
+    const bool off = held > kAlong * distance;
+    const double per = 1.0 / larger(distance, std::numeric_limits<double>::min());
+    gap += loss;
+    mx += sigma * zx;
+    my += sigma * zy;
+    mz += sigma * zz;
+    off_gap += off ? 0.0 : loss;
+    ox += sigma * (off ? per * dx : zx);
+    oy += sigma * (off ? per * dy : zy);
+    oz += sigma * (off ? per * dz : zz);
+  }
+  const Vec3 stretch = at - problem.spring;
+  return std::sqrt(std::min(2.0 * gap + (stretch + Vec3(mx, my, mz)).squaredNorm(),
+                            2.0 * off_gap + (stretch + Vec3(ox, oy, oz)).squaredNorm()));
+}
+
+/// Semismooth Newton on the envelope from y, until a step is expected to lower it by less than
+/// `enough`. Counts linear solves in `solves`; false after `most` of them.
+bool minimiseEnvelope(Problem& problem, double gamma, double enough, int most, Vec3& y,
+                      int& solves) noexcept {
+  for (int i = 0; i < most; ++i) {
+    Mat3 H;
+    const Vec3 g = envelopeGradient<Pieces::kActual>(problem, gamma, y, H);
+    const Vec3 step = -solve3(H, g);
+    ++solves;
+    const double slope = g.dot(step);  // < 0: the envelope falls by about -slope/2
+    const Line line(problem, gamma, y, step);
+    const double end = line.slope(1.0);
+    y += (end > -kSlopeLeft * slope ? line.lowest(slope, end) : 1.0) * step;
+    if (-0.5 * slope <= enough) return true;
+  }
+  return false;
+}
+
+/// Guesses and proofs of one general balance.
+class Search {
+ public:
+  Search(Problem& problem, const SolverParams& params) noexcept
+      : problem_(problem), params_(params) {}
+
+  /// Speculates: the primitives that held the proxy in the last tick hold it still. Newton on the
+  /// norms of the others, the kinks of these as all but rigid springs. True when proved.
+  bool warm(Vec3 y) noexcept {
+    constexpr double kGamma = 1e-10;
+    constexpr int kMostSolves = 4;
+    for (int i = 0; i < std::min(kMostSolves, left()); ++i) {
+      Mat3 H;
+      const Vec3 g = envelopeGradient<Pieces::kBelieved>(problem_, kGamma, y, H);
+      y -= solve3(H, g);
+      ++solves_;
+      updateMultipliers<Pieces::kBelieved>(problem_, kGamma, y);
+      if (prove(y)) return true;
+    }
+    return false;
+  }
+
+  /// The proximal method of multipliers: envelopes around z, minimised by Newton, tightened. Kinks
+  /// come out exact, and nothing degenerates as the tolerance falls. From a cold start: a start on
+  /// the edge of the unit balls can jam the Newton. True when proved.
+  bool cold() noexcept {
+    constexpr double kFirstGamma = 0.3;
+    constexpr double kTighten = 0.03;
+    constexpr double kLastGamma = 1e-13;
+    constexpr double kNear = 1e-3;  // from here on the origin follows
+    // Each envelope is minimised loosely, to some hundred gamma: the multipliers make up for it.
+    constexpr double kLoose = 1e5;
+    // Where a round takes longer than this it was tightened too fast.
+    constexpr int kMostOfRound = 12;
+    constexpr double kRelax = 6.0;
+
+    for (auto& axis : problem_.terms.z) std::fill_n(axis, problem_.terms.count, 0.0);
+    Vec3 y = problem_.spring;
+    double gamma = kFirstGamma;
+    while (left() > 0) {
+      if (gamma < kNear) {
+        moveOrigin(y);
+        y.setZero();
+      }
+      const double enough = std::max(kLoose * gamma * gamma, 1e-30);
+      if (minimiseEnvelope(problem_, gamma, enough, std::min(kMostOfRound, left()), y, solves_)) {
+        updateMultipliers<Pieces::kActual>(problem_, gamma, y);
+        if (prove(y)) return true;
+        gamma = std::max(kTighten * gamma, kLastGamma);
+      } else {
+        gamma *= kRelax;
+      }
+    }
+    return false;
+  }
+
+  /// The best guess so far, its bound, and what it cost.
+  [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
+  [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
+  [[nodiscard]] int solves() const noexcept { return solves_; }
+
+ private:
+  [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
+
+  bool prove(const Vec3& guess) noexcept {
+    const double bound = certify(problem_, guess);
+    if (bound < best_bound_) {
+      best_bound_ = bound;
+      best_ = guess;
+    }
+    return best_bound_ <= params_.tolerance;
+  }
+
+  void moveOrigin(const Vec3& to) noexcept {
+    problem_.moveOrigin(to);
+    best_ -= to;
+  }
+
+  Problem& problem_;
+  const SolverParams& params_;
+  int solves_ = 0;
+  Vec3 best_ = problem_.spring;
+  double best_bound_ = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
+};
+
+/// Sets multiplier i to u, or its nearest point of the unit ball.
+void setMultiplier(const Terms& terms, std::size_t i, const Vec3& u) noexcept {
+  set(terms.z, i, u / std::max(u.norm(), 1.0));
+}
+
+/// True where the projectors annihilate each other, to rounding.
+bool orthogonal(const Terms& terms) noexcept {
+  constexpr double kNothing = 1e-30;
+  for (std::size_t i = 1; i < terms.count; ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      // One of two must be a plane, and the other's projector must take its normal to nothing.
+      const std::size_t plane = terms.alpha[i] == 0.0 ? i : j;
+      const std::size_t other = plane == i ? j : i;
+      if (terms.alpha[plane] != 0.0) return false;
+      if (project(terms, other, get(terms.q, plane)).squaredNorm() > kNothing) return false;
+    }
+  }
+  return true;
+}
+
+/// The balance of orthogonal primitives, each of which acts as if it were alone: the soft
+/// threshold, exact. This is where eq. (2) is right, and only here.
+Vec3 balanceOrthogonal(const Problem& problem) noexcept {
+  const Terms& terms = problem.terms;
+  Vec3 pull = Vec3::Zero();
+  for (std::size_t i = 0; i < terms.count; ++i) {
+    const Vec3 d = project(terms, i, problem.spring) - get(terms.b, i);
+    const double r = d.norm();
+    // On the kink all of d, else as far as the strength goes.
+    pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
+  }
+  return problem.w - problem.length * pull;
+}
+
+/// The balance of term i and a spring that ends at `spring`, exact. Sets the multiplier. Off the
+/// kink y - b keeps the direction of d to the last digit, however small.
+Vec3 balanceOne(const Terms& terms, std::size_t i, const Vec3& spring) noexcept {
+  const Vec3 b = get(terms.b, i);
+  const Vec3 d = project(terms, i, spring) - b;
+  const bool point = terms.alpha[i] + terms.beta[i] > 0.0 && terms.alpha[i] > 0.0;
+  const Vec3 foot = point ? b : Vec3(spring - d);
+  const double r = d.norm();
+  const double sigma = terms.sigma[i];
+  setMultiplier(terms, i, d / sigma);
+  return r > sigma ? Vec3(foot + ((r - sigma) / r) * d) : foot;
+}
+
+/// The balance of a plane and one other primitive: a scalar equation. The plane's force shifts the
+/// spring's end for the other, whose balance is known; the plane's own condition (y before it: no
+/// force; on it; behind it: all force) is monotone in that force. Bracketed, by Chandrupatla's mix
+/// of inverse quadratic interpolation and bisection. Returns the balances evaluated.
+int balancePair(const Problem& problem, std::size_t plane, std::size_t other, Vec3& y) noexcept {
+  constexpr int kMost = 30;
+  constexpr double kOnPlane = 4.0 * kEpsilon;
+  const Terms& terms = problem.terms;
+  const Vec3 q = get(terms.q, plane);
+  const double sigma = terms.sigma[plane];
+  const double foot = q.dot(get(terms.b, plane));
+  double zeta = 1.0;  // the plane's multiplier along its normal, -1 to 1
+  int evaluations = 0;
+  const auto height = [&](double z) {
+    ++evaluations;
+    zeta = z;
+    y = balanceOne(terms, other, problem.spring - sigma * z * q);
+    return q.dot(y) - foot;
+  };
+  const auto settled = [&] {
+    set(terms.z, plane, zeta * q);
+    return evaluations;
+  };
+  const double pushed = height(1.0);
+  if (pushed >= 0.0) return settled();
+  const double pulled = height(-1.0);
+  if (pulled <= 0.0) return settled();
+  const auto middle = [](double low, double high) { return 0.5 * (low + high); };
+  findRoot(height, 1.0, pushed, -1.0, pulled, kOnPlane, middle, kMost);
+  return settled();
 }
 
 /// Two primitives of which one is a plane, as a surface with its friction or drag: the commonest
-/// case of all. False, and nothing settled, where there is no plane or the certificate fails.
-bool trySolvePair(Problem& problem, const SolverParams& params, SolveResult& result) noexcept {
-  Term* plane = &problem.terms[0];
-  Term* other = &problem.terms[1];
-  if (plane->kind != PrimitiveKind::kPlane) std::swap(plane, other);
-  if (plane->kind != PrimitiveKind::kPlane) return false;
-  // Near both kinks nothing should be rounded to the spring's length.
-  const Vec3 origin = other->a;
-  problem.moveOrigin(origin);
+/// case of all. False where there is no plane or the certificate fails.
+bool trySolvePair(const Problem& problem, const SolverParams& params,
+                  SolveResult& result) noexcept {
+  const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;
+  if (problem.terms.alpha[plane] != 0.0) return false;
   Vec3 y;
-  const int evaluations = balancePair(*plane, *other, problem.spring, y);
+  const int evaluations = balancePair(problem, plane, 1 - plane, y);
   const double bound = certify(problem, y);
-  if (bound <= params.tolerance) {
-    result.iterations = evaluations;
-    result.offset = problem.offset(y);
-    result.error_bound = problem.length * bound;
-    return true;
-  }
-  problem.moveOrigin(-origin);
-  for (Term& term : problem.terms) {
-    term.z.setZero();
-    term.on = false;
-  }
-  return false;
+  if (bound > params.tolerance) return false;
+  result.iterations = evaluations;
+  result.offset = problem.offset(y);
+  result.error_bound = problem.length * bound;
+  return true;
 }
 
 bool valid(const Primitive& primitive) noexcept {
@@ -391,42 +594,48 @@ bool valid(const Primitive& primitive) noexcept {
   return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
 }
 
+/// Nearly unit (valid() saw to that) to unit: one Newton step, exact to 1e-12.
+Vec3 unit(const Vec3& q) noexcept {
+  return (1.5 - 0.5 * q.squaredNorm()) * q;
+}
+
+/// What a primitive is worth as a norm: max(0, t) = (t + |t|)/2, so a plane is half a directed
+/// force and half a norm.
+double share(const Primitive& primitive) noexcept {
+  switch (primitive.kind) {
+    case PrimitiveKind::kPoint:
+    case PrimitiveKind::kLine:
+      return primitive.strength;
+    case PrimitiveKind::kPlane:
+      return 0.5 * primitive.strength;
+    case PrimitiveKind::kForce:
+      break;
+  }
+  return 0.0;
+}
+
 /// Moves directed forces into the spring's end and the rest into terms, dimensionless.
 template <std::size_t Capacity>
 void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                      const SolverParams& params, SolveResult& result) noexcept {
-  std::array<Term, Capacity> storage;
-  Problem problem{Vec3::Zero(), 0.0, Vec3::Zero(), {}};
+                      const Vec3& start, const SolverParams& params, WarmStart* warm,
+                      SolveResult& result) noexcept {
+  Problem problem;
 
-  // max(0, t) = (t + |t|)/2: a plane is half a directed force and half a norm.
-  std::size_t count = 0;
-  double sum = 0.0;
   // Sizes that enter, for the rounding: the largest distance, and what forces add up to before they
   // cancel.
+  double sum = 0.0;
   double reach = 0.0;
   double pushed = 0.0;
-  for (const Primitive& primitive : primitives) {
-    if (primitive.strength <= 0.0) continue;
-    const bool plane = primitive.kind == PrimitiveKind::kPlane;
-    // Nearly unit (valid() saw to that) to unit: one Newton step, exact to 1e-12.
-    const Vec3 q = (1.5 - 0.5 * primitive.direction.squaredNorm()) * primitive.direction;
-    const double share = plane ? 0.5 * primitive.strength : primitive.strength;
-    if (plane || primitive.kind == PrimitiveKind::kForce) {
-      problem.w += (share / stiffness) * q;
-      pushed += share / stiffness;
+  for (const Primitive& p : primitives) {
+    const double norm = share(p);
+    const double force = p.strength - norm;
+    sum += norm;
+    if (p.kind == PrimitiveKind::kPlane || p.kind == PrimitiveKind::kForce) {
+      problem.w += (force / stiffness) * unit(p.direction);
+      pushed += force / stiffness;
     }
-    if (primitive.kind == PrimitiveKind::kForce) continue;
-    Term& term = storage[count++];
-    term.z.setZero();
-    term.on = false;
-    term.kind = primitive.kind;
-    term.sigma = share;
-    term.a = primitive.position - probe;
-    term.q = q;
-    sum += share;
-    reach = std::max(reach, term.a.lpNorm<Eigen::Infinity>());
+    if (norm > 0.0) reach = std::max(reach, (p.position - probe).lpNorm<Eigen::Infinity>());
   }
-  problem.terms = {storage.data(), count};
   problem.length = sum / stiffness;
   const double rounding = 8.0 * kEpsilon * (reach + pushed + problem.length);
 
@@ -437,35 +646,85 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     return;
   }
 
-  // Beside the rest some may be too weak to matter: what they can move goes into the bound.
+  // The origin at the nearest anchor where the proxy can get there, so that kinks that meet in one
+  // anchor meet to the last digit. Where all are farther off than S/k, at the spring's end.
+  // Primitives may be too weak to matter beside the rest: what they can move goes into the bound.
   constexpr double kNothing = 1e-20;
-  const auto weak = std::remove_if(storage.begin(), storage.begin() + count,
-                                   [&](const Term& t) { return t.sigma < kNothing * sum; });
-  const double left_out = kNothing * problem.length * static_cast<double>(count);
-  count = static_cast<std::size_t>(weak - storage.begin());
-  problem.terms = {storage.data(), count};
-  for (Term& term : problem.terms) {
-    term.a = (term.a - problem.w) / problem.length;
-    term.sigma /= sum;
+  Vec3 origin = probe + problem.w;
+  double nearest = problem.length * problem.length;
+  for (const Primitive& p : primitives) {
+    if (!(share(p) >= kNothing * sum)) continue;
+    const double distance = (p.position - probe - problem.w).squaredNorm();
+    if (distance < nearest) {
+      nearest = distance;
+      origin = p.position;
+    }
   }
-  if (count == 1) {
-    result.offset = problem.offset(balanceOne(problem.spring, problem.terms.front()));
-    result.error_bound = rounding + left_out;
-    return;
+  Storage<Capacity> storage;
+  problem.terms = storage.view();
+  Terms& terms = problem.terms;
+  const double per_length = 1.0 / problem.length;
+  const double per_sum = 1.0 / sum;
+  double left_out = 0.0;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    const double norm = share(p);
+    if (!(norm >= kNothing * sum)) {
+      left_out += kNothing * problem.length;
+      continue;
+    }
+    const std::size_t n = terms.count++;
+    terms.source[n] = i;
+    terms.sigma[n] = norm * per_sum;
+    terms.alpha[n] = p.kind == PrimitiveKind::kPlane ? 0.0 : 1.0;
+    terms.beta[n] = p.kind == PrimitiveKind::kPlane ? 1.0 : -1.0;
+    if (p.kind == PrimitiveKind::kPoint) terms.beta[n] = 0.0;
+    set(terms.q, n, p.kind == PrimitiveKind::kPoint ? Vec3(Vec3::Zero()) : unit(p.direction));
+    set(terms.b, n, projectExactly(terms, n, per_length * (p.position - origin)));
+  }
+  problem.spring = per_length * (probe - origin + problem.w);
+
+  const auto finish = [&](double bound) { result.error_bound = bound + rounding + left_out; };
+  if (terms.count <= 3 && orthogonal(terms)) {
+    result.offset = balanceOrthogonal(problem);
+    return finish(0.0);
+  }
+  result.solver = SolverKind::kPair;
+  if (terms.count == 2 && trySolvePair(problem, params, result)) {
+    return finish(result.error_bound);
   }
   result.solver = SolverKind::kGeneral;
-  if (count == 2 && trySolvePair(problem, params, result)) {
-    result.error_bound += rounding + left_out;
-    return;
+
+  // No more is wanted than the input's own rounding allows.
+  SolverParams wanted = params;
+  wanted.tolerance = std::max(params.tolerance, rounding * per_length);
+  Search search(problem, wanted);
+  bool done = false;
+  if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
+    for (std::size_t i = 0; i < terms.count; ++i) {
+      set(terms.z, i, warm->multipliers[terms.source[i]]);
+    }
+    // The proxy is expected to move as it did last time.
+    done = search.warm(per_length * (start + warm->motion - origin));
   }
-  solveGeneral(problem, params, result);
-  result.error_bound += rounding + left_out;
+  if (!done) done = search.cold();
+  if (!done) result.status = SolveStatus::kIterationLimit;
+  result.iterations = search.solves();
+  result.offset = search.offset();
+  finish(search.bound());
+  if (warm != nullptr && done) {
+    warm->count = primitives.size();
+    warm->motion = probe + result.offset - start;
+    for (std::size_t i = 0; i < terms.count; ++i) {
+      warm->multipliers[terms.source[i]] = get(terms.z, i);
+    }
+  }
 }
 
 }  // namespace
 
 SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                       const Vec3& start, const SolverParams& params) noexcept {
+                       const Vec3& start, const SolverParams& params, WarmStart* warm) noexcept {
   constexpr std::size_t kFew = 16;
   SolveResult result;
   const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
@@ -474,9 +733,9 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   if (good) {
     // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.
     if (primitives.size() <= kFew) {
-      solveWithStorage<kFew>(probe, stiffness, primitives, params, result);
+      solveWithStorage<kFew>(probe, stiffness, primitives, start, params, warm, result);
     } else {
-      solveWithStorage<kMaxPrimitives>(probe, stiffness, primitives, params, result);
+      solveWithStorage<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, result);
     }
   }
   // Sums and quotients of finite numbers can still overflow.

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "engine/primitive.h"
 #include "engine/types.h"
@@ -19,8 +20,9 @@ enum class SolveStatus : std::uint8_t {
 
 /// What answered.
 enum class SolverKind : std::uint8_t {
-  kClosedForm,  ///< At most one primitive other than directed forces.
-  kGeneral,     ///< Two and more: a scalar equation, dual sweeps, Newton, multipliers.
+  kClosedForm,  ///< Orthogonal primitives, among them any one alone, and directed forces.
+  kPair,        ///< A plane and one other: a scalar equation.
+  kGeneral,     ///< Newton on 3x3 systems, warm or by the method of multipliers.
 };
 
 struct SolverParams {
@@ -42,6 +44,19 @@ struct SolveResult {
                                ///< 0 for the closed form.
   SolverKind solver = SolverKind::kClosedForm;
   SolveStatus status = SolveStatus::kConverged;
+};
+
+/// What the last balance found, for the next one: from tick to tick the same primitives hold the
+/// proxy. Its memory is taken when it is made, none afterwards.
+struct WarmStart {
+  WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
+  /// The next balance starts cold.
+  void forget() noexcept { count = 0; }
+
+  std::vector<Vec3> multipliers;  ///< -force / strength of each primitive, of planes without their
+                                  ///< constant half.
+  Vec3 motion = Vec3::Zero();     ///< proxy - start of the last balance [m].
+  std::size_t count = 0;          ///< Primitives of the last balance; 0: nothing remembered.
 };
 
 /// Finds the proxy position at which the primitives balance the coupling spring.
@@ -68,6 +83,7 @@ struct SolveResult {
 /// are primitives. Cost: O(primitives) per iteration. Deterministic.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,
-                                     const SolverParams& params = {}) noexcept PALPATE_NONBLOCKING;
+                                     const SolverParams& params = {},
+                                     WarmStart* warm = nullptr) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -16,6 +16,7 @@ class Tick {
     if (state_.scene_id_ != scene_.id) {
       state_.scene_id_ = scene_.id;
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
+      state_.warm_.forget();
     }
     if (!state_.placed_) {
       state_.placed_ = true;
@@ -35,8 +36,9 @@ class Tick {
       ++report.substeps;
       report.samples += reader_.sample(scene_, proxy, state_.properties_);
       placePrimitives(report);
-      const SolveResult solved = solveProxy(probe_, scene_.coupling.stiffness,
-                                            state_.primitives_.items(), proxy, scene_.solver);
+      const SolveResult solved =
+          solveProxy(probe_, scene_.coupling.stiffness, state_.primitives_.items(), proxy,
+                     scene_.solver, &state_.warm_);
       good = solved.status != SolveStatus::kBadInput;
       if (!good) return offset;
       if (solved.status == SolveStatus::kIterationLimit) {

@@ -53,6 +53,7 @@ class ProxyState {
     faulted_ = false;
     placed_ = false;
     scene_id_ = 0;
+    warm_.forget();
   }
   [[nodiscard]] bool faulted() const noexcept { return faulted_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
@@ -70,6 +71,7 @@ class ProxyState {
   ForceLimits limits_;
   std::vector<ModeMemory> memories_;
   PrimitiveSet primitives_;
+  WarmStart warm_;
   Properties properties_;
   std::uint64_t scene_id_ = 0;
   bool placed_ = false;
