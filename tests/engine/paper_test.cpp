@@ -6,6 +6,7 @@
 #include <catch2/catch.hpp>
 
 #include "bench/methods/constraint_approach.h"
+#include "bench/methods/residual.h"
 #include "engine/solver.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
@@ -13,6 +14,7 @@
 using namespace palpate;
 using palpate::methods::Constraint;
 using palpate::methods::constraintProxy;
+using palpate::methods::residualForce;
 using palpate::test::describe;
 using palpate::test::Random;
 using palpate::test::solveReference;
@@ -21,23 +23,14 @@ namespace {
 
 constexpr double kStiffness = 500.0;
 
-/// Eq. (14), to the letter: zero on a kink.
-Vec3 residual(const Vec3& x, const Vec3& probe, const std::vector<Primitive>& planes) {
-  Vec3 f = -kStiffness * (x - probe);
-  for (const Primitive& p : planes) {
-    if ((x - p.position).dot(p.direction) < 0.0) f += p.strength * p.direction;
-  }
-  return f;
-}
-
 /// Smallest |f_res| at x and on a tiny circle about it.
 double smallestResidualNear(const Vec3& x, const Vec3& probe,
                             const std::vector<Primitive>& planes) {
-  double least = residual(x, probe, planes).norm();
+  double least = residualForce(x - probe, probe, kStiffness, planes).norm();
   for (int i = 0; i < 720; ++i) {
     const double a = i * M_PI / 360.0;
     const Vec3 y = x + 1e-7 * Vec3(std::cos(a), std::sin(a), 0);
-    least = std::min(least, residual(y, probe, planes).norm());
+    least = std::min(least, residualForce(y - probe, probe, kStiffness, planes).norm());
   }
   return least;
 }
