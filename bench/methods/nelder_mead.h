@@ -20,10 +20,11 @@ struct NelderMeadParams {
 /// that does the method justice. From `start`, pulled to within S/k of the probe, where the balance
 /// must lie: without that it would have to walk the whole way in simplex sizes.
 ///
-/// Measured as in euler_adaptive.h, 200 problems a family: within 1e-3 S/k of the answer in 99.8 %
-/// with 2 primitives (273 evaluations on average), 99.9 % with 8 (265) and 32 (256). Without the
-/// restart 99 % in 150; with tolerance 1e-4 99 % in 210, without the restart 97 % in 120: a simplex
-/// can collapse on a kink before it has arrived.
+/// Measured as in euler_adaptive.h, 200 problems a family (60 with 32 primitives): within 1e-3 S/k
+/// of the answer in 99.8 % with 2 primitives (273 evaluations on average), 99.9 % with 8 (265) and
+/// 32 (256). Without the restart 99 % in 150; with tolerance 1e-4 99 % in 210, without the restart
+/// 97 % in 120 (60, 40 and 15 problems a family): a simplex can collapse on a kink before it has
+/// arrived.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.

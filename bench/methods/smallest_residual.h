@@ -23,11 +23,12 @@ struct SmallestResidualParams {
 /// The kinks of planes bound cells, and a search reaches their edges. A line or a point lets go of
 /// the proxy only on a set without volume, which floating point meets at an anchor at best.
 ///
-/// Measured as in euler_adaptive.h, 200 problems a family: within 1e-3 S/k of the balance in 93 %
-/// with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93 % with 32 (377). Searching
-/// from every anchor as well finds smaller |f_res| but no more balances (93 instead of 95 %, 84 and
-/// 84, 95 and 95 on 40 problems a family) at 2, 4 and 12 times the cost. With 8 planes in 8 of 100
-/// problems some other place had a smaller |f_res| than any found about the balance.
+/// Measured as in euler_adaptive.h, 200 problems a family (60 with 32 primitives): within 1e-3 S/k
+/// of the balance in 93 % with 2 primitives (359 evaluations on average), 86 % with 8 (386), 93 %
+/// with 32 (377). Searching from every anchor as well finds smaller |f_res| but no more balances
+/// (93 instead of 95 %, 84 and 84, 95 and 95 on 40, 40 and 15 problems a family) at 2, 4 and 12
+/// times the cost. With 8 planes in 8 of 100 problems some other place had a smaller |f_res| than
+/// any found about the balance.
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   k [N/m], > 0.
