@@ -119,6 +119,38 @@ struct Problem {
   [[nodiscard]] Vec3 offset(const Vec3& y) const noexcept { return w + length * (y - spring); }
 };
 
+/// Three doubles that the loops below can keep in vector registers, as they cannot a Vec3.
+struct Triple {
+  double x;
+  double y;
+  double z;
+};
+
+/// P (x, y, z) of term i.
+inline Triple constrained(const Terms& t, std::size_t i, double x, double y, double z) noexcept {
+  const double qx = t.q[0][i];
+  const double qy = t.q[1][i];
+  const double qz = t.q[2][i];
+  const double alpha = t.alpha[i];
+  const double along = t.beta[i] * (qx * x + qy * y + qz * z);
+  return {alpha * x + along * qx, alpha * y + along * qy, alpha * z + along * qz};
+}
+
+/// d = P y - b of term i.
+inline Triple displacement(const Terms& t, std::size_t i, double x, double y, double z) noexcept {
+  const auto [px, py, pz] = constrained(t, i, x, y, z);
+  return {px - t.b[0][i], py - t.b[1][i], pz - t.b[2][i]};
+}
+
+/// u = z + d/gamma of term i. Projected: what rounding leaves of d outside the range of P would be
+/// no force that the primitive can exert, and 1/gamma makes it large.
+inline Triple multiplierAt(const Terms& t, std::size_t i, double per_gamma, double x, double y,
+                           double z) noexcept {
+  const auto [dx, dy, dz] = displacement(t, i, x, y, z);
+  return constrained(t, i, t.z[0][i] + per_gamma * dx, t.z[1][i] + per_gamma * dy,
+                     t.z[2][i] + per_gamma * dz);
+}
+
 /// Which side of a norm's envelope a primitive is on.
 enum class Pieces : std::uint8_t {
   kActual,    ///< As u says: on its kink where |u| <= 1.
@@ -151,10 +183,7 @@ Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat3& H) n
     const double qx = t.q[0][i];
     const double qy = t.q[1][i];
     const double qz = t.q[2][i];
-    const double along = beta * (qx * x + qy * y + qz * z);
-    const double ux = t.z[0][i] + per_gamma * (alpha * x + along * qx - t.b[0][i]);
-    const double uy = t.z[1][i] + per_gamma * (alpha * y + along * qy - t.b[1][i]);
-    const double uz = t.z[2][i] + per_gamma * (alpha * z + along * qz - t.b[2][i]);
+    const auto [ux, uy, uz] = multiplierAt(t, i, per_gamma, x, y, z);
     t.u[0][i] = ux;
     t.u[1][i] = uy;
     t.u[2][i] = uz;
@@ -240,14 +269,10 @@ class Line {
     const double z = step.z();
 #pragma omp simd
     for (std::size_t i = 0; i < t.count; ++i) {
-      const double alpha = t.alpha[i];
-      const double qx = t.q[0][i];
-      const double qy = t.q[1][i];
-      const double qz = t.q[2][i];
-      const double along = t.beta[i] * (qx * x + qy * y + qz * z);
-      const double vx = per_gamma * (alpha * x + along * qx);
-      const double vy = per_gamma * (alpha * y + along * qy);
-      const double vz = per_gamma * (alpha * z + along * qz);
+      const auto [px, py, pz] = constrained(t, i, x, y, z);
+      const double vx = per_gamma * px;
+      const double vy = per_gamma * py;
+      const double vz = per_gamma * pz;
       const double c = vx * vx + vy * vy + vz * vz;
       const double ux = t.u[0][i];
       const double uy = t.u[1][i];
@@ -308,17 +333,10 @@ void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept 
   const double per_gamma = 1.0 / gamma;
 #pragma omp simd
   for (std::size_t i = 0; i < t.count; ++i) {
-    const double alpha = t.alpha[i];
-    const double qx = t.q[0][i];
-    const double qy = t.q[1][i];
-    const double qz = t.q[2][i];
-    const double along = t.beta[i] * (qx * x + qy * y + qz * z);
     const double zx = t.z[0][i];
     const double zy = t.z[1][i];
     const double zz = t.z[2][i];
-    const double ux = zx + per_gamma * (alpha * x + along * qx - t.b[0][i]);
-    const double uy = zy + per_gamma * (alpha * y + along * qy - t.b[1][i]);
-    const double uz = zz + per_gamma * (alpha * z + along * qz - t.b[2][i]);
+    const auto [ux, uy, uz] = multiplierAt(t, i, per_gamma, x, y, z);
     const double r = std::sqrt(ux * ux + uy * uy + uz * uz);
     const double shrink = 1.0 / larger(r, 1.0);
     double nx = shrink * ux;
@@ -357,14 +375,7 @@ double certify(const Problem& problem, const Vec3& at) noexcept {
   double oz = 0.0;
 #pragma omp simd reduction(+ : gap, mx, my, mz, off_gap, ox, oy, oz)
   for (std::size_t i = 0; i < t.count; ++i) {
-    const double alpha = t.alpha[i];
-    const double qx = t.q[0][i];
-    const double qy = t.q[1][i];
-    const double qz = t.q[2][i];
-    const double along = t.beta[i] * (qx * x + qy * y + qz * z);
-    const double dx = alpha * x + along * qx - t.b[0][i];
-    const double dy = alpha * y + along * qy - t.b[1][i];
-    const double dz = alpha * z + along * qz - t.b[2][i];
+    const auto [dx, dy, dz] = displacement(t, i, x, y, z);
     const double zx = t.z[0][i];
     const double zy = t.z[1][i];
     const double zz = t.z[2][i];
@@ -702,7 +713,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   bool done = false;
   if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
-      set(terms.z, i, warm->multipliers[terms.source[i]]);
+      setMultiplier(terms, i, projectExactly(terms, i, warm->multipliers[terms.source[i]]));
     }
     // The proxy is expected to move as it did last time.
     done = search.warm(per_length * (start + warm->motion - origin));

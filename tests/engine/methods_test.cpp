@@ -54,7 +54,7 @@ std::vector<Known> knownProblems(int primitives, long per_family) {
   for (const Family family : kFamilies) {
     for (long i = 0; i < per_family; ++i) {
       const BalanceProblem p = makeProblem(family, primitives, random);
-      const Reference r = solveReference(p.probe, p.stiffness, p.primitives, 3000);
+      const Reference r = solveReference(p.probe, p.stiffness, p.primitives);
       if (r.error_bound > 1e-4 * reachOf(p)) continue;
       known.push_back({p, r.offset, r.error_bound, reachOf(p)});
     }

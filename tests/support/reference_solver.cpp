@@ -1,92 +1,257 @@
 #include "tests/support/reference_solver.h"
 
-#include <algorithm>
 #include <cmath>
-#include <limits>
 #include <vector>
-
-#include <Eigen/Geometry>
 
 namespace palpate::test {
 namespace {
 
-using Real = long double;
-using RealVec = Eigen::Matrix<Real, 3, 1>;
+__extension__ using Real = __float128;  // 113 bits
+
+Real sqrtOf(Real x) {
+  if (!(x > 0)) return 0;
+  // Scaled into a double's range; each of Heron's steps doubles the digits.
+  Real scale = 1;
+  while (x * scale * scale < Real(1e-200)) scale *= Real(1e100);
+  x *= scale * scale;
+  Real root = std::sqrt(static_cast<double>(x));
+  for (int i = 0; i < 2; ++i) root = (root + x / root) / 2;
+  return root / scale;
+}
+
+Real absOf(Real x) {
+  return x < 0 ? -x : x;
+}
+
+struct Vec {
+  Real x = 0;
+  Real y = 0;
+  Real z = 0;
+};
+Vec operator+(const Vec& a, const Vec& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+Vec operator-(const Vec& a, const Vec& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+Vec operator*(Real s, const Vec& a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+Real dot(const Vec& a, const Vec& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+Vec from(const Vec3& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// Symmetric 3 x 3.
+struct Sym {
+  Real xx = 0;
+  Real yy = 0;
+  Real zz = 0;
+  Real xy = 0;
+  Real xz = 0;
+  Real yz = 0;
+};
+
+/// H += c (a b^T + b a^T) / 2.
+void addOuter(Sym& H, Real c, const Vec& a, const Vec& b) {
+  H.xx += c * a.x * b.x;
+  H.yy += c * a.y * b.y;
+  H.zz += c * a.z * b.z;
+  H.xy += c * (a.x * b.y + a.y * b.x) / 2;
+  H.xz += c * (a.x * b.z + a.z * b.x) / 2;
+  H.yz += c * (a.y * b.z + a.z * b.y) / 2;
+}
+
+/// H^-1 b by L D L^T.
+Vec solve(const Sym& H, const Vec& b) {
+  const Real l10 = H.xy / H.xx;
+  const Real l20 = H.xz / H.xx;
+  const Real d1 = H.yy - l10 * H.xy;
+  const Real l21 = (H.yz - l20 * H.xy) / d1;
+  const Real d2 = H.zz - l20 * H.xz - l21 * l21 * d1;
+  const Real y1 = b.y - l10 * b.x;
+  const Real y2 = b.z - l20 * b.x - l21 * y1;
+  Vec x;
+  x.z = y2 / d2;
+  x.y = y1 / d1 - l21 * x.z;
+  x.x = b.x / H.xx - l10 * x.y - l20 * x.z;
+  return x;
+}
+
+/// A primitive as in section 4.1, seen from the probe.
+struct Term {
+  PrimitiveKind kind;
+  Vec at;
+  Vec q;
+  Real s;
+  Vec z;  ///< -f / s, within the unit ball: of planes without the constant half of their force
+};
+
+/// What the potential of a primitive grows with the length of: for planes along q.
+Vec away(const Term& t, const Vec& x) {
+  const Vec d = x - t.at;
+  if (t.kind == PrimitiveKind::kPoint) return d;
+  if (t.kind == PrimitiveKind::kLine) {
+    // Twice: near the line, what rounding leaves along q is not small beside the rest.
+    const Vec once = d - dot(t.q, d) * t.q;
+    return once - dot(t.q, once) * t.q;
+  }
+  return dot(t.q, d) * t.q;  // kPlane
+}
+
+class Potential {
+ public:
+  Potential(const Vec3& probe, double stiffness, std::span<const Primitive> primitives)
+      : k_(stiffness) {
+    for (const Primitive& p : primitives) {
+      Vec q = from(p.direction);
+      if (p.kind != PrimitiveKind::kPoint) q = (1 / sqrtOf(dot(q, q))) * q;
+      strengths_ += p.strength;
+      if (p.kind == PrimitiveKind::kForce) {
+        push_ = push_ + Real(p.strength) * q;
+      } else if (p.strength > 0) {
+        terms_.push_back({p.kind, from(p.position) - from(probe), q, p.strength, {}});
+      }
+    }
+  }
+
+  [[nodiscard]] Real reach() const { return strengths_ / k_; }
+
+  /// E(x).
+  [[nodiscard]] Real value(const Vec& x) const {
+    Real e = k_ * dot(x, x) / 2 - dot(push_, x);
+    for (const Term& t : terms_) {
+      const Vec d = away(t, x);
+      const Real length = sqrtOf(dot(d, d));
+      // max(0, t) = (t + |t|)/2
+      e += t.kind == PrimitiveKind::kPlane ? t.s * (length - dot(t.q, d)) / 2 : t.s * length;
+    }
+    return e;
+  }
+
+  /// Forces on the proxy as the z say: eq. (14) without the spring.
+  [[nodiscard]] Vec force() const {
+    Vec f = push_;
+    for (const Term& t : terms_) {
+      f = f + (t.kind == PrimitiveKind::kPlane ? (t.s / 2) * (t.q - t.z) : -t.s * t.z);
+    }
+    return f;
+  }
+
+  /// D(f): the least over all x of k/2 |x|^2 - f.x, and each primitive's bound -s max over its
+  /// ball.
+  [[nodiscard]] Real dual() const {
+    const Vec f = force();
+    Real d = -dot(f, f) / (2 * k_);
+    for (const Term& t : terms_) {
+      // s |P (x - a)| >= s z.(x - a) for every x, |z| <= 1, z in the range of P.
+      d += t.kind == PrimitiveKind::kPlane ? t.s / 2 * dot(t.q - t.z, t.at) : -t.s * dot(t.z, t.at);
+    }
+    return d;
+  }
+
+  [[nodiscard]] Vec gradient(const Vec& x, Real mu) const {
+    Vec g = k_ * x - push_;
+    for (const Term& t : terms_) {
+      const bool plane = t.kind == PrimitiveKind::kPlane;
+      const Real s = plane ? t.s / 2 : t.s;
+      const Vec d = away(t, x);
+      g = g + (s / sqrtOf(dot(d, d) + mu * mu)) * d;
+      if (plane) g = g - s * t.q;
+    }
+    return g;
+  }
+
+  /// One Newton step on the rounded potential from x; false when nothing is left to gain.
+  bool improve(Vec& x, Real mu) {
+    Sym H{k_, k_, k_, 0, 0, 0};
+    const Vec g = gradient(x, mu);
+    for (const Term& t : terms_) {
+      const bool plane = t.kind == PrimitiveKind::kPlane;
+      const Real s = plane ? t.s / 2 : t.s;
+      const Vec d = away(t, x);
+      const Real length = sqrtOf(dot(d, d) + mu * mu);
+      // s/length (P - z d^T/length): with the exact z = d/length the Hessian; the last z, within
+      // its ball, carries the next mu's answer better (Andersen et al. 2000).
+      const Real c = s / length;
+      if (!plane) {
+        H.xx += c;
+        H.yy += c;
+        H.zz += c;
+      }
+      if (t.kind == PrimitiveKind::kLine) addOuter(H, -c, t.q, t.q);
+      if (plane) addOuter(H, c, t.q, t.q);
+      addOuter(H, -c / length, t.z, d);
+    }
+    const Vec step = solve(H, -1 * g);
+    const Real slope = dot(g, step);
+    if (!(slope < 0)) return false;
+    // Halved while it climbs out again. The slope rises along the step, as E is convex; it tells
+    // more than E itself, whose differences drown in rounding.
+    Real t = 1;
+    while (t > Real(1e-30) && dot(gradient(x + t * step, mu), step) > -slope / 2) t /= 2;
+    for (Term& term : terms_) {
+      const Vec d = away(term, x);
+      const Vec move = t * (away(term, x + step) - d);
+      const Real length = sqrtOf(dot(d, d) + mu * mu);
+      term.z = (1 / length) * (d + move) - (dot(d, move) / (length * length)) * term.z;
+      pull(term);
+    }
+    x = x + t * step;
+    return -slope > k_ * mu * mu / 100;
+  }
+
+  /// z as the rounded norms have it at x.
+  void place(const Vec& x, Real mu) {
+    for (Term& t : terms_) {
+      const Vec d = away(t, x);
+      t.z = (1 / sqrtOf(dot(d, d) + mu * mu)) * d;
+      pull(t);
+    }
+  }
+
+ private:
+  /// Into the unit ball.
+  static void pull(Term& t) {
+    const Real length = sqrtOf(dot(t.z, t.z));
+    if (length > 1) t.z = (1 / length) * t.z;
+  }
+
+  Real k_;
+  Real strengths_ = 0;
+  Vec push_;
+  std::vector<Term> terms_;
+};
 
 }  // namespace
 
-Reference solveReference(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                         long max_sweeps) {
-  const Real k = stiffness;
-  const RealVec h = probe.cast<Real>();
-  std::vector<RealVec> force(primitives.size(), RealVec::Zero());  // on the proxy
-  std::vector<RealVec> q;
-  RealVec total = RealVec::Zero();
-  for (std::size_t i = 0; i < primitives.size(); ++i) {
-    RealVec direction = primitives[i].direction.cast<Real>();
-    if (direction.norm() > 0) direction.normalize();
-    q.push_back(direction);
-    if (primitives[i].kind == PrimitiveKind::kForce) {
-      force[i] = Real(primitives[i].strength) * direction;
-      total += force[i];
-    }
-  }
-
-  Reference out;
-  Real strengths = 0;
-  for (const Primitive& p : primitives) strengths += p.strength;
-  bool settled = false;
-  for (out.sweeps = 1; out.sweeps <= max_sweeps && !settled; ++out.sweeps) {
-    Real change = 0;
-    for (std::size_t i = 0; i < primitives.size(); ++i) {
-      const Primitive& p = primitives[i];
-      const Real s = p.strength;
-      const RealVec others = total - force[i];
-      // Where the proxy would be without this primitive, as seen from it: d = x - x_i.
-      const RealVec d = others / k - (p.position.cast<Real>() - h);
-      RealVec f = force[i];
-      switch (p.kind) {
-        case PrimitiveKind::kForce:
-          break;
-        case PrimitiveKind::kPoint:
-          f = -k * d;
-          if (f.norm() > s) f *= s / f.norm();
-          break;
-        case PrimitiveKind::kLine:
-          f = -k * (d - q[i] * q[i].dot(d));
-          if (f.norm() > s) f *= s / f.norm();
-          break;
-        case PrimitiveKind::kPlane:
-          f = std::clamp<Real>(-k * q[i].dot(d), 0, s) * q[i];
-          break;
+Reference solveReference(const Vec3& probe, double stiffness,
+                         std::span<const Primitive> primitives) {
+  constexpr int kDecades = 20;
+  constexpr int kMostSteps = 100;
+  Potential potential(probe, stiffness, primitives);
+  Vec x = (1 / Real(stiffness)) * potential.force();
+  Real mu = potential.reach();
+  if (mu > 0) {
+    potential.place(x, mu);
+    for (int decade = 0; decade < kDecades; ++decade) {
+      mu /= 10;
+      for (int i = 0; i < kMostSteps && potential.improve(x, mu); ++i) {
       }
-      change = std::max(change, (f - force[i]).norm());
-      total = others + f;
-      force[i] = f;
     }
-    settled = change <= 4 * std::numeric_limits<Real>::epsilon() * strengths;
-    if (!settled && out.sweeps < max_sweeps) continue;
-
-    // Gap at x = h + total / k: sum over primitives of potential minus what their force accounts
-    // for.
-    const RealVec x = total / k;
-    Real gap = 0;
-    const Real rounding = 64 * std::numeric_limits<Real>::epsilon();
-    for (std::size_t i = 0; i < primitives.size(); ++i) {
-      const Primitive& p = primitives[i];
-      const Real s = p.strength;
-      const RealVec d = x - (p.position.cast<Real>() - h);
-      Real potential = 0;
-      if (p.kind == PrimitiveKind::kForce) continue;
-      if (p.kind == PrimitiveKind::kPoint) potential = s * d.norm();
-      if (p.kind == PrimitiveKind::kLine) potential = s * (d - q[i] * q[i].dot(d)).norm();
-      if (p.kind == PrimitiveKind::kPlane) potential = s * std::max<Real>(0, -q[i].dot(d));
-      // The two cancel: what the difference rounds to counts as well.
-      gap += std::max<Real>(0, potential + force[i].dot(d)) + rounding * s * d.norm();
-    }
-    out.offset = x.cast<double>();
-    out.error_bound = static_cast<double>(std::sqrt(2 * gap / k));
+    potential.place(x, mu);
   }
+  const auto number = [](Real r) { return static_cast<double>(r); };
+  Reference out;
+  out.offset = {number(x.x), number(x.y), number(x.z)};
+  // The offset is rounded to double, and E and D to 113 bits of their own size.
+  const Real value = potential.value(x);
+  const Real dual = potential.dual();
+  const Real gap = absOf(value - dual) + Real(1e-31) * (absOf(value) + absOf(dual));
+  out.error_bound = number(sqrtOf(2 * gap / Real(stiffness))) + 2e-16 * out.offset.norm();
+  out.potential = number(value);
   return out;
 }
 
