@@ -537,49 +537,51 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   return problem.w - problem.length * pull;
 }
 
-/// The balance of term i and a spring that ends at `spring`, exact. Sets the multiplier. Off the
-/// kink y - b keeps the direction of d to the last digit, however small.
-Vec3 balanceOne(const Terms& terms, std::size_t i, const Vec3& spring) noexcept {
-  const Vec3 b = get(terms.b, i);
-  const Vec3 d = project(terms, i, spring) - b;
-  const bool point = terms.alpha[i] + terms.beta[i] > 0.0 && terms.alpha[i] > 0.0;
-  const Vec3 foot = point ? b : Vec3(spring - d);
-  const double r = d.norm();
-  const double sigma = terms.sigma[i];
-  setMultiplier(terms, i, d / sigma);
-  return r > sigma ? Vec3(foot + ((r - sigma) / r) * d) : foot;
-}
-
 /// The balance of a plane and one other primitive: a scalar equation. The plane's force shifts the
-/// spring's end for the other, whose balance is known; the plane's own condition (y before it: no
-/// force; on it; behind it: all force) is monotone in that force. Bracketed, by Chandrupatla's mix
-/// of inverse quadratic interpolation and bisection. Returns the balances evaluated.
+/// spring's end for the other, whose balance is the soft threshold; the plane's own condition (y
+/// before it: no force; on it; behind it: all force) is monotone in that force. Returns the
+/// balances evaluated.
 int balancePair(const Problem& problem, std::size_t plane, std::size_t other, Vec3& y) noexcept {
   constexpr int kMost = 30;
   constexpr double kOnPlane = 4.0 * kEpsilon;
   const Terms& terms = problem.terms;
   const Vec3 q = get(terms.q, plane);
-  const double sigma = terms.sigma[plane];
   const double foot = q.dot(get(terms.b, plane));
+  const double sigma = terms.sigma[other];
+  const bool point = terms.beta[other] == 0.0;
+
+  // The other's balance where the spring ends at spring - shift q: d its distance from the kink
+  // without it, `rest` the kink's point below. Off the kink y - b keeps the direction of d to the
+  // last digit, however small.
+  const Vec3 b = get(terms.b, other);
+  const Vec3 d_unshifted = project(terms, other, problem.spring) - b;
+  const Vec3 d_shifted = project(terms, other, q);
+  const Vec3 rest_unshifted = point ? b : Vec3(problem.spring - d_unshifted);
+  const Vec3 rest_shifted = point ? Vec3(Vec3::Zero()) : Vec3(q - d_shifted);
   double zeta = 1.0;  // the plane's multiplier along its normal, -1 to 1
+  Vec3 d;
   int evaluations = 0;
   const auto height = [&](double z) {
     ++evaluations;
     zeta = z;
-    y = balanceOne(terms, other, problem.spring - sigma * z * q);
+    const double shift = terms.sigma[plane] * z;
+    d = d_unshifted - shift * d_shifted;
+    const double r = d.norm();
+    y = rest_unshifted - shift * rest_shifted;
+    if (r > sigma) y += ((r - sigma) / r) * d;
     return q.dot(y) - foot;
   };
-  const auto settled = [&] {
-    set(terms.z, plane, zeta * q);
-    return evaluations;
-  };
   const double pushed = height(1.0);
-  if (pushed >= 0.0) return settled();
-  const double pulled = height(-1.0);
-  if (pulled <= 0.0) return settled();
-  const auto middle = [](double low, double high) { return 0.5 * (low + high); };
-  findRoot(height, 1.0, pushed, -1.0, pulled, kOnPlane, middle, kMost);
-  return settled();
+  if (pushed < 0.0) {
+    const double pulled = height(-1.0);
+    if (pulled > 0.0) {
+      const auto middle = [](double low, double high) { return 0.5 * (low + high); };
+      findRoot(height, 1.0, pushed, -1.0, pulled, kOnPlane, middle, kMost);
+    }
+  }
+  set(terms.z, plane, zeta * q);
+  setMultiplier(terms, other, d / sigma);
+  return evaluations;
 }
 
 /// Two primitives of which one is a plane, as a surface with its friction or drag: the commonest
@@ -634,6 +636,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
 
   // Sizes that enter, for the rounding: the largest distance, and what forces add up to before they
   // cancel.
+  const double per_stiffness = 1.0 / stiffness;
   double sum = 0.0;
   double reach = 0.0;
   double pushed = 0.0;
@@ -642,12 +645,12 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     const double force = p.strength - norm;
     sum += norm;
     if (p.kind == PrimitiveKind::kPlane || p.kind == PrimitiveKind::kForce) {
-      problem.w += (force / stiffness) * unit(p.direction);
-      pushed += force / stiffness;
+      problem.w += (force * per_stiffness) * unit(p.direction);
+      pushed += force * per_stiffness;
     }
     if (norm > 0.0) reach = std::max(reach, (p.position - probe).lpNorm<Eigen::Infinity>());
   }
-  problem.length = sum / stiffness;
+  problem.length = sum * per_stiffness;
   const double rounding = 8.0 * kEpsilon * (reach + pushed + problem.length);
 
   // Nothing but directed forces, or strengths that cannot move the proxy beyond rounding.
