@@ -716,7 +716,10 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   bool done = false;
   if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
-      setMultiplier(terms, i, projectExactly(terms, i, warm->multipliers[terms.source[i]]));
+      // Turned with its line or plane; its length says whether it held, and is kept.
+      const Vec3& last = warm->multipliers[terms.source[i]];
+      const Vec3 turned = projectExactly(terms, i, last);
+      setMultiplier(terms, i, turned * (last.norm() / std::max(turned.norm(), kEpsilon)));
     }
     // The proxy is expected to move as it did last time.
     done = search.warm(per_length * (start + warm->motion - origin));
