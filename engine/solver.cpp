@@ -542,7 +542,7 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
 /// before it: no force; on it; behind it: all force) is monotone in that force. Returns the
 /// balances evaluated.
 int balancePair(const Problem& problem, std::size_t plane, std::size_t other, Vec3& y) noexcept {
-  constexpr int kMost = 30;
+  constexpr int kMost = 24;
   constexpr double kOnPlane = 4.0 * kEpsilon;
   const Terms& terms = problem.terms;
   const Vec3 q = get(terms.q, plane);
