@@ -42,9 +42,17 @@ std::unique_ptr<const Scene> makeBall(Explored what) {
                     {"stream", makeVortex(Vec3::Zero(), {2.0, 4.0, 10.0}, 0.3, 0.1, kVoxel)}});
 }
 
-/// The scripted exploration of the ball's box, with a tremor.
+/// The scripted exploration of the ball's box, at a pace between 0.4 and 3.6 times the script's,
+/// with a tremor.
 HandTarget tremble(double seconds, std::uint64_t seed) {
-  const HandTarget steady = explore({Vec3::Constant(-kRadius), Vec3::Constant(kRadius)}, seconds);
+  constexpr double kPace = 2.0;
+  constexpr double kSway = 1.6;                    // of the pace
+  constexpr double kSwayRate = 2.0 * M_PI / 11.0;  // [rad/s]
+  const auto script = [](double t) {
+    return kPace * t - kSway / kSwayRate * (1.0 - std::cos(kSwayRate * t));
+  };
+  const HandTarget steady =
+      explore({Vec3::Constant(-kRadius), Vec3::Constant(kRadius)}, script(seconds));
   test::Random random(seed);
   struct Wave {
     Vec3 size;
@@ -57,11 +65,11 @@ HandTarget tremble(double seconds, std::uint64_t seed) {
     wave.phase = random.uniform(-M_PI, M_PI);
   }
   return {[=](double t) -> Vec3 {
-            Vec3 p = steady.at(t);
+            Vec3 p = steady.at(script(t));
             for (const Wave& wave : waves) p += wave.size * std::sin(wave.rate * t + wave.phase);
             return p;
           },
-          steady.seconds};
+          seconds};
 }
 
 /// Where the proxy was when the primitives were placed: viscosity and follow are anchored there.
