@@ -1,0 +1,116 @@
+#include "bench/contenders.h"
+
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "bench/methods/constraint_approach.h"
+#include "bench/methods/euler_adaptive.h"
+#include "bench/methods/euler_fixed.h"
+#include "bench/methods/force_function.h"
+#include "bench/methods/nelder_mead.h"
+#include "bench/methods/smallest_residual.h"
+#include "engine/solver.h"
+
+namespace palpate::bench {
+namespace {
+
+using methods::Balance;
+
+/// A power of ten, or a multiple of one.
+std::string word(double number) {
+  const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
+  char text[32];
+  std::snprintf(text, sizeof text, "%ge%d", std::round(number / std::pow(10.0, exponent)),
+                exponent);
+  return text;
+}
+
+/// A method without a setting.
+Contender makePlain(std::string name,
+                    Balance (*method)(const Vec3&, double, std::span<const Primitive>,
+                                      const Vec3&) noexcept) {
+  const auto solve = [method](const BalanceProblem& p, std::span<const Primitive> primitives) {
+    return method(p.probe, p.stiffness, primitives, p.start);
+  };
+  return {std::move(name), "", solve};
+}
+
+/// A method with one.
+template <class Params>
+Contender makeSet(std::string name, std::string setting,
+                  Balance (*method)(const Vec3&, double, std::span<const Primitive>, const Vec3&,
+                                    const Params&) noexcept,
+                  const Params& params) {
+  const auto solve = [method, params](const BalanceProblem& p,
+                                      std::span<const Primitive> primitives) {
+    return method(p.probe, p.stiffness, primitives, p.start, params);
+  };
+  return {std::move(name), std::move(setting), solve};
+}
+
+/// Two ways to adapt the step: `steady`, the one that reaches most (euler_adaptive.h), and one that
+/// halves it, which costs half as much, reaches a few per cent fewer, and needs the 30 to 40
+/// iterations that the paper reports.
+Contender makePaper(double tolerance, bool halving) {
+  methods::EulerAdaptiveParams params;
+  if (tolerance < params.tolerance) params.max_iterations *= 10;
+  params.tolerance = tolerance;
+  if (halving) {
+    params.grow = 1.05;
+    params.shrink = 0.5;
+  }
+  return makeSet(kPaper, word(tolerance) + (halving ? ", halving" : ""), methods::eulerAdaptive,
+                 params);
+}
+
+/// The engine's solver.
+Contender makeOurs(double tolerance) {
+  SolverParams params;
+  params.tolerance = tolerance;
+  const auto solve = [params](const BalanceProblem& p, std::span<const Primitive> primitives) {
+    const SolveResult r = solveProxy(p.probe, p.stiffness, primitives, p.start, params);
+    return Balance{r.offset, r.iterations, r.status == SolveStatus::kConverged};
+  };
+  return {kOurs, word(tolerance), solve};
+}
+
+}  // namespace
+
+std::vector<Contender> makeContenders(bool /*motion*/) {
+  std::vector<Contender> list;
+  list.push_back(makePlain("force function", methods::forceFunction));
+  list.push_back(makePlain("constraint approach", methods::constraintApproach));
+  for (const double step : {1e-1, 1e-2, 1e-3}) {
+    methods::EulerFixedParams params;
+    params.step = step;
+    params.max_iterations = static_cast<int>(std::lround(20.0 / step));
+    list.push_back(makeSet("Euler, fixed step", word(step), methods::eulerFixed, params));
+  }
+  for (const double tolerance :
+       {1e-2, 1e-3, methods::EulerAdaptiveParams{}.tolerance, 1e-6, 1e-8}) {
+    list.push_back(makePaper(tolerance, false));
+  }
+  for (const double tolerance : {1e-3, 3e-5, 1e-6}) list.push_back(makePaper(tolerance, true));
+  for (const double tolerance : {1e-2, 1e-3, methods::NelderMeadParams{}.tolerance, 1e-8}) {
+    methods::NelderMeadParams params;
+    params.tolerance = tolerance;
+    list.push_back(makeSet("Nelder-Mead", word(tolerance), methods::nelderMead, params));
+  }
+  for (const double tolerance : {1e-3, methods::SmallestResidualParams{}.tolerance, 1e-8}) {
+    methods::SmallestResidualParams params;
+    params.tolerance = tolerance;
+    list.push_back(
+        makeSet("smallest residual", word(tolerance), methods::smallestResidual, params));
+  }
+  for (const double tolerance : {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}) {
+    list.push_back(makeOurs(tolerance));
+  }
+  return list;
+}
+
+std::vector<Contender> makeFigure7Contenders() {
+  return {makePaper(3e-5, true), makeOurs(SolverParams{}.tolerance)};
+}
+
+}  // namespace palpate::bench

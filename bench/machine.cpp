@@ -1,0 +1,43 @@
+#include "bench/machine.h"
+
+#include <algorithm>
+#include <fstream>
+#include <sched.h>
+
+#include "bench/commit.h"
+
+namespace palpate::bench {
+
+Machine takeMachine() {
+  Machine machine;
+  machine.processor = "unknown processor";
+  std::ifstream cpuinfo("/proc/cpuinfo");
+  for (std::string line; std::getline(cpuinfo, line);) {
+    if (line.rfind("model name", 0) == 0) machine.processor = line.substr(line.find(':') + 2);
+  }
+#if defined(__clang__)
+  machine.compiler = std::string("clang ") + __clang_version__;
+#else
+  machine.compiler = std::string("g++ ") + __VERSION__;
+#endif
+  machine.flags = PALPATE_FLAGS;
+  machine.commit = kCommit;
+
+  cpu_set_t core;
+  CPU_ZERO(&core);
+  const int here = sched_getcpu();
+  if (here >= 0) CPU_SET(static_cast<std::size_t>(here), &core);
+  machine.pinned = here >= 0 && sched_setaffinity(0, sizeof core, &core) == 0;
+
+  machine.clock_step = 1e9;
+  for (int i = 0; i < 1000; ++i) {
+    const auto a = Clock::now();
+    auto b = a;
+    while (b == a) b = Clock::now();
+    machine.clock_step =
+        std::min(machine.clock_step, std::chrono::duration<double, std::nano>(b - a).count());
+  }
+  return machine;
+}
+
+}  // namespace palpate::bench

@@ -1,0 +1,599 @@
+/// Which method is how fast at which accuracy? Time per balance against error of the proxy, for the
+/// methods of the literature and the engine's solver, each at several settings, over problems and
+/// motions of several families; the solvers' iterations over a recorded exploration (the paper's
+/// figure 7); and the force that non-orthogonal constraints make up (its section 3.1).
+///
+///     palpate_bench_speed_accuracy > speed_accuracy.json
+///     bench/speed_accuracy_chart.py speed_accuracy.json docs/charts
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+#include <unistd.h>
+#include <utility>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <Eigen/Geometry>
+#include <nlohmann/json.hpp>
+
+#include "bench/contenders.h"
+#include "bench/exploration.h"
+#include "bench/machine.h"
+#include "bench/methods/constraint_approach.h"
+#include "engine/solver.h"
+#include "tests/support/reference_solver.h"
+
+namespace {
+
+using namespace palpate;
+using namespace palpate::bench;
+using nlohmann::ordered_json;
+
+constexpr double kShortest = 5.0;  // [ns]: what seems to take less is noise of the clock
+
+/// Errors to reach, as shares of S/k.
+struct Target {
+  const char* word;
+  double share;
+};
+constexpr std::array<Target, 3> kTargets = {{{"1e-2", 1e-2}, {"1e-3", 1e-3}, {"1e-6", 1e-6}}};
+
+struct Options {
+  std::size_t problems = 500;
+  std::uint64_t seed = 1;
+  double seconds = 90.0;      // of timing
+  double exploration = 20.0;  // [s] of virtual time
+  std::string output;
+};
+
+/// On a terminal, what is being done.
+void tell(const std::string& what) {
+  if (isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r\033[K%s", what.c_str());
+}
+
+double nanoseconds(Clock::duration d) {
+  return std::chrono::duration<double, std::nano>(d).count();
+}
+
+/// Four digits: more would be noise.
+double rounded(double x) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", x);
+  return std::strtod(text, nullptr);
+}
+
+double quantile(std::vector<double> values, double p) {
+  if (values.empty()) return 0.0;
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(std::lround(p * static_cast<double>(values.size() - 1)))];
+}
+
+/// The mean of the middle half: as robust as a median, and finer than the clock's step.
+double middle(std::vector<double>& values) {
+  std::sort(values.begin(), values.end());
+  const auto skip = static_cast<std::ptrdiff_t>(values.size() / 4);
+  return std::accumulate(values.begin() + skip, values.end() - skip, 0.0) /
+         static_cast<double>(values.size() - 2 * static_cast<std::size_t>(skip));
+}
+
+/// A family's problems with their exact answers.
+struct Row {
+  std::string family;
+  std::size_t primitives = 0;
+  bool motion = false;  // each problem follows from the one before
+  std::vector<RecordedBalance> cases;
+  std::vector<Vec3> offsets;   // proxy - probe [m]
+  std::vector<double> bounds;  // of their errors [m]
+};
+
+Row makeRow(Family family, int count, const Options& options) {
+  Row row;
+  row.family = wordFor(family);
+  test::Random random(options.seed + 1000 * static_cast<std::uint64_t>(count));
+  for (std::size_t i = 0; i < options.problems; ++i) {
+    RecordedBalance balance;
+    balance.first = true;
+    balance.problem = makeProblem(family, count, random);
+    row.cases.push_back(std::move(balance));
+  }
+  return row;
+}
+
+std::vector<Row> makeRows(const Options& options, const std::vector<RecordedBalance>& exploration) {
+  // Motions: twenty stretches, each begun cold.
+  constexpr std::size_t kStretches = 20;
+  const std::size_t ticks = std::max<std::size_t>(2, options.problems / 4);
+  std::vector<Row> rows;
+  for (const Family family : {Family::kRandom, Family::kOnePoint, Family::kNearParallel,
+                              Family::kSlot, Family::kOrthogonal}) {
+    for (const int count :
+         family == Family::kOrthogonal ? std::vector{2, 3} : std::vector{2, 8, 32}) {
+      rows.push_back(makeRow(family, count, options));
+    }
+  }
+  const auto add_motion = [&](const char* name, std::vector<RecordedBalance> cases) {
+    Row row;
+    row.family = name;
+    row.motion = true;
+    row.cases = std::move(cases);
+    rows.push_back(std::move(row));
+  };
+  for (const int count : {2, 8, 32}) {
+    add_motion("walk, fixed",
+               recordWalks(Anchoring::kFixed, count, kStretches, ticks, options.seed));
+    add_motion("walk, carried",
+               recordWalks(Anchoring::kCarried, count, kStretches, ticks, options.seed));
+  }
+  add_motion("surface and drag", windowsOf(exploration, 2, kStretches, ticks));
+  add_motion("surface and stream", windowsOf(recordExploration(Explored::kSurfaceAndStream,
+                                                               options.exploration, options.seed),
+                                             2, kStretches, ticks));
+  for (Row& row : rows) {
+    if (row.cases.empty()) throw std::runtime_error("no ticks in contact: raise --exploration");
+    row.primitives = row.cases.front().problem.primitives.size();
+  }
+  return rows;
+}
+
+/// Exact answers, from the engine's solver as far as its certificate goes; of every row some are
+/// checked by the reference solver, which shares nothing with it.
+ordered_json findTruth(std::vector<Row>& rows) {
+  constexpr std::size_t kChecks = 8;  // of a row
+  constexpr long kSweeps = 20000;
+  SolverParams tightest;
+  tightest.tolerance = 1e-15;
+  tightest.max_iterations = 200;
+  long checked = 0;
+  long agreed = 0;
+  long sharp = 0;
+  double widest = 0.0;
+  for (Row& row : rows) {
+    tell("true answers: " + row.family);
+    const std::size_t step = std::max<std::size_t>(1, row.cases.size() / kChecks);
+    for (std::size_t i = 0; i < row.cases.size(); ++i) {
+      const BalanceProblem& p = row.cases[i].problem;
+      const SolveResult r = solveProxy(p.probe, p.stiffness, p.primitives, p.start, tightest);
+      if (r.status == SolveStatus::kBadInput) throw std::runtime_error("a problem is refused");
+      row.offsets.push_back(r.offset);
+      row.bounds.push_back(r.error_bound);
+      widest = std::max(widest, r.error_bound / reachOf(p));
+      if (i % step != 0 || i / step >= kChecks) continue;
+      const test::Reference reference =
+          test::solveReference(p.probe, p.stiffness, p.primitives, kSweeps);
+      const double bounds = r.error_bound + reference.error_bound;
+      ++checked;
+      agreed += static_cast<long>((r.offset - reference.offset).norm() <= bounds);
+      sharp += static_cast<long>(reference.error_bound <= 1e-6 * reachOf(p));
+    }
+  }
+  return {{"checked", checked},
+          {"agreed", agreed},
+          {"reference_within_1e-6", sharp},
+          {"widest_bound_over_reach", rounded(widest)}};
+}
+
+/// What one contender did with one row.
+struct Score {
+  std::vector<std::vector<double>> times;  // of each case, one a pass [ns]
+  std::vector<double> cost;                // of each case, the mean of their middle half [ns]
+  std::vector<double> error;               // of each case, at least the truth's bound [m]
+  std::vector<double> iterations;
+  std::size_t settled = 0;
+  double spent = 0.0;  // [s]
+  int passes = 0;
+};
+
+/// One pass over a row: single balances are timed, and nothing is solved twice in a row, so that
+/// branches are as hard to foresee as in a tick.
+void pass(const Contender& contender, const Row& row, double overhead, Score& score) {
+  std::vector<Primitive> primitives(row.primitives);
+  const auto begin = Clock::now();
+  for (std::size_t i = 0; i < row.cases.size(); ++i) {
+    const BalanceProblem& problem = row.cases[i].problem;
+    if (row.cases[i].first) contender.forget();
+    std::copy(problem.primitives.begin(), problem.primitives.end(), primitives.begin());
+    const auto start = Clock::now();
+    const methods::Balance balance = contender.solve(problem, primitives);
+    const auto end = Clock::now();
+    score.times[i].push_back(std::max(kShortest, nanoseconds(end - start) - overhead));
+    if (score.passes > 0) continue;
+    const double error = (balance.offset - row.offsets[i]).norm();
+    // A method that ran away is infinitely wrong; JSON has no word for it.
+    score.error.push_back(std::isfinite(error) ? std::max(error, row.bounds[i]) : 1e9);
+    score.iterations.push_back(balance.iterations);
+    score.settled += static_cast<std::size_t>(balance.settled);
+  }
+  ++score.passes;
+  score.spent += 1e-9 * nanoseconds(Clock::now() - begin);
+}
+
+/// What timing nothing takes: the clock and the call.
+double measureOverhead() {
+  const Contender nothing{
+      "", "", [](const BalanceProblem&, std::span<const Primitive>) { return methods::Balance{}; }};
+  Row row;
+  row.cases.resize(2000);
+  row.offsets.resize(row.cases.size(), Vec3::Zero());
+  row.bounds.resize(row.cases.size(), 0.0);
+  Score score;
+  score.times.resize(row.cases.size());
+  pass(nothing, row, 0.0, score);
+  std::vector<double> times;
+  for (const auto& of_case : score.times) times.push_back(of_case.front());
+  return middle(times);
+}
+
+/// All contenders over a row, taking turns, so that whatever else the machine does hits all alike.
+std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& row,
+                           double overhead, double seconds_each) {
+  constexpr int kPasses = 9;
+  std::vector<Score> scores(contenders.size());
+  for (Score& score : scores) score.times.resize(row.cases.size());
+  for (int turn = 0; turn < kPasses; ++turn) {
+    for (std::size_t c = 0; c < contenders.size(); ++c) {
+      Score& score = scores[c];
+      const double next = turn == 0 ? 0.0 : score.spent / score.passes;
+      if (turn > 0 && score.spent + next > seconds_each) continue;
+      tell(row.family + ", " + std::to_string(row.primitives) + ": " + contenders[c].method + " " +
+           contenders[c].setting);
+      pass(contenders[c], row, overhead, score);
+    }
+  }
+  for (Score& score : scores) {
+    for (auto& of_case : score.times) score.cost.push_back(middle(of_case));
+  }
+  return scores;
+}
+
+/// Whether a case is solved to a target.
+bool reaches(const Row& row, const Score& score, std::size_t i, const Target& target) {
+  return score.error[i] <= target.share * reachOf(row.cases[i].problem);
+}
+
+std::size_t countReached(const Row& row, const Score& score, const Target& target) {
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < row.cases.size(); ++i) {
+    count += static_cast<std::size_t>(reaches(row, score, i, target));
+  }
+  return count;
+}
+
+ordered_json describe(const Contender& contender, const Row& row, const Score& score) {
+  const auto n = static_cast<double>(row.cases.size());
+  ordered_json reached;
+  for (const Target& target : kTargets) {
+    reached[target.word] = rounded(static_cast<double>(countReached(row, score, target)) / n);
+  }
+  double floored = 0.0;
+  std::vector<double> reach;
+  for (std::size_t i = 0; i < row.cases.size(); ++i) {
+    reach.push_back(reachOf(row.cases[i].problem));
+    floored += static_cast<double>(score.error[i] <= row.bounds[i]) / n;
+  }
+  return {{"family", row.family},
+          {"primitives", row.primitives},
+          {"motion", row.motion},
+          {"cases", row.cases.size()},
+          {"reach_m", rounded(quantile(reach, 0.5))},
+          {"method", contender.method},
+          {"setting", contender.setting},
+          {"cost_ns",
+           {{"median", rounded(quantile(score.cost, 0.5))},
+            {"p99", rounded(quantile(score.cost, 0.99))}}},
+          {"error_m",
+           {{"median", rounded(quantile(score.error, 0.5))},
+            {"p99", rounded(quantile(score.error, 0.99))},
+            {"worst", rounded(quantile(score.error, 1.0))}}},
+          {"reached", reached},
+          {"at_the_truths_bound", rounded(floored)},
+          {"iterations",
+           {{"median", quantile(score.iterations, 0.5)},
+            {"p99", quantile(score.iterations, 0.99)},
+            {"worst", quantile(score.iterations, 1.0)}}},
+          {"settled", rounded(static_cast<double>(score.settled) / n)},
+          {"passes", score.passes}};
+}
+
+/// One method's settings, as indices into the contenders.
+struct Settings {
+  std::string method;
+  std::vector<std::size_t> indices;
+};
+
+std::vector<Settings> rivalsAmong(const std::vector<Contender>& contenders) {
+  std::vector<Settings> rivals;
+  for (std::size_t c = 0; c < contenders.size(); ++c) {
+    const std::string& method = contenders[c].method;
+    if (method == kOurs || method == kOursWarm) continue;
+    const auto found = std::find_if(rivals.begin(), rivals.end(),
+                                    [&](const Settings& s) { return s.method == method; });
+    if (found == rivals.end()) {
+      rivals.push_back({method, {c}});
+    } else {
+      found->indices.push_back(c);
+    }
+  }
+  return rivals;
+}
+
+/// The setting that a method's user would choose for a target: of those that reach it in as many
+/// cases as its most reliable one, to one in a hundred, the cheapest.
+std::size_t bestSetting(const Settings& settings, const Row& row, const std::vector<Score>& scores,
+                        const Target& target) {
+  std::size_t most = 0;
+  for (const std::size_t c : settings.indices) {
+    most = std::max(most, countReached(row, scores[c], target));
+  }
+  std::size_t best = settings.indices.front();
+  double least = std::numeric_limits<double>::infinity();
+  for (const std::size_t c : settings.indices) {
+    const double cost = quantile(scores[c].cost, 0.5);
+    const bool reliable = 100 * (most - countReached(row, scores[c], target)) <= row.cases.size();
+    if (!reliable || cost >= least) continue;
+    best = c;
+    least = cost;
+  }
+  return best;
+}
+
+/// The engine's solver, asked for a target, against every other method at its best setting, over
+/// the cases that both reach; how many they do not is said. Beside it the same for the setting that
+/// reaches the target at the least cost case by case, a choice that no program could make, in the
+/// other's favour; and the ratio over all cases, whether the other reached the target or gave up,
+/// because what it misses is seldom what is easy.
+void addRatios(const std::vector<Contender>& contenders, const Row& row,
+               const std::vector<Score>& scores, ordered_json& ratios) {
+  for (std::size_t o = 0; o < contenders.size(); ++o) {
+    if (contenders[o].method != kOurs && contenders[o].method != kOursWarm) continue;
+    const auto* const target = std::find_if(kTargets.begin(), kTargets.end(), [&](const Target& t) {
+      return contenders[o].setting == t.word;
+    });
+    if (target == kTargets.end()) continue;
+    for (const Settings& rival : rivalsAmong(contenders)) {
+      const std::size_t best = bestSetting(rival, row, scores, *target);
+      std::vector<double> ours, theirs, ratio, luckiest, regardless;
+      std::size_t missed_by_all = 0;
+      for (std::size_t i = 0; i < row.cases.size(); ++i) {
+        const bool reached = reaches(row, scores[o], i, *target);
+        double least = std::numeric_limits<double>::infinity();
+        for (const std::size_t c : rival.indices) {
+          if (reaches(row, scores[c], i, *target)) least = std::min(least, scores[c].cost[i]);
+        }
+        missed_by_all += static_cast<std::size_t>(!std::isfinite(least));
+        if (reached && std::isfinite(least)) luckiest.push_back(least / scores[o].cost[i]);
+        regardless.push_back(scores[best].cost[i] / scores[o].cost[i]);
+        if (!reached || !reaches(row, scores[best], i, *target)) continue;
+        ours.push_back(scores[o].cost[i]);
+        theirs.push_back(scores[best].cost[i]);
+        ratio.push_back(theirs.back() / ours.back());
+      }
+      const double our_sum = std::accumulate(ours.begin(), ours.end(), 0.0);
+      const double their_sum = std::accumulate(theirs.begin(), theirs.end(), 0.0);
+      ratios.push_back(
+          {{"family", row.family},
+           {"primitives", row.primitives},
+           {"motion", row.motion},
+           {"target", target->word},
+           {"ours", contenders[o].method},
+           {"other", rival.method},
+           {"setting", contenders[best].setting},
+           {"cases", row.cases.size()},
+           {"both", ratio.size()},
+           {"missed_by_ours", row.cases.size() - countReached(row, scores[o], *target)},
+           {"missed_by_other", row.cases.size() - countReached(row, scores[best], *target)},
+           {"missed_by_all_its_settings", missed_by_all},
+           {"ours_median_ns", rounded(quantile(ours, 0.5))},
+           {"other_median_ns", rounded(quantile(theirs, 0.5))},
+           {"ratio",
+            {{"p10", rounded(quantile(ratio, 0.1))},
+             {"median", rounded(quantile(ratio, 0.5))},
+             {"p90", rounded(quantile(ratio, 0.9))},
+             {"of_sums", rounded(our_sum > 0.0 ? their_sum / our_sum : 0.0)},
+             {"luckiest_setting_median", rounded(quantile(luckiest, 0.5))},
+             {"missed_or_not_median", rounded(quantile(regardless, 0.5))}}}});
+    }
+  }
+}
+
+/// Figure 7: iterations over an exploration, with the hand's speed; tick by tick.
+ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
+  std::vector<double> speed;
+  std::vector<std::size_t> primitives;
+  for (const RecordedBalance& tick : exploration) {
+    speed.push_back(rounded(tick.speed));
+    primitives.push_back(tick.problem.primitives.size());
+  }
+  ordered_json solvers = ordered_json::array();
+  for (const Contender& contender : makeFigure7Contenders()) {
+    tell("figure 7: " + contender.method);
+    contender.forget();
+    std::vector<int> iterations;
+    std::vector<double> in_contact;
+    for (const RecordedBalance& tick : exploration) {
+      const methods::Balance balance = contender.solve(tick.problem, tick.problem.primitives);
+      iterations.push_back(balance.iterations);
+      if (tick.problem.primitives.size() == 2) in_contact.push_back(balance.iterations);
+    }
+    solvers.push_back({{"method", contender.method},
+                       {"setting", contender.setting},
+                       {"two_primitives",
+                        {{"ticks", in_contact.size()},
+                         {"median", quantile(in_contact, 0.5)},
+                         {"p99", quantile(in_contact, 0.99)},
+                         {"worst", quantile(in_contact, 1.0)}}},
+                       {"iterations", iterations}});
+  }
+  return {
+      {"rate_hz", 1000}, {"speed_m_s", speed}, {"primitives", primitives}, {"solvers", solvers}};
+}
+
+/// Section 3.1 as an experiment. Three constraints, two at an angle and one across them; the proxy
+/// is where they were placed and the hand 5 mm away, in many directions. What the force on the hand
+/// has too much: its distance to the force of the true balance, which is zero without strength.
+/// To the primitives a constraint is a plane for each sense of its direction.
+ordered_json nonorthogonal(const Options& options) {
+  constexpr double kStiffness = 500.0;
+  constexpr double kAway = 5e-3;  // [m]
+  const std::size_t directions = std::clamp<std::size_t>(options.problems / 5, 4, 100);
+  ordered_json curves = ordered_json::array();
+  for (const double strength : {0.0, 0.01, 0.1}) {
+    tell("section 3.1");
+    std::vector<double> angles, old_median, old_worst, our_median, our_worst, felt;
+    for (int degrees = 90; degrees >= 1; --degrees) {
+      const double angle = degrees * M_PI / 180.0;
+      test::Random random(options.seed);
+      std::vector<double> old_way;
+      std::vector<double> ours;
+      double largest = 0.0;
+      for (std::size_t i = 0; i < directions; ++i) {
+        const Mat3 frame = Eigen::Quaterniond::FromTwoVectors(Vec3::UnitZ(), random.direction())
+                               .toRotationMatrix();
+        const std::array<Vec3, 3> along = {
+            frame.col(0), std::cos(angle) * frame.col(0) + std::sin(angle) * frame.col(1),
+            frame.col(2)};
+        const Vec3 proxy = random.inCube(1e-2);
+        const Vec3 probe = proxy + kAway * random.direction();
+        std::vector<methods::Constraint> constraints;
+        std::vector<Primitive> planes;
+        for (const Vec3& q : along) {
+          constraints.push_back({q, strength});
+          planes.push_back({PrimitiveKind::kPlane, proxy, q, strength});
+          planes.push_back({PrimitiveKind::kPlane, proxy, -q, strength});
+        }
+        const Vec3 truth =
+            strength > 0.0
+                ? Vec3(kStiffness * test::solveReference(probe, kStiffness, planes, 5000).offset)
+                : Vec3(Vec3::Zero());
+        const Vec3 moved = methods::constraintProxy(probe, proxy, kStiffness, constraints);
+        old_way.push_back((kStiffness * (moved - probe) - truth).norm());
+        const Vec3 offset = solveProxy(probe, kStiffness, planes, proxy).offset;
+        ours.push_back((kStiffness * offset - truth).norm());
+        largest = std::max(largest, truth.norm());
+      }
+      angles.push_back(degrees);
+      old_median.push_back(rounded(quantile(old_way, 0.5)));
+      old_worst.push_back(rounded(quantile(old_way, 1.0)));
+      our_median.push_back(rounded(quantile(ours, 0.5)));
+      our_worst.push_back(rounded(quantile(ours, 1.0)));
+      felt.push_back(rounded(largest));
+    }
+    curves.push_back({{"strength_n", strength},
+                      {"degrees", angles},
+                      {"constraint_approach_n", {{"median", old_median}, {"worst", old_worst}}},
+                      {"palpate_n", {{"median", our_median}, {"worst", our_worst}}},
+                      {"largest_true_force_n", felt}});
+  }
+  return {{"stiffness_n_m", kStiffness},
+          {"hand_away_m", kAway},
+          {"directions", directions},
+          {"curves", curves}};
+}
+
+/// One element of a list a line: short enough to read, long enough to compare.
+void write(const ordered_json& result, std::ostream& out) {
+  const char* separator = "{\n";
+  for (const auto& [key, value] : result.items()) {
+    out << separator << '"' << key << "\": ";
+    separator = ",\n";
+    if (!value.is_array()) {
+      out << value.dump();
+      continue;
+    }
+    const char* between = "[\n  ";
+    for (const auto& element : value) {
+      out << between << element.dump();
+      between = ",\n  ";
+    }
+    out << (value.empty() ? "[]" : "]");
+  }
+  out << "\n}\n";
+}
+
+int run(const Options& options) {
+  const Machine machine = takeMachine();
+  const double overhead = measureOverhead();
+  const auto exploration =
+      recordExploration(Explored::kSurfaceAndDrag, options.exploration, options.seed);
+  std::vector<Row> rows = makeRows(options, exploration);
+  const ordered_json truth = findTruth(rows);
+
+  std::size_t cells = 0;
+  for (const Row& row : rows) cells += makeContenders(row.motion).size();
+  ordered_json results = ordered_json::array();
+  ordered_json ratios = ordered_json::array();
+  for (const Row& row : rows) {
+    const std::vector<Contender> contenders = makeContenders(row.motion);
+    const std::vector<Score> scores =
+        measure(contenders, row, overhead, options.seconds / static_cast<double>(cells));
+    for (std::size_t c = 0; c < contenders.size(); ++c) {
+      results.push_back(describe(contenders[c], row, scores[c]));
+    }
+    addRatios(contenders, row, scores, ratios);
+  }
+
+  const ordered_json result = {{"machine",
+                                {{"processor", machine.processor},
+                                 {"compiler", machine.compiler},
+                                 {"flags", machine.flags},
+                                 {"commit", machine.commit},
+                                 {"clock_step_ns", rounded(machine.clock_step)},
+                                 {"clock_reading_ns", rounded(overhead)},
+                                 {"pinned", machine.pinned}}},
+                               {"options",
+                                {{"problems", options.problems},
+                                 {"seed", options.seed},
+                                 {"seconds", options.seconds},
+                                 {"exploration_s", options.exploration}}},
+                               {"truth", truth},
+                               {"results", results},
+                               {"ratios", ratios},
+                               {"figure7", figure7(exploration)},
+                               {"nonorthogonal", nonorthogonal(options)}};
+  tell("");
+  if (options.output.empty()) {
+    write(result, std::cout);
+    return std::cout.flush() ? 0 : 2;
+  }
+  std::ofstream file(options.output);
+  write(result, file);
+  if (!file.flush()) throw std::runtime_error(options.output + ": cannot be written");
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    Options options;
+    CLI::App app{"Time per balance against error of the proxy, method by method; writes JSON."};
+    app.add_option("--problems", options.problems,
+                   "of a family and a number of primitives; motions "
+                   "have five times as many ticks")
+        ->check(CLI::Range(1, 1000000))
+        ->capture_default_str();
+    app.add_option("--seed", options.seed, "of all random input")->capture_default_str();
+    app.add_option("--seconds", options.seconds,
+                   "to spend on timing; each problem is solved at least once")
+        ->check(CLI::NonNegativeNumber)
+        ->capture_default_str();
+    app.add_option("--exploration", options.exploration,
+                   "seconds of virtual time, for figure 7 and two motions")
+        ->check(CLI::Range(1.0, 600.0))
+        ->capture_default_str();
+    app.add_option("--output", options.output, "a file instead of standard output");
+    CLI11_PARSE(app, argc, argv);
+    return run(options);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_speed_accuracy: %s\n", e.what());
+    return 2;
+  }
+}
