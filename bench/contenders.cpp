@@ -31,7 +31,7 @@ Contender makePlain(std::string name,
                     Balance (*method)(const Vec3&, double, std::span<const Primitive>,
                                       const Vec3&) noexcept) {
   const auto solve = [method](const BalanceProblem& p, std::span<const Primitive> primitives) {
-    return method(p.probe, p.stiffness, primitives, p.start);
+    return Answer{method(p.probe, p.stiffness, primitives, p.start)};
   };
   return {std::move(name), "", solve};
 }
@@ -44,7 +44,7 @@ Contender makeSet(std::string name, std::string setting,
                   const Params& params) {
   const auto solve = [method, params](const BalanceProblem& p,
                                       std::span<const Primitive> primitives) {
-    return method(p.probe, p.stiffness, primitives, p.start, params);
+    return Answer{method(p.probe, p.stiffness, primitives, p.start, params)};
   };
   return {std::move(name), std::move(setting), solve};
 }
@@ -70,7 +70,7 @@ Contender makeOurs(double tolerance) {
   params.tolerance = tolerance;
   const auto solve = [params](const BalanceProblem& p, std::span<const Primitive> primitives) {
     const SolveResult r = solveProxy(p.probe, p.stiffness, primitives, p.start, params);
-    return Balance{r.offset, r.iterations, r.status == SolveStatus::kConverged};
+    return Answer{{r.offset, r.iterations, r.status == SolveStatus::kConverged}, r.error_bound};
   };
   return {kOurs, word(tolerance), solve};
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <span>
 #include <string>
 #include <vector>
@@ -11,13 +12,19 @@
 
 namespace palpate::bench {
 
+/// A method's answer, and what it claims of it.
+struct Answer {
+  methods::Balance balance;
+  double bound = std::numeric_limits<double>::infinity();  ///< Certified error [m].
+};
+
 /// A method at one setting.
 struct Contender {
   std::string method;  ///< As charts name it.
   std::string
       setting;  ///< Its tolerance (of the fixed step: the step) as 1e-3; empty: it has none.
   /// The primitives are the problem's, in memory that was just written, as in a tick.
-  std::function<methods::Balance(const BalanceProblem&, std::span<const Primitive>)> solve;
+  std::function<Answer(const BalanceProblem&, std::span<const Primitive>)> solve;
   /// Called before a balance that does not follow from the last one.
   std::function<void()> forget = [] {};
 };
