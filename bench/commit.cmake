@@ -3,7 +3,8 @@
 execute_process(COMMAND git -C ${SOURCE} rev-parse --short=12 HEAD
   OUTPUT_VARIABLE COMMIT OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE STATUS)
 if(STATUS EQUAL 0)
-  execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no
+  # Pages are what the numbers go into, not what they come from.
+  execute_process(COMMAND git -C ${SOURCE} status --porcelain --untracked-files=no -- . :!docs :!*.md
     OUTPUT_VARIABLE CHANGES ERROR_QUIET)
   if(CHANGES)
     string(APPEND COMMIT "+")

@@ -12,7 +12,7 @@ struct Machine {
   std::string processor;
   std::string compiler;
   std::string flags;
-  std::string commit;       ///< Of the build; "+" where files had been changed since.
+  std::string commit;       ///< Of the build; "+" where sources had been changed.
   double clock_step = 0.0;  ///< The clock's resolution: the smallest step seen [ns].
   bool pinned = false;      ///< The thread stays on one core.
 };
