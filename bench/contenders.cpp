@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <memory>
 #include <utility>
 
 #include "bench/methods/constraint_approach.h"
@@ -64,20 +65,26 @@ Contender makePaper(double tolerance, bool halving) {
                  params);
 }
 
-/// The engine's solver.
-Contender makeOurs(double tolerance) {
+/// The engine's solver; `warm`: it remembers the last balance.
+Contender makeOurs(double tolerance, bool warm) {
   SolverParams params;
   params.tolerance = tolerance;
-  const auto solve = [params](const BalanceProblem& p, std::span<const Primitive> primitives) {
-    const SolveResult r = solveProxy(p.probe, p.stiffness, primitives, p.start, params);
+  const auto memory = warm ? std::make_shared<WarmStart>() : nullptr;
+  const auto solve = [params, memory](const BalanceProblem& p,
+                                      std::span<const Primitive> primitives) {
+    const SolveResult r =
+        solveProxy(p.probe, p.stiffness, primitives, p.start, params, memory.get());
     return Answer{{r.offset, r.iterations, r.status == SolveStatus::kConverged}, r.error_bound};
   };
-  return {kOurs, word(tolerance), solve};
+  const auto forget = [memory] {
+    if (memory) memory->forget();
+  };
+  return {warm ? kOursWarm : kOurs, word(tolerance), solve, forget};
 }
 
 }  // namespace
 
-std::vector<Contender> makeContenders(bool /*motion*/) {
+std::vector<Contender> makeContenders(bool motion) {
   std::vector<Contender> list;
   list.push_back(makePlain("force function", methods::forceFunction));
   list.push_back(makePlain("constraint approach", methods::constraintApproach));
@@ -104,13 +111,15 @@ std::vector<Contender> makeContenders(bool /*motion*/) {
         makeSet("smallest residual", word(tolerance), methods::smallestResidual, params));
   }
   for (const double tolerance : {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}) {
-    list.push_back(makeOurs(tolerance));
+    list.push_back(makeOurs(tolerance, false));
+    if (motion) list.push_back(makeOurs(tolerance, true));
   }
   return list;
 }
 
 std::vector<Contender> makeFigure7Contenders() {
-  return {makePaper(3e-5, true), makeOurs(SolverParams{}.tolerance)};
+  return {makePaper(3e-5, true), makeOurs(SolverParams{}.tolerance, false),
+          makeOurs(SolverParams{}.tolerance, true)};
 }
 
 }  // namespace palpate::bench

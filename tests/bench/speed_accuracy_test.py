@@ -54,6 +54,8 @@ class SpeedAccuracy(unittest.TestCase):
         for family in FAMILIES:
             for method in METHODS:
                 self.assertIn((family, method), seen)
+        warm = {r["family"] for r in self.data["results"] if r["method"] == "palpate, warm"}
+        self.assertEqual(warm, {r["family"] for r in self.data["results"] if r["motion"]})
         counts = {(r["family"], r["primitives"]) for r in self.data["results"]}
         for count in (2, 8, 32):
             self.assertIn(("random", count), counts)
