@@ -537,63 +537,136 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   return problem.w - problem.length * pull;
 }
 
-/// The balance of a plane and one other primitive: a scalar equation. The plane's force shifts the
+/// The balance of a plane and one other primitive, as a surface with its friction or drag: the
+/// commonest case of all, and a scalar equation. The plane's force a = sigma_plane zeta shifts the
 /// spring's end for the other, whose balance is the soft threshold; the plane's own condition (y
-/// before it: no force; on it; behind it: all force) is monotone in that force. Returns the
-/// balances evaluated.
-int balancePair(const Problem& problem, std::size_t plane, std::size_t other, Vec3& y) noexcept {
-  constexpr int kMost = 24;
-  constexpr double kOnPlane = 4.0 * kEpsilon;
-  const Terms& terms = problem.terms;
-  const Vec3 q = get(terms.q, plane);
-  const double foot = q.dot(get(terms.b, plane));
-  const double sigma = terms.sigma[other];
-  const bool point = terms.beta[other] == 0.0;
+/// before it: zeta = 1; on it: between; behind it: zeta = -1) is monotone in that force.
+///
+/// With e = P q, d the other's distance from its kink before its own force acts, and s = q.d, the
+/// height over the plane is a line in s while the other holds (|d| <= sigma) and beyond it convex
+/// on one side, concave on the other:
+///
+///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,   |d|^2 = s^2/|e|^2 +
+///     aside^2,
+///
+/// s_0 and h_0 at a = 0, a = (s_0 - s)/|e|^2.
+class Pair {
+ public:
+  Pair(const Problem& problem, std::size_t plane, std::size_t other) noexcept
+      : q_(get(problem.terms.q, plane)),
+        foot_(q_.dot(get(problem.terms.b, plane))),
+        most_(problem.terms.sigma[plane]),
+        sigma_(problem.terms.sigma[other]),
+        e_(project(problem.terms, other, q_)),
+        d_(project(problem.terms, other, problem.spring) - get(problem.terms.b, other)),
+        // A point's kink is one point, to the last digit.
+        kink_(problem.terms.beta[other] == 0.0 ? get(problem.terms.b, other)
+                                               : Vec3(problem.spring - d_)),
+        e2_(e_.squaredNorm()),
+        slope_(1.0 / e2_ - 1.0),
+        s0_(e_.dot(d_)),
+        h0_(q_.dot(kink_) - foot_),
+        aside2_((d_ - (s0_ / e2_) * e_).squaredNorm()) {}
 
-  // The other's balance where the spring ends at spring - shift q: d its distance from the kink
-  // without it, `rest` the kink's point below. Off the kink y - b keeps the direction of d to the
-  // last digit, however small.
-  const Vec3 b = get(terms.b, other);
-  const Vec3 d_unshifted = project(terms, other, problem.spring) - b;
-  const Vec3 d_shifted = project(terms, other, q);
-  const Vec3 rest_unshifted = point ? b : Vec3(problem.spring - d_unshifted);
-  const Vec3 rest_shifted = point ? Vec3(Vec3::Zero()) : Vec3(q - d_shifted);
-  double zeta = 1.0;  // the plane's multiplier along its normal, -1 to 1
-  Vec3 d;
-  int evaluations = 0;
-  const auto height = [&](double z) {
-    ++evaluations;
-    zeta = z;
-    const double shift = terms.sigma[plane] * z;
-    d = d_unshifted - shift * d_shifted;
-    const double r = d.norm();
-    y = rest_unshifted - shift * rest_shifted;
-    if (r > sigma) y += ((r - sigma) / r) * d;
-    return q.dot(y) - foot;
-  };
-  const double pushed = height(1.0);
-  if (pushed < 0.0) {
-    const double pulled = height(-1.0);
-    if (pulled > 0.0) {
-      const auto middle = [](double low, double high) { return 0.5 * (low + high); };
-      findRoot(height, 1.0, pushed, -1.0, pulled, kOnPlane, middle, kMost);
+  /// Finds the plane's force, to a height of `enough`. Returns the heights evaluated.
+  int solve(double enough) noexcept {
+    double low = s0_ - most_ * e2_;
+    double high = s0_ + most_ * e2_;
+    int evaluations = 1;
+    double s = low;
+    if (height(low) < 0.0) {
+      ++evaluations;
+      s = high;
+      if (height(high) > 0.0) {
+        // From -edge to edge the other holds.
+        const double room = sigma_ * sigma_ - aside2_;
+        const double edge = room > 0.0 ? std::sqrt(room * e2_) : 0.0;
+        const double left = std::clamp(-edge, low, high);
+        const double right = std::clamp(edge, low, high);
+        if (held(right) < 0.0) {
+          evaluations += slide(right, high, right, enough, s);
+        } else if (held(left) > 0.0) {
+          evaluations += slide(low, left, left, enough, s);
+        } else {
+          // A point holds whatever the plane does, where both kinks are one.
+          s = slope_ > kEpsilon ? std::clamp(s0_ - h0_ / slope_, left, right) : left;
+        }
+      }
     }
+    force_ = std::clamp((s0_ - s) / e2_, -most_, most_);
+    return evaluations;
   }
-  set(terms.z, plane, zeta * q);
-  setMultiplier(terms, other, d / sigma);
-  return evaluations;
-}
 
-/// Two primitives of which one is a plane, as a surface with its friction or drag: the commonest
-/// case of all. False where there is no plane or the certificate fails.
+  /// The proxy. Off the kink y - b keeps the direction of d to the last digit, however small.
+  [[nodiscard]] Vec3 proxy() const noexcept {
+    const Vec3 d = d_ - force_ * e_;
+    const Vec3 kink = kink_ - force_ * (q_ - e_);
+    const double r = d.norm();
+    return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
+  }
+
+  /// Upper bound on |y - y*|: of the duality gap the other's part and the imbalance vanish.
+  [[nodiscard]] double bound(const Vec3& y) const noexcept {
+    const double h = q_.dot(y) - foot_;
+    return std::sqrt(2.0 * std::max(0.0, most_ * std::abs(h) - force_ * h));
+  }
+
+ private:
+  /// h(s) as long as the other holds.
+  [[nodiscard]] double held(double s) const noexcept { return h0_ - slope_ * (s0_ - s); }
+  [[nodiscard]] double distance(double s) const noexcept {
+    return std::sqrt(s * s / e2_ + aside2_);
+  }
+  [[nodiscard]] double height(double s) const noexcept {
+    return held(s) + (1.0 - sigma_ / std::max(distance(s), sigma_)) * s;
+  }
+
+  /// Newton from s within [low, high], h(low) <= 0 <= h(high), where h is convex or concave: it can
+  /// overshoot but once. Returns the heights evaluated.
+  int slide(double low, double high, double start, double enough, double& s) const noexcept {
+    constexpr int kMost = 22;
+    const double last_digit = kEpsilon * (std::abs(s0_) + most_ * e2_);
+    s = start;
+    for (int i = 1; i < kMost; ++i) {
+      const double h = height(s);
+      if (std::abs(h) <= enough) return i;
+      (h > 0.0 ? high : low) = s;
+      const double r = std::max(distance(s), sigma_);
+      const double slope = slope_ + 1.0 - sigma_ * aside2_ / (r * r * r);
+      double next = s - h / slope;
+      if (!(next > low && next < high)) next = 0.5 * (low + high);
+      if (std::abs(next - s) <= last_digit) return i;
+      s = next;
+    }
+    return kMost;
+  }
+
+  Vec3 q_;
+  double foot_;   ///< q.b of the plane
+  double most_;   ///< sigma of the plane
+  double sigma_;  ///< of the other
+  Vec3 e_;
+  Vec3 d_;     ///< at no force of the plane
+  Vec3 kink_;  ///< the other's kink nearest to the spring's end, at no force of the plane
+  double e2_;
+  double slope_;
+  double s0_;
+  double h0_;
+  double aside2_;
+  double force_ = 0.0;  ///< a
+};
+
+/// False where neither is a plane, where they are all but orthogonal, or where the bound fails.
 bool trySolvePair(const Problem& problem, const SolverParams& params,
                   SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;
   if (problem.terms.alpha[plane] != 0.0) return false;
-  Vec3 y;
-  const int evaluations = balancePair(problem, plane, 1 - plane, y);
-  const double bound = certify(problem, y);
-  if (bound > params.tolerance) return false;
+  Pair pair(problem, plane, 1 - plane);
+  const double enough = std::max(4.0 * kEpsilon, 0.01 * params.tolerance * params.tolerance);
+  const int evaluations = pair.solve(enough);
+  const Vec3 y = pair.proxy();
+  const double bound = pair.bound(y);
+  if (!(bound <= params.tolerance)) return false;
   result.iterations = evaluations;
   result.offset = problem.offset(y);
   result.error_bound = problem.length * bound;
