@@ -35,6 +35,12 @@ struct Terms {
   std::array<double*, 3> u;  ///< scratch: u of the last envelopeGradient, then Line's fields
   std::size_t* source;       ///< index of the primitive
 
+  /// b <- P (scale (b - origin)).
+  void placeFeet(const Vec3& origin, double scale) noexcept;
+  /// Multipliers of a tick ago into the range of P, turned with their line or plane. Their length
+  /// says whether the primitive held the proxy, and is kept, to 1 at most.
+  void turnMultipliers() noexcept;
+
   static constexpr std::size_t kFields = 15;
 };
 
@@ -72,11 +78,6 @@ Vec3 project(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
   return terms.alpha[i] * v + (terms.beta[i] * q.dot(v)) * q;
 }
 
-/// P v, once more projected: what rounding leaves outside the range of P is gone.
-Vec3 projectExactly(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
-  return project(terms, i, project(terms, i, v));
-}
-
 /// std::max by value: its references keep the compiler from running the loops several at a time.
 double larger(double a, double b) noexcept {
   return a > b ? a : b;
@@ -100,25 +101,6 @@ Vec3 solve3(const Mat3& H, const Vec3& b) noexcept {
   return x;
 }
 
-/// Minimise |y - spring|^2 / 2 + sum sigma |P y - b|, dimensionless, and what restores metres.
-struct Problem {
-  Vec3 w = Vec3::Zero();  ///< the spring's end, relative to the probe [m]: directed forces only
-                          ///< move it
-  double length = 0.0;    ///< S/k [m]
-  Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of S/k from the origin
-  Terms terms;
-
-  /// Moves the origin, so that small distances near it are not rounded to the size of others.
-  void moveOrigin(const Vec3& to) noexcept {
-    spring -= to;
-    for (std::size_t i = 0; i < terms.count; ++i) {
-      set(terms.b, i, projectExactly(terms, i, get(terms.b, i) - to));
-    }
-  }
-  /// A solution as a displacement from the probe [m].
-  [[nodiscard]] Vec3 offset(const Vec3& y) const noexcept { return w + length * (y - spring); }
-};
-
 /// Three doubles that the loops below can keep in vector registers, as they cannot a Vec3.
 struct Triple {
   double x;
@@ -135,6 +117,56 @@ inline Triple constrained(const Terms& t, std::size_t i, double x, double y, dou
   const double along = t.beta[i] * (qx * x + qy * y + qz * z);
   return {alpha * x + along * qx, alpha * y + along * qy, alpha * z + along * qz};
 }
+
+void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
+  const double ox = origin.x();
+  const double oy = origin.y();
+  const double oz = origin.z();
+#pragma omp simd
+  for (std::size_t i = 0; i < count; ++i) {
+    // Twice: what rounding leaves outside the range of P is not small beside a near foot.
+    const auto [ax, ay, az] = constrained(*this, i, scale * (b[0][i] - ox), scale * (b[1][i] - oy),
+                                          scale * (b[2][i] - oz));
+    const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);
+    b[0][i] = bx;
+    b[1][i] = by;
+    b[2][i] = bz;
+  }
+}
+
+void Terms::turnMultipliers() noexcept {
+#pragma omp simd
+  for (std::size_t i = 0; i < count; ++i) {
+    const double zx = z[0][i];
+    const double zy = z[1][i];
+    const double zz = z[2][i];
+    const auto [ax, ay, az] = constrained(*this, i, zx, zy, zz);
+    const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);
+    const double length = std::sqrt(zx * zx + zy * zy + zz * zz);
+    const double turned = std::sqrt(bx * bx + by * by + bz * bz);
+    const double scale = (length < 1.0 ? length : 1.0) / larger(turned, kEpsilon);
+    z[0][i] = scale * bx;
+    z[1][i] = scale * by;
+    z[2][i] = scale * bz;
+  }
+}
+
+/// Minimise |y - spring|^2 / 2 + sum sigma |P y - b|, dimensionless, and what restores metres.
+struct Problem {
+  Vec3 w = Vec3::Zero();  ///< the spring's end, relative to the probe [m]: directed forces only
+                          ///< move it
+  double length = 0.0;    ///< S/k [m]
+  Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of S/k from the origin
+  Terms terms;
+
+  /// Moves the origin, so that small distances near it are not rounded to the size of others.
+  void moveOrigin(const Vec3& to) noexcept {
+    spring -= to;
+    terms.placeFeet(to, 1.0);
+  }
+  /// A solution as a displacement from the probe [m].
+  [[nodiscard]] Vec3 offset(const Vec3& y) const noexcept { return w + length * (y - spring); }
+};
 
 /// d = P y - b of term i.
 inline Triple displacement(const Terms& t, std::size_t i, double x, double y, double z) noexcept {
@@ -503,11 +535,6 @@ class Search {
   double best_bound_ = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
 };
 
-/// Sets multiplier i to u, or its nearest point of the unit ball.
-void setMultiplier(const Terms& terms, std::size_t i, const Vec3& u) noexcept {
-  set(terms.z, i, u / std::max(u.norm(), 1.0));
-}
-
 /// True where the projectors annihilate each other, to rounding.
 bool orthogonal(const Terms& terms) noexcept {
   constexpr double kNothing = 1e-30;
@@ -737,20 +764,11 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   // anchor meet to the last digit. Where all are farther off than S/k, at the spring's end.
   // Primitives may be too weak to matter beside the rest: what they can move goes into the bound.
   constexpr double kNothing = 1e-20;
-  Vec3 origin = probe + problem.w;
-  double nearest = problem.length * problem.length;
-  for (const Primitive& p : primitives) {
-    if (!(share(p) >= kNothing * sum)) continue;
-    const double distance = (p.position - probe - problem.w).squaredNorm();
-    if (distance < nearest) {
-      nearest = distance;
-      origin = p.position;
-    }
-  }
   Storage<Capacity> storage;
   problem.terms = storage.view();
   Terms& terms = problem.terms;
-  const double per_length = 1.0 / problem.length;
+  Vec3 origin = problem.w;  // from the probe [m]
+  double nearest = problem.length * problem.length;
   const double per_sum = 1.0 / sum;
   double left_out = 0.0;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
@@ -760,16 +778,25 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
       left_out += kNothing * problem.length;
       continue;
     }
+    const bool plane = p.kind == PrimitiveKind::kPlane;
+    const bool point = p.kind == PrimitiveKind::kPoint;
+    const Vec3 anchor = p.position - probe;
+    const double distance = (anchor - problem.w).squaredNorm();
+    if (distance < nearest) {
+      nearest = distance;
+      origin = anchor;
+    }
     const std::size_t n = terms.count++;
     terms.source[n] = i;
     terms.sigma[n] = norm * per_sum;
-    terms.alpha[n] = p.kind == PrimitiveKind::kPlane ? 0.0 : 1.0;
-    terms.beta[n] = p.kind == PrimitiveKind::kPlane ? 1.0 : -1.0;
-    if (p.kind == PrimitiveKind::kPoint) terms.beta[n] = 0.0;
-    set(terms.q, n, p.kind == PrimitiveKind::kPoint ? Vec3(Vec3::Zero()) : unit(p.direction));
-    set(terms.b, n, projectExactly(terms, n, per_length * (p.position - origin)));
+    terms.alpha[n] = plane ? 0.0 : 1.0;
+    terms.beta[n] = plane ? 1.0 : (point ? 0.0 : -1.0);
+    set(terms.q, n, point ? Vec3(Vec3::Zero()) : unit(p.direction));
+    set(terms.b, n, anchor);
   }
-  problem.spring = per_length * (probe - origin + problem.w);
+  const double per_length = 1.0 / problem.length;
+  terms.placeFeet(origin, per_length);
+  problem.spring = per_length * (problem.w - origin);
 
   const auto finish = [&](double bound) { result.error_bound = bound + rounding + left_out; };
   if (terms.count <= 3 && orthogonal(terms)) {
@@ -789,13 +816,11 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   bool done = false;
   if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
-      // Turned with its line or plane; its length says whether it held, and is kept.
-      const Vec3& last = warm->multipliers[terms.source[i]];
-      const Vec3 turned = projectExactly(terms, i, last);
-      setMultiplier(terms, i, turned * (last.norm() / std::max(turned.norm(), kEpsilon)));
+      set(terms.z, i, warm->multipliers[terms.source[i]]);
     }
+    terms.turnMultipliers();
     // The proxy is expected to move as it did last time.
-    done = search.warm(per_length * (start + warm->motion - origin));
+    done = search.warm(per_length * (start - probe + warm->motion - origin));
   }
   if (!done) done = search.cold();
   if (!done) result.status = SolveStatus::kIterationLimit;
