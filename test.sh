@@ -2,13 +2,14 @@
 # Installs what is missing, builds, and runs every test: first with AddressSanitizer and
 # UndefinedBehaviorSanitizer, then the release. Ends with ctest's summary and its exit status.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
-#   --long       random tests over 300,000 cases each
+#   --long       random tests over 300,000 cases each, of the balance over ten million
 #   --install    only install the packages
 set -euo pipefail
 cd "$(dirname "$0")"
 
 usage() { sed -n '2,6s/^# \{0,1\}//p' "$0"; }
 install_only=
+long=
 while [ $# -gt 0 ]; do
     case $1 in
         --data)
@@ -16,7 +17,7 @@ while [ $# -gt 0 ]; do
             PALPATE_DATA=$(cd "$2" && pwd)
             export PALPATE_DATA
             shift ;;
-        --long) export PALPATE_CASES=300000 ;;
+        --long) long=1 ;;
         --install) install_only=1 ;;
         -h | --help) usage; exit 0 ;;
         *) echo "test.sh: unknown option $1" >&2; usage >&2; exit 2 ;;
@@ -34,6 +35,11 @@ for preset in dev release; do
     cmake --preset $preset -DPALPATE_TESTS=ON >$log 2>&1 || { cat $log; exit 1; }
     cmake --build --preset $preset >>$log 2>&1 || { tail -60 $log; exit 1; }
 done
+if [ -n "$long" ]; then
+    echo "== ten million balances"
+    PALPATE_CASES=10000000 build/release/tests/palpate_engine_tests "[balance]" || exit $?
+    export PALPATE_CASES=300000
+fi
 for preset in dev release; do
     echo "== testing $preset"
     status=0

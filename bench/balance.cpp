@@ -1,7 +1,7 @@
 /// What does one balance cost, and does it ever miss? Random problems of every family, by number of
 /// primitives, from a cold start: solves, the largest certified bound, the time of single balances.
 ///
-///     palpate_bench_balance [PROBLEMS_PER_ROW]
+///     palpate_bench_balance [PROBLEMS_PER_ROW [TOLERANCE]]
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -27,7 +27,8 @@ struct Totals {
   int most = 0;
 };
 
-void run(bench::Family family, int count, long problems, Totals& totals) {
+void run(bench::Family family, int count, long problems, const SolverParams& params,
+         Totals& totals) {
   // Each balance is timed as the quickest of a few in a row: what the clock costs shows in none.
   constexpr int kRows = 3;
   constexpr int kInARow = 4;
@@ -44,7 +45,7 @@ void run(bench::Family family, int count, long problems, Totals& totals) {
     for (int row = 0; row < kRows; ++row) {
       const auto start = Clock::now();
       for (int j = 0; j < kInARow; ++j) {
-        r = solveProxy(p.probe, p.stiffness, p.primitives, p.start);
+        r = solveProxy(p.probe, p.stiffness, p.primitives, p.start, params);
       }
       const std::chrono::duration<double, std::nano> spent = Clock::now() - start;
       quickest = std::min(quickest, spent.count() / kInARow);
@@ -71,6 +72,8 @@ void run(bench::Family family, int count, long problems, Totals& totals) {
 
 int main(int argc, char** argv) {
   const long problems = argc > 1 ? std::max(1L, std::atol(argv[1])) : 4000;
+  SolverParams params;
+  if (argc > 2) params.tolerance = std::atof(argv[2]);
   std::printf("%-22s %5s %9s %7s %5s %5s %7s %10s %8s %8s\n", "family", "n", "problems", "iter.",
               "p99", "max", "missed", "bound k/S", "p50 ns", "p99 ns");
   Totals totals;
@@ -78,7 +81,7 @@ int main(int argc, char** argv) {
     for (const int count : {1, 2, 3, 4, 8, 32, 128, 1024}) {
       // Orthogonal sets hold three at most.
       if (family == bench::Family::kOrthogonal && count > 3) break;
-      run(family, count, std::max(1L, problems * 8 / std::max(8, count)), totals);
+      run(family, count, std::max(1L, problems * 8 / std::max(8, count)), params, totals);
     }
   }
   std::printf("%ld problems, %ld missed, at most %d iterations, %ld above 25\n", totals.problems,

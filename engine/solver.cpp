@@ -814,6 +814,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
   wanted.tolerance = std::max(params.tolerance, rounding * per_length);
   Search search(problem, wanted);
   bool done = false;
+  if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
       set(terms.z, i, warm->multipliers[terms.source[i]]);

@@ -67,20 +67,24 @@ struct WarmStart {
 ///            + sum_line s |(I - q q^T)(x - x_i)| + sum_plane s max(0, q.(x_i - x)),
 ///
 /// whose minimiser is the solution of eq. (15). With k > 0 and strengths >= 0 it is strongly
-/// convex, so the answer is unique and does not depend on `start`.
-/// Departures from the paper: at a kink (proxy exactly on a plane, line or point) eq. (14) takes
-/// the primitive's force as zero; we take any force of its set, because the balance usually lies on
-/// a kink. And the smallest |f_res|, which section 4.2 searches, is not always the balance
+/// convex, so the answer is unique, and within error_bound it does not depend on `start` and
+/// `warm`. Departures from the paper: at a kink (proxy exactly on a plane, line or point) eq. (14)
+/// takes the primitive's force as zero; we take any force of its set, because the balance usually
+/// lies on a kink. And the smallest |f_res|, which section 4.2 searches, is not always the balance
 /// (tests/engine/paper_test.cpp has a case), so we stop by the duality gap:
 /// |x - x*| <= sqrt(2 gap / k).
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   Coupling stiffness k of eq. (3) [N/m], > 0.
 /// @param primitives  Balanced together; at most kMaxPrimitives.
-/// @param start       Returned as the proxy when the input is bad, normally the last proxy [m].
+/// @param start       Where the proxy was [m]: returned as the proxy when the input is bad.
+/// @param warm        What the last balance left, and what this one leaves: one or two solves where
+///                    a cold start takes five to seven. Null: a cold start. Never believed
+///                    unproved.
 ///
-/// RT: no allocation, no lock, no system call; about 100 KB of stack, touched only as far as there
-/// are primitives. Cost: O(primitives) per iteration. Deterministic.
+/// RT: no allocation, no lock, no system call; about 130 KB of stack, touched only as far as there
+/// are primitives. Cost: O(primitives) per iteration. Deterministic:
+/// the same input and `warm` give the same bits.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,
                                      const SolverParams& params = {},

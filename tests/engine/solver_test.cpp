@@ -417,10 +417,14 @@ TEST_CASE("solving allocates, locks and throws nothing", "[solver][realtime]") {
   Random random(10);
   std::vector<Primitive> set;
   for (int j = 0; j < 40; ++j) set.push_back(random.primitive());
+  WarmStart warm;
   const test::CountScope scope;
   for (int count : {0, 1, 2, 8, 40}) {
     const auto some = std::span(set).first(static_cast<std::size_t>(count));
     (void)solveProxy(Vec3(1e-3, 0, 0), kStiffness, some, Vec3::Zero());
+    for (int tick = 0; tick < 3; ++tick) {
+      (void)solveProxy(Vec3(1e-3, 1e-5 * tick, 0), kStiffness, some, Vec3::Zero(), {}, &warm);
+    }
   }
   const test::Counts counts = test::CountScope::counts();
   CHECK(counts.allocations == 0);
