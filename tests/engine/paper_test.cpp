@@ -1,13 +1,21 @@
 /// The claims of Lundin et al., "The Orthogonal Constraints Problem ...", one by one.
+#include <algorithm>
 #include <cmath>
 #include <iostream>
+#include <vector>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
 #include "bench/methods/constraint_approach.h"
+#include "bench/methods/euler_adaptive.h"
+#include "bench/methods/force_function.h"
 #include "bench/methods/residual.h"
+#include "bench/problems.h"
 #include "engine/solver.h"
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 
@@ -22,6 +30,35 @@ using palpate::test::solveReference;
 namespace {
 
 constexpr double kStiffness = 500.0;
+constexpr double kDt = 1e-3;
+const ForceLimits kOpen{100.0, 1e9};
+
+/// The force of one primitive on a proxy at x off its kink, as eqs (8) to (13) are printed.
+Vec3 printedForce(const Primitive& p, const Vec3& x) {
+  const Vec3 q = p.direction;
+  switch (p.kind) {
+    case PrimitiveKind::kForce:
+      return p.strength * q;
+    case PrimitiveKind::kPoint:
+      return p.strength * (p.position - x) / (p.position - x).norm();
+    case PrimitiveKind::kLine: {
+      const Vec3 m = q * q.dot(x - p.position) - (x - p.position);  // eq. (10)
+      return p.strength * m / m.norm();
+    }
+    case PrimitiveKind::kPlane:
+      return (x - p.position).dot(q) < 0.0 ? Vec3(p.strength * q) : Vec3(Vec3::Zero());  // eq. (12)
+  }
+  return Vec3::Zero();
+}
+
+ModeSpec mode(ModeKind kind, const std::string& of, TransferFunction strength) {
+  ModeSpec spec;
+  spec.kind = kind;
+  spec.of = of;
+  spec.strength = std::move(strength);
+  spec.solid = Solid::kBelow;
+  return spec;
+}
 
 /// Smallest |f_res| at x and on a tiny circle about it.
 double smallestResidualNear(const Vec3& x, const Vec3& probe,
@@ -36,6 +73,105 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 }
 
 }  // namespace
+
+TEST_CASE("fig. 1: properties are read at the proxy, then it moves, then the spring pulls",
+          "[paper][fig1][eq3]") {
+  // The ground, felt as a surface with a drag; it writes down where it is read.
+  std::vector<Vec3> read;
+  const FieldPtr ground = makeScalarField(
+      FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
+        read.push_back(p);
+        return ScalarSample{p.z(), Vec3::UnitZ(), Vec3::UnitZ(), true};
+      });
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kSurface, "ground", 1.0), mode(ModeKind::kViscosity, "ground", 0.3)};
+  const CouplingParams coupling{kStiffness, 0.5};
+  const auto scene = makeScene(spec, {{"ground", ground}}, coupling);
+  Reader reader;
+  ProxyState state(kOpen);
+  Vec3 last_offset = Vec3::Zero();
+  double farthest = 0.0;
+  for (int tick = 0; tick < 100; ++tick) {
+    const Vec3 hand(2e-5 * tick, 0, -5e-5 * tick);
+    const Vec3 before = tick == 0 ? hand : state.proxy();
+    read.clear();
+    const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
+    CAPTURE(tick);
+    // 1: local properties, at the proxy as it was.
+    REQUIRE(read.size() == 1);
+    REQUIRE(read[0] == before);
+    // 2: constraints there, and the proxy where they balance the spring.
+    REQUIRE(state.primitives().size() == 2);
+    for (const Primitive& p : state.primitives().items()) REQUIRE(p.position == before);
+    const test::Reference reference = solveReference(hand, kStiffness, state.primitives().items());
+    const Vec3 offset = r.proxy - hand;
+    REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
+    // 3: the force from the new proxy, by eq. (3), and nothing else.
+    const Vec3 rate = (offset - last_offset) / kDt;
+    REQUIRE((r.force - couplingForce(coupling, offset, rate)).norm() < 1e-9);
+    last_offset = offset;
+    farthest = std::max(farthest, (before - hand).norm());
+  }
+  CHECK(farthest > 1e-3);  // Proxy and hand are apart: else it would not matter where one reads.
+}
+
+TEST_CASE("eqs 1 and 2: along its direction a constraint is a plane, across it nothing moves",
+          "[paper][eq1][eq2]") {
+  Random random(31);
+  int yielded = 0;
+  for (int i = 0; i < 300; ++i) {
+    const Vec3 proxy = random.inCube(2e-3);
+    const Vec3 q = random.direction();
+    const double s = random.uniform(0.0, 2.0);
+    Vec3 probe = random.inCube(5e-3);
+    if ((probe - proxy).dot(q) < 0.0) probe -= 2.0 * (probe - proxy).dot(q) * q;
+    const Vec3 eta = probe - proxy;
+    const bool yields = s < kStiffness * eta.dot(q);
+    const Vec3 moved = yields ? Vec3(q * (eta.dot(q) - s / kStiffness)) : Vec3(Vec3::Zero());
+    yielded += static_cast<int>(yields);
+    const std::vector<Constraint> constraint{{q, s}};
+    REQUIRE((constraintProxy(probe, proxy, kStiffness, constraint) - proxy - moved).norm() < 1e-15);
+    // q of eq. (2) points from the proxy to where the hand wants to go, q of eq. (13) back.
+    const std::vector<Primitive> plane{{PrimitiveKind::kPlane, proxy, -q, s}};
+    const SolveResult solved = solveProxy(probe, kStiffness, plane, proxy);
+    REQUIRE(std::abs(q.dot(solved.proxy - proxy - moved)) < 1e-15);
+  }
+  CHECK(yielded > 50);
+  CHECK(yielded < 250);
+}
+
+TEST_CASE("eq. 7 holds if and only if the directions are orthogonal",
+          "[paper][eq4][eq5][eq6][eq7]") {
+  // What eq. (5) adds to eta is (sum q q^T - 1) eta. Its largest factor is that of Q^T Q - 1, whose
+  // entries are the cosines between the directions: none is larger than the factor.
+  Random random(32);
+  for (int i = 0; i < 300; ++i) {
+    Mat3 Q = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
+    const bool orthogonal = i % 10 == 0;
+    if (!orthogonal) Q << random.direction(), random.direction(), random.direction();
+    std::vector<Constraint> constraints;
+    for (int j = 0; j < 3; ++j) constraints.push_back({Q.col(j), 0.0});
+    const Eigen::SelfAdjointEigenSolver<Mat3> added(Q * Q.transpose() - Mat3::Identity());
+    double worst = 0.0;  // of the three directions of eta that are only stretched
+    for (int j = 0; j < 3; ++j) {
+      const Vec3 proxy = random.inCube(1e-2);
+      const Vec3 probe = proxy + 5e-3 * added.eigenvectors().col(j);
+      const Vec3 off = constraintProxy(probe, proxy, kStiffness, constraints) - probe;
+      worst = std::max(worst, off.norm() / 5e-3);
+    }
+    const double cosine = (Q.transpose() * Q - Mat3::Identity()).cwiseAbs().maxCoeff();
+    CAPTURE(i, cosine);
+    CHECK(worst >= cosine * (1 - 1e-9) - 1e-12);
+    if (orthogonal) CHECK(worst < 1e-12);
+    // No strength, no force: whatever the directions.
+    std::vector<Primitive> planes;
+    for (int j = 0; j < 3; ++j) {
+      planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), Q.col(j), 0.0});
+      planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), -Q.col(j), 0.0});
+    }
+    CHECK(solveProxy(random.inCube(5e-3), kStiffness, planes, Vec3::Zero()).offset.norm() == 0.0);
+  }
+}
 
 TEST_CASE("fig. 2, eq. 7: weak non-orthogonal constraints give a spurious force, primitives none",
           "[paper][fig2][eq7]") {
@@ -110,8 +246,16 @@ TEST_CASE("fig. 2 a: orthogonal weak constraints are right in both methods", "[p
     const Mat3 R = Eigen::AngleAxisd(random.uniform(-3, 3), random.direction()).toRotationMatrix();
     const Vec3 probe = random.inCube(5e-3);
     std::vector<Constraint> constraints;
-    for (int j = 0; j < 3; ++j) constraints.push_back({R.col(j), 0.0});
+    std::vector<Primitive> planes;
+    for (int j = 0; j < 3; ++j) {
+      constraints.push_back({R.col(j), 0.0});
+      planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), R.col(j), 1e-9});
+      planes.push_back({PrimitiveKind::kPlane, Vec3::Zero(), -R.col(j), 1e-9});
+    }
     CHECK((constraintProxy(probe, Vec3::Zero(), kStiffness, constraints) - probe).norm() < 1e-16);
+    // Each direction holds with its 1e-9 N.
+    const SolveResult solved = solveProxy(probe, kStiffness, planes, probe);
+    CHECK(kStiffness * solved.offset.norm() <= std::sqrt(3.0) * 1e-9 * (1 + 1e-5));
   }
 }
 
@@ -129,6 +273,190 @@ TEST_CASE("section 3.1: n parallel constraints multiply the error by 1 - n each 
                                       {PrimitiveKind::kPlane, {1e-3, 0, 0}, Vec3::UnitX(), 1e-9});
   CHECK(kStiffness * solveProxy(Vec3::Zero(), kStiffness, planes, Vec3::Zero()).offset.norm() <=
         n * 1e-9 * (1 + 1e-6));
+}
+
+TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each tick a balance",
+          "[paper]") {
+  // A ball half in the ground, in a stream that winds about an axis of its own.
+  GraphSpec spec;
+  spec.fields = {{"spin", {Derivation::kCurl, "flow"}}};
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0),
+                mode(ModeKind::kIsosurface, "ground", 1.5), mode(ModeKind::kFollow, "flow", 0.7),
+                mode(ModeKind::kForce, "spin", 0.2)};
+  const auto scene = makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), 0.03)},
+                                      {"ground", makeHalfSpace(Vec3::Zero(), Vec3::UnitZ())},
+                                      {"flow", makeVortex(Vec3::Zero(), {1, 2, 3}, 0.2, 1.0)}});
+  Random random(33);
+  Reader reader;
+  ProxyState state(kOpen);
+  const Vec3 corner(0.03, 0, 0);
+  Vec3 hand(0.035, 0, 5e-3);
+  Vec3 before = hand;
+  int several = 0;
+  double old_error = 0.0;
+  for (int tick = 0; tick < 2000; ++tick) {
+    hand += 2e-4 * random.inCube(1.0) - 1e-2 * (hand - corner);
+    const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
+    const std::vector<Primitive> set(state.primitives().items().begin(),
+                                     state.primitives().items().end());
+    const Vec3 start = before;
+    before = r.proxy;
+    if (tick % 10 != 0 || r.status != StepStatus::kConverged || set.size() < 4) continue;
+    ++several;
+    const test::Reference reference = solveReference(hand, kStiffness, set);
+    CAPTURE(describe(hand, kStiffness, set));
+    REQUIRE((r.proxy - hand - reference.offset).norm() <=
+            r.error_bound + reference.error_bound + 1e-15);
+    const Vec3 old_way = methods::constraintApproach(hand, kStiffness, set, start).offset;
+    old_error = std::max(old_error, kStiffness * (old_way - reference.offset).norm());
+  }
+  CHECK(several > 100);
+  CHECK(old_error > 0.5);  // [N]: what one constraint after the other makes of the same ticks.
+}
+
+TEST_CASE("fig. 3: where a primitive's printed force balances the spring, there the proxy is",
+          "[paper][fig3][eq8][eq9][eq10][eq11][eq12][eq13]") {
+  Random random(34);
+  for (int i = 0; i < 1000; ++i) {
+    const Primitive p = random.primitive();
+    const Vec3 x = random.inCube(5e-3);
+    const Vec3 f = printedForce(p, x);
+    CAPTURE(describe(x, kStiffness, {p}), f);
+    CHECK((f - methods::forceOf(p, x - p.position)).norm() < 1e-12);
+    // What the figure draws: all of the strength, towards the nearest place that is free of it.
+    const Vec3 d = x - p.position;
+    if (p.kind == PrimitiveKind::kPoint) {
+      CHECK((x + d.norm() / p.strength * f - p.position).norm() < 1e-12);
+    } else if (p.kind == PrimitiveKind::kLine) {
+      const Vec3 foot = x + d.cross(p.direction).norm() / p.strength * f;
+      CHECK((foot - p.position).cross(p.direction).norm() < 1e-12);
+    } else if (p.kind == PrimitiveKind::kPlane) {
+      CHECK(f.norm() == Approx(d.dot(p.direction) < 0.0 ? p.strength : 0.0).margin(1e-12));
+    } else {
+      CHECK(f.norm() == Approx(p.strength));
+    }
+    // The spring must then pull the proxy by -f, and the hand feels f.
+    const std::vector<Primitive> set{p};
+    const SolveResult solved = solveProxy(x - f / kStiffness, kStiffness, set, Vec3::Zero());
+    CHECK((kStiffness * solved.offset - f).norm() < 1e-12);
+  }
+}
+
+TEST_CASE("eqs 14 and 15: where the printed forces add up to nothing, there the proxy is",
+          "[paper][eq14][eq15]") {
+  Random random(35);
+  for (int i = 0; i < 500; ++i) {
+    std::vector<Primitive> set;
+    const int count = 1 + random.integer(8);
+    for (int j = 0; j < count; ++j) set.push_back(random.primitive());
+    // Any x off the kinks is the proxy of one probe.
+    const Vec3 x = random.inCube(3e-3);
+    Vec3 sum = Vec3::Zero();
+    for (const Primitive& p : set) sum += printedForce(p, x);
+    const Vec3 probe = x - sum / kStiffness;
+    CAPTURE(describe(probe, kStiffness, set));
+    CHECK(residualForce(x - probe, probe, kStiffness, set).norm() < 1e-12);
+    const SolveResult solved = solveProxy(probe, kStiffness, set, Vec3::Zero());
+    const test::Reference reference = solveReference(probe, kStiffness, set);
+    CHECK((solved.proxy - x).norm() <= solved.error_bound + 1e-15);
+    CHECK((reference.offset - (x - probe)).norm() <= reference.error_bound + 1e-15);
+  }
+}
+
+TEST_CASE("eq. 8: a directed force is felt as the force function that it is, in any company",
+          "[paper][eq8]") {
+  Random random(36);
+  for (int i = 0; i < 200; ++i) {
+    const Vec3 probe = random.inCube(5e-3);
+    Primitive push = random.primitive();
+    push.kind = PrimitiveKind::kForce;
+    // Alone: all of it.
+    std::vector<Primitive> set{push};
+    const Vec3 alone = solveProxy(probe, kStiffness, set, probe).offset;
+    CHECK((alone - methods::forceFunction(probe, kStiffness, set, probe).offset).norm() < 1e-15);
+    // With others: as if the hand were s/k farther along it.
+    std::vector<Primitive> others{random.primitive(), random.primitive(), random.primitive()};
+    const Vec3 moved_probe = probe + push.strength / kStiffness * push.direction;
+    const SolveResult moved = solveProxy(moved_probe, kStiffness, others, probe);
+    set.insert(set.end(), others.begin(), others.end());
+    const SolveResult all = solveProxy(probe, kStiffness, set, probe);
+    CAPTURE(describe(probe, kStiffness, set));
+    CHECK((all.proxy - moved.proxy).norm() <= all.error_bound + moved.error_bound + 1e-15);
+  }
+}
+
+TEST_CASE("fig. 4: the spring balances the sum of a plane's and a point's force",
+          "[paper][fig4][eq15]") {
+  const Vec3 q = Vec3(1, 0, 3).normalized();
+  const Primitive plane{PrimitiveKind::kPlane, Vec3::Zero(), q, 1.0};
+  Random random(37);
+  int before = 0;
+  int on = 0;
+  int behind = 0;
+  for (int i = 0; i < 600; ++i) {
+    const Primitive point{PrimitiveKind::kPoint, random.inCube(2e-3), Vec3::UnitX(), 0.6};
+    const std::vector<Primitive> set{plane, point};
+    const Vec3 probe = random.inCube(5e-3);
+    const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
+    const test::Reference reference = solveReference(probe, kStiffness, set);
+    CAPTURE(describe(probe, kStiffness, set));
+    REQUIRE((solved.offset - reference.offset).norm() <=
+            solved.error_bound + reference.error_bound);
+    if ((solved.proxy - point.position).norm() < 1e-5) continue;  // held by the point as well
+    // What the point and the spring leave over is the plane's: along its normal, and all of its
+    // strength behind it, none before it, in between on it.
+    const Vec3 left = kStiffness * solved.offset - printedForce(point, solved.proxy);
+    const double along = left.dot(q);
+    const double height = solved.proxy.dot(q);
+    CHECK((left - along * q).norm() < 1e-5);
+    CHECK(along > -1e-5);
+    CHECK(along < 1.0 + 1e-5);
+    if (height > 1e-9) CHECK(std::abs(along) < 1e-5);
+    if (height < -1e-9) CHECK(along == Approx(1.0).margin(1e-5));
+    ++(height > 1e-9 ? before : height < -1e-9 ? behind : on);
+  }
+  CHECK(before > 50);
+  CHECK(on > 50);
+  CHECK(behind > 50);
+}
+
+TEST_CASE("section 4.2: on and about a plane that holds, eq. 14 does not vanish",
+          "[paper][eq14][fig5]") {
+  const std::vector<Primitive> set{{PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 1.0}};
+  for (const double pull : {0.1, 0.5, 0.8}) {
+    const Vec3 probe(0, 0, -pull / kStiffness);
+    const SolveResult solved = solveProxy(probe, kStiffness, set, probe);
+    CHECK(solved.error_bound < 1e-15);
+    // The spring alone on it and above it, the rest of the strength below: at least the smaller.
+    const double left = std::min(pull, 1.0 - pull);
+    CHECK(residualForce(solved.offset, probe, kStiffness, set).norm() >= left * (1 - 1e-9));
+    CHECK(smallestResidualNear(solved.proxy, probe, set) >= left * (1 - 1e-3));
+  }
+}
+
+TEST_CASE("section 4.2: D = 0 in the balance: damping is felt, and moves no proxy",
+          "[paper][eq3]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0), mode(ModeKind::kViscosity, "ball", 0.3)};
+  const FieldPtr ball = makeSphere(Vec3::Zero(), 0.03);
+  const auto bare = makeScene(spec, {{"ball", ball}}, {kStiffness, 0.0});
+  const auto damped = makeScene(spec, {{"ball", ball}}, {kStiffness, 2.0});
+  Random random(38);
+  Reader reader_a;
+  Reader reader_b;
+  ProxyState a(kOpen);
+  ProxyState b(kOpen);
+  const Vec3 top(0, 0, 0.03);
+  Vec3 hand = top;
+  double difference = 0.0;
+  for (int tick = 0; tick < 2000; ++tick) {
+    hand += 3e-4 * random.inCube(1.0) - 1e-2 * (hand - top);
+    const StepReport without = hapticStep(*bare, reader_a, {hand}, a, kDt);
+    const StepReport with = hapticStep(*damped, reader_b, {hand}, b, kDt);
+    REQUIRE(without.proxy == with.proxy);
+    difference = std::max(difference, (without.force - with.force).norm());
+  }
+  CHECK(difference > 0.1);
 }
 
 TEST_CASE("fig. 5: a plane balances the spring by a force within its strength", "[paper][fig5]") {
@@ -167,4 +495,36 @@ TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper
   CHECK((elsewhere - solved.proxy).norm() > 1e-3);
   CHECK(smallestResidualNear(elsewhere, probe, planes) <
         smallestResidualNear(solved.proxy, probe, planes) - 0.1);
+}
+
+TEST_CASE("section 4.3: O(N): the work of a balance grows no faster than its primitives",
+          "[paper]") {
+  // One iteration, ours as Euler's, goes over the primitives a fixed number of times: counted is
+  // N times iterations. The strengths are to 6 N over N, so that the proxy sticks and slides alike.
+  constexpr int kFew = 8;
+  constexpr int kMany = static_cast<int>(kMaxPrimitives);
+  const auto work = [](bool ours, bench::Family family, int count) {
+    Random random(39);
+    double sum = 0.0;
+    for (int i = 0; i < 40; ++i) {
+      bench::BalanceProblem p = bench::makeProblem(family, count, random);
+      for (Primitive& primitive : p.primitives) primitive.strength *= 2.0 / count;
+      const int iterations =
+          ours ? solveProxy(p.probe, p.stiffness, p.primitives, p.start).iterations
+               : methods::eulerAdaptive(p.probe, p.stiffness, p.primitives, p.start).iterations;
+      sum += static_cast<double>(iterations) * count;
+    }
+    return sum / 40.0;
+  };
+  for (const auto family :
+       {bench::Family::kRandom, bench::Family::kOnePoint, bench::Family::kPlanes}) {
+    for (const bool ours : {true, false}) {
+      const double few = work(ours, family, kFew);
+      const double many = work(ours, family, kMany);
+      std::cout << (ours ? "palpate" : "Euler") << ", " << bench::wordFor(family)
+                << ": iterations at 8 primitives " << few / kFew << ", at 1,024 " << many / kMany
+                << '\n';
+      CHECK(many <= 2.0 * few * kMany / kFew);
+    }
+  }
 }
