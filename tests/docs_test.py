@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""The documents say what is there: docs_test.py SOURCE_DIR.
+
+Links of README.md, CHANGELOG.md and docs/ lead to files; in docs/paper.md every `file:name` names
+something of that file, every tag a test, and every key (P1, D2) is defined and used.
+"""
+import os
+import re
+import sys
+import unittest
+from pathlib import Path
+
+ROOT = Path(sys.argv[1]).resolve()
+SKIPPED = {".git", "build", "out"}
+REFERENCE = re.compile(r"([\w./-]+\.(?:h|cpp|py|sh|md|json|txt)):(\S.*)")
+FILE = re.compile(r"[\w./-]+\.(?:h|cpp|py|sh|md|json)")
+TAG = re.compile(r"\[(?:eq|fig)\d+\]")
+KEY = re.compile(r"\b[A-Z]\d+\b")
+
+
+def files():
+    """Every file of the tree, as its path from the root."""
+    found = []
+    for folder, folders, names in os.walk(ROOT):
+        folders[:] = [f for f in folders if f not in SKIPPED]
+        found += [(Path(folder) / name).relative_to(ROOT) for name in names]
+    return found
+
+
+FILES = files()
+
+
+def find(name):
+    """The file of a path, or of a name that only one file has."""
+    if "/" in name or (ROOT / name).is_file():
+        return Path(name) if (ROOT / name).is_file() else None
+    same = [f for f in FILES if f.name == name]
+    return same[0] if len(same) == 1 else None
+
+
+def prose(text):
+    """Without blocks of code."""
+    return re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
+
+
+def spans(text):
+    """What stands in backticks, also where it goes on in the next line of its paragraph."""
+    for paragraph in re.split(r"\n\s*\n|\n(?=[-|])", prose(text)):
+        for span in re.findall(r"`([^`]+)`", paragraph):
+            yield " ".join(span.split())
+
+
+def names(path, name):
+    """True where a file has the test, function or word of that name."""
+    text = (ROOT / path).read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        return re.search(rf"\bdef {re.escape(name)}\(", text) is not None
+    if not re.fullmatch(r"\w+", name) or path.name.endswith("_test.cpp"):
+        return re.search(rf'TEST_CASE\(\s*"{re.escape(name)}"', text) is not None
+    return re.search(rf"\b{re.escape(name)}\b", text) is not None
+
+
+def broken_references(text):
+    """`file:name`, `:name` of the file named last, and `folder/file` that do not exist."""
+    broken = []
+    last = None
+    for span in spans(text):
+        reference = REFERENCE.fullmatch(span)
+        if reference or span.startswith(":"):
+            path = find(reference[1]) if reference else last
+            if path is None or not names(path, reference[2] if reference else span[1:]):
+                broken.append(span)
+        elif FILE.fullmatch(span):
+            last = find(span)
+            if last is None:
+                broken.append(span)
+    return broken
+
+
+def broken_tags(text):
+    tests = "".join((ROOT / f).read_text(encoding="utf-8") for f in FILES
+                    if f.name.endswith("_test.cpp"))
+    wanted = {tag for span in spans(text) for tag in TAG.findall(span)}
+    return sorted(tag for tag in wanted if tag not in tests)
+
+
+def broken_keys(text):
+    """Keys that are used and not defined, defined and not used, or defined twice."""
+    defined = re.findall(r"^- \*\*([A-Z]\d+)\*\*", text, flags=re.M)
+    used = set(KEY.findall(re.sub(r"\*\*[A-Z]\d+\*\*|`[^`]*`", "", prose(text))))
+    twice = {key for key in defined if defined.count(key) > 1}
+    return sorted(used.symmetric_difference(defined) | twice)
+
+
+def broken_links(text, folder):
+    """Targets of [text](target) and [text]: target that are no file; labels without a target."""
+    text = re.sub(r"`[^`\n]*`", "", prose(text))
+    labels = dict(re.findall(r"^\[([^\]]+)\]: (\S+)$", text, flags=re.M))
+    wanted = re.findall(r"\[[^\]]+\]\[([^\]]+)\]", text) + re.findall(r"\[([^\]]+)\]\[\]", text)
+    targets = re.findall(r"\]\(([^)\s]+)\)", text) + list(labels.values())
+    broken = [label for label in wanted if label not in labels]
+    for target in targets:
+        if re.match(r"[a-z]+:|#", target):
+            continue
+        if not (folder / target.split("#")[0]).exists():
+            broken.append(target)
+    return broken
+
+
+class Documents(unittest.TestCase):
+    def test_links_lead_to_files(self):
+        pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+        self.assertGreater(len(pages), 8)
+        for page in pages:
+            text = page.read_text(encoding="utf-8")
+            self.assertEqual(broken_links(text, page.parent), [], page)
+
+
+class Paper(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.text = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
+
+    def rows(self, heading):
+        """The first cells of a section's tables."""
+        section = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", self.text, flags=re.S | re.M)[1]
+        return re.findall(r"^\| \(?(\d+)\)? \|", section, flags=re.M)
+
+    def test_what_it_names_exists(self):
+        self.assertGreater(sum(1 for span in spans(self.text) if REFERENCE.fullmatch(span)), 80)
+        self.assertEqual(broken_references(self.text), [])
+        self.assertEqual(broken_tags(self.text), [])
+        self.assertEqual(broken_keys(self.text), [])
+
+    def test_no_equation_and_no_figure_is_left_out(self):
+        self.assertEqual(self.rows("Equations"), [str(i) for i in range(1, 16)])
+        self.assertEqual(self.rows("Figures"), [str(i) for i in range(1, 8)])
+
+    def test_tables_have_as_many_cells_in_every_row(self):
+        """GitHub drops what is too much."""
+        for table in re.findall(r"(?:^\|.*\n)+", prose(self.text), flags=re.M):
+            cells = [len(row.split("|")) for row in table.splitlines()]
+            self.assertEqual(set(cells), {cells[0]}, table)
+
+
+class Checker(unittest.TestCase):
+    """It finds what is wrong."""
+
+    def test_names(self):
+        right = "`solver.h:solveProxy` `engine/solver.h:solveProxy` `engine/solver.cpp`"
+        self.assertEqual(broken_references(right), [])
+        for wrong in ("`solver.h:solveProx`", "`solve.h:solveProxy`", "`devices/solver.h:Vec3`",
+                      "`engine/solve.cpp`", "`CMakeLists.txt:palpate_tests`", "`:solveProxy`",
+                      "`paper_test.cpp:fig. 5`", "`docs_test.py:spans_of`"):
+            self.assertEqual(len(broken_references(wrong)), 1, wrong)
+        below = "`tests/engine/paper_test.cpp`\n- `:fig. 5: a plane balances the spring by a force "
+        self.assertEqual(broken_references(below + "within\n  its strength`"), [])
+        self.assertEqual(broken_references(below + "beyond it`"),
+                         [":fig. 5: a plane balances the spring by a force beyond it"])
+
+    def test_tags_and_keys(self):
+        self.assertEqual(broken_tags("`[eq9]` `[eq99]`"), ["[eq99]"])
+        self.assertEqual(broken_keys("A1 A2 `B1`\n- **A1** this\n- **A3** that\n"), ["A2", "A3"])
+
+    def test_links(self):
+        text = ("[a](paper.md#x) [b](nowhere.md) [c](https://example.org) [d][e] [f][]\n"
+                "```\n[g](no.md)\n```\n[f]: ../README.md\n")
+        self.assertEqual(broken_links(text, ROOT / "docs"), ["e", "nowhere.md"])
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
