@@ -26,8 +26,8 @@ enum class SolverKind : std::uint8_t {
 };
 
 struct SolverParams {
-  /// Wanted error_bound as a share of S/k, S the sum of strengths: the proxy is never farther than
-  /// S/k from the probe.
+  /// Wanted error_bound as a share of S/k, S the sum of strengths (of planes the half, of directed
+  /// forces nothing): how far the primitives can move the proxy about where those alone put it.
   double tolerance = 1e-6;
   /// Most 3x3 linear solves.
   int max_iterations = 60;

@@ -15,7 +15,8 @@ struct Constraint {
 };
 
 /// Eqs (1) and (2): each constraint moves the proxy on its own, and the movements are added. Right
-/// only where the directions are orthogonal (section 3.1).
+/// only where the directions are orthogonal (section 3.1). Eq. (2) is read for q and for -q: as it
+/// is printed, a push against q would never move the proxy.
 [[nodiscard]] Vec3 constraintProxy(const Vec3& probe, const Vec3& proxy, double stiffness,
                                    std::span<const Constraint> constraints) noexcept;
 

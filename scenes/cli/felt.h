@@ -63,7 +63,7 @@ class Felt {
   std::vector<ModeFelt> modes_;
   Durations durations_;
   std::array<std::int64_t, 5> statuses_{};
-  std::array<std::int64_t, 2> solvers_{};
+  std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
   std::int64_t substeps_ = 0;

@@ -256,6 +256,27 @@ class Feel(Case):
         self.assertTrue(summary["machine"]["processor"])
         os.remove(trace)
 
+    def test_the_summary_counts_what_the_trace_shows(self):
+        # A surface and two drags, pressed and slid along: more to balance than a pair.
+        scene = self.dir / "drag.json"
+        scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": ['
+                         '{"mode": "isosurface", "of": "a", "value": 0, "solid": "below", '
+                         '"strength": 3}, {"mode": "viscosity", "of": "a", "strength": 0.2}, '
+                         '{"mode": "viscosity", "of": "a", "strength": 0.1}]}')
+        device = self.path([(0, 0, 0, 0.06), (0.2, 0, 0, 0.04), (0.4, 0.01, 0, 0.04)])
+        trace = self.dir / "trace.csv"
+        summary = json.loads(run("feel", scene, "--device", device, "--trace", trace,
+                                 "--summary", "-").stdout)
+        rows = list(csv.DictReader(io.StringIO(trace.read_text())))
+        self.assertEqual(summary["ticks"], len(rows))
+        self.assertEqual(summary["limited"], sum(row["limited"] == "1" for row in rows))
+        self.assertEqual(sum(summary["solver"].values()), len(rows))
+        self.assertGreater(summary["solver"]["general"], 0)
+        self.assertGreaterEqual(summary["solver"]["general"],
+                                sum(row["iterations"] != "0" for row in rows))
+        self.assertEqual(sum(summary["status"].values()), len(rows))
+        os.remove(trace)
+
     def test_same_run_same_forces(self):
         runs = [run("feel", self.dir / "mixed.vdb", "--seconds", 3, "--trace", "-").stdout
                 for _ in range(2)]
