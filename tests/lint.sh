@@ -11,6 +11,7 @@ mkdir -p build/lint
 cmake -S . -B build/lint -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER= -DPALPATE_TESTS=OFF \
     -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >build/lint/configure.log 2>&1 ||
     { cat build/lint/configure.log; exit 1; }
+cmake --build build/lint --target palpate_bench_commit >/dev/null  # a header made by the build
 mapfile -t sources < <(git ls-files '*.cpp' | grep -v '^tests/')
 printf '%s\n' "${sources[@]}" | xargs -P "$(nproc)" -n 2 clang-tidy -quiet -p build/lint \
     --extra-arg=-Wno-unknown-warning-option --extra-arg=-Wno-unused-command-line-argument \
