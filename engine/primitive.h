@@ -26,7 +26,7 @@ enum class PrimitiveKind : std::uint8_t {
 struct Primitive {
   PrimitiveKind kind = PrimitiveKind::kForce;
   Vec3 position = Vec3::Zero();    ///< x_i [m].
-  Vec3 direction = Vec3::UnitX();  ///< q_i, unit length (to 1e-6).
+  Vec3 direction = Vec3::UnitX();  ///< q_i, unit length to 1e-6: |q|^2 within 2e-6 of 1.
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 

@@ -11,6 +11,22 @@
 namespace palpate {
 namespace {
 
+// The plan. Lengths in units of T/k and forces in units of T, T the strengths of points and lines
+// and half of the planes', make the potential of solver.h
+//
+//     |y - spring|^2 / 2 + sum sigma |P y - b|,   sum sigma = 1.
+//
+//     eq. (8)         moves the spring's end, and is gone
+//     eq. (9)         P = I
+//     eqs (10), (11)  P = I - q q^T
+//     eqs (12), (13)  max(0, t) = (t + |t|)/2: half of it as eq. (8), half with P = q q^T
+//     eq. (14)        minus the gradient; on a kink, where P y = b, any -sigma z with |z| <= 1
+//     eq. (15)        y, and a z for each primitive, of gradient zero
+//
+// balance(), at the end of this file, tries in this order what is exact or cheap: orthogonal
+// primitives one by one, a plane and one other by a scalar equation, Newton on what held the proxy
+// a tick ago, and the method of multipliers. docs/decisions/0005 says why these.
+
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 /// A line search ends where this share of the slope is left.
 constexpr double kSlopeLeft = 0.03;
@@ -19,8 +35,7 @@ constexpr double kOnKink = 1.0 - 1e-12;
 
 /// The primitives of one balance other than directed forces, as sigma |P y - b|, P = alpha I +
 /// beta q q^T the projector on the point's three, the line's two or the plane's one constrained
-/// directions. Lengths in units of S/k, forces in units of S, so that sigmas add up to 1. Field by
-/// field, so that the loops below run several terms at a time.
+/// directions. Field by field, so that the loops below run several terms at a time.
 ///
 /// b = P a, a the anchor: where on its line or plane a primitive stands does not matter, and b is
 /// small wherever the kink is near the origin. So distances to near kinks keep their digits.
@@ -72,12 +87,6 @@ void set(const std::array<double*, 3>& field, std::size_t i, const Vec3& v) noex
   for (std::size_t axis = 0; axis < 3; ++axis) field[axis][i] = v[static_cast<Eigen::Index>(axis)];
 }
 
-/// P v.
-Vec3 project(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
-  const Vec3 q = get(terms.q, i);
-  return terms.alpha[i] * v + (terms.beta[i] * q.dot(v)) * q;
-}
-
 /// std::max by value: its references keep the compiler from running the loops several at a time.
 double larger(double a, double b) noexcept {
   return a > b ? a : b;
@@ -118,6 +127,12 @@ inline Triple constrained(const Terms& t, std::size_t i, double x, double y, dou
   return {alpha * x + along * qx, alpha * y + along * qy, alpha * z + along * qz};
 }
 
+/// P v of term i.
+Vec3 project(const Terms& terms, std::size_t i, const Vec3& v) noexcept {
+  const auto [x, y, z] = constrained(terms, i, v.x(), v.y(), v.z());
+  return {x, y, z};
+}
+
 void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
   const double ox = origin.x();
   const double oy = origin.y();
@@ -151,12 +166,12 @@ void Terms::turnMultipliers() noexcept {
   }
 }
 
-/// Minimise |y - spring|^2 / 2 + sum sigma |P y - b|, dimensionless, and what restores metres.
+/// What is to be minimised, and what restores metres.
 struct Problem {
   Vec3 w = Vec3::Zero();  ///< the spring's end, relative to the probe [m]: directed forces only
                           ///< move it
-  double length = 0.0;    ///< S/k [m]
-  Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of S/k from the origin
+  double length = 0.0;    ///< T/k [m]
+  Vec3 spring = Vec3::Zero();  ///< the spring's end, in units of T/k from the origin
   Terms terms;
 
   /// Moves the origin, so that small distances near it are not rounded to the size of others.
@@ -249,42 +264,6 @@ Vec3 envelopeGradient(Problem& problem, double gamma, const Vec3& at, Mat3& H) n
   return at - problem.spring + Vec3(gx, gy, gz);
 }
 
-/// Where f, which rises or falls from a to b through zero, is at most `enough` from it: bracketed,
-/// by Chandrupatla's mix of inverse quadratic interpolation and a step to middle(a, b). The last
-/// place evaluated is the one returned.
-template <class F, class Middle>
-double findRoot(F f, double a, double at_a, double b, double at_b, double enough,
-                const Middle& middle, int most) noexcept {
-  // a is the newest point, b the other end of the bracket, c the point before.
-  double x = a + at_a / (at_a - at_b) * (b - a);
-  for (int i = 0; i < most; ++i) {
-    const double y = f(x);
-    if (std::abs(y) <= enough) break;
-    const bool same_side = (y > 0.0) == (at_a > 0.0);
-    const double c = same_side ? a : b;
-    const double at_c = same_side ? at_a : at_b;
-    if (!same_side) {
-      b = a;
-      at_b = at_a;
-    }
-    a = x;
-    at_a = y;
-    const double shortest = kEpsilon / std::abs(b - a);
-    if (shortest > 0.5) break;
-    const double xi = (a - b) / (c - b);
-    const double phi = (at_a - at_b) / (at_c - at_b);
-    double t = 0.0;
-    if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
-      t = at_a / (at_b - at_a) * at_c / (at_b - at_c) +
-          (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b);
-    } else {
-      t = (middle(a, b) - a) / (b - a);
-    }
-    x = a + std::clamp(t, shortest, 1.0 - shortest) * (b - a);
-  }
-  return x;
-}
-
 /// The envelope along a line from the place of the last envelopeGradient: with v = P step / gamma,
 /// u + t v has the length sqrt(c (t - turn)^2 + nearest).
 class Line {
@@ -335,17 +314,46 @@ class Line {
   }
 
   /// Where between 0 and 1 the slope, `at_start` < 0 at 0 and `at_end` > 0 at 1, has nearly
-  /// vanished. Kinks may be many decades nearer than 1: the middle is that of the exponents.
+  /// vanished: bracketed, by Chandrupatla's mix of inverse quadratic interpolation and halving.
+  /// Kinks may be many decades nearer than 1, so what is halved is the exponent.
   [[nodiscard]] double lowest(double at_start, double at_end) const noexcept {
     constexpr int kMostTrials = 40;
-    static constexpr double kNearest = 1e-15;
-    const auto middle = [](double a, double b) {
-      const double low = std::max(std::min(a, b), kNearest);
-      const double high = std::max(a, b);
-      return high > 10.0 * low ? std::sqrt(low * high) : 0.5 * (a + b);
-    };
-    return findRoot([this](double t) { return slope(t); }, 1.0, at_end, 0.0, at_start,
-                    -kSlopeLeft * at_start, middle, kMostTrials);
+    constexpr double kNearest = 1e-15;
+    const double enough = -kSlopeLeft * at_start;
+    // a is the newest point, b the other end of the bracket, c the point before.
+    double a = 1.0;
+    double at_a = at_end;
+    double b = 0.0;
+    double at_b = at_start;
+    double t = at_start / (at_start - at_end);
+    for (int i = 0; i < kMostTrials; ++i) {
+      const double at_t = slope(t);
+      if (std::abs(at_t) <= enough) break;
+      const bool same_side = (at_t > 0.0) == (at_a > 0.0);
+      const double c = same_side ? a : b;
+      const double at_c = same_side ? at_a : at_b;
+      if (!same_side) {
+        b = a;
+        at_b = at_a;
+      }
+      a = t;
+      at_a = at_t;
+      const double shortest = kEpsilon / std::abs(b - a);
+      if (shortest > 0.5) break;
+      const double xi = (a - b) / (c - b);
+      const double phi = (at_a - at_b) / (at_c - at_b);
+      double share = 0.0;  // of the way from a to b
+      if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
+        share = at_a / (at_b - at_a) * at_c / (at_b - at_c) +
+                (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b);
+      } else {
+        const double low = std::max(std::min(a, b), kNearest);
+        const double high = std::max(a, b);
+        share = ((high > 10.0 * low ? std::sqrt(low * high) : 0.5 * (a + b)) - a) / (b - a);
+      }
+      t = a + std::clamp(share, shortest, 1.0 - shortest) * (b - a);
+    }
+    return t;
   }
 
  private:
@@ -569,14 +577,13 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
 /// spring's end for the other, whose balance is the soft threshold; the plane's own condition (y
 /// before it: zeta = 1; on it: between; behind it: zeta = -1) is monotone in that force.
 ///
-/// With e = P q, d the other's distance from its kink before its own force acts, and s = q.d, the
-/// height over the plane is a line in s while the other holds (|d| <= sigma) and beyond it convex
-/// on one side, concave on the other:
+/// With e = P q, d the other's distance from its kink before its own force acts, and s = q.d, so
+/// that a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, the height over the plane is
 ///
-///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,   |d|^2 = s^2/|e|^2 +
-///     aside^2,
+///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
 ///
-/// s_0 and h_0 at a = 0, a = (s_0 - s)/|e|^2.
+/// s_0 and h_0 at a = 0: a line where the other holds (|d| <= sigma), beyond it convex on one side
+/// and concave on the other.
 class Pair {
  public:
   Pair(const Problem& problem, std::size_t plane, std::size_t other) noexcept
@@ -701,6 +708,7 @@ bool trySolvePair(const Problem& problem, const SolverParams& params,
 }
 
 bool valid(const Primitive& primitive) noexcept {
+  if (primitive.kind > PrimitiveKind::kPlane) return false;
   if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
   if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
   if (primitive.kind == PrimitiveKind::kPoint) return true;
@@ -727,12 +735,17 @@ double share(const Primitive& primitive) noexcept {
   return 0.0;
 }
 
-/// Moves directed forces into the spring's end and the rest into terms, dimensionless.
-template <std::size_t Capacity>
-void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                      const Vec3& start, const SolverParams& params, WarmStart* warm,
-                      SolveResult& result) noexcept {
+/// What makeProblem leaves besides the problem.
+struct Remainder {
+  Vec3 origin = Vec3::Zero();  ///< from the probe [m]
+  double bound = 0.0;          ///< what rounding and primitives left out can move the answer by [m]
+};
+
+/// Eqs (8) to (13), dimensionless: `terms` is empty where nothing but directed forces is left.
+Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+                    const Terms& storage, Remainder& remainder) noexcept {
   Problem problem;
+  problem.terms = storage;
 
   // Sizes that enter, for the rounding: the largest distance, and what forces add up to before they
   // cancel.
@@ -751,31 +764,27 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     if (norm > 0.0) reach = std::max(reach, (p.position - probe).lpNorm<Eigen::Infinity>());
   }
   problem.length = sum * per_stiffness;
-  const double rounding = 8.0 * kEpsilon * (reach + pushed + problem.length);
+  remainder.bound = 8.0 * kEpsilon * (reach + pushed + problem.length);
 
-  // Nothing but directed forces, or strengths that cannot move the proxy beyond rounding.
-  if (problem.length <= rounding || problem.length < std::numeric_limits<double>::min()) {
-    result.offset = problem.w;
-    result.error_bound = problem.length + rounding;
-    return;
+  // Strengths that cannot move the proxy beyond rounding.
+  if (problem.length <= remainder.bound || problem.length < std::numeric_limits<double>::min()) {
+    remainder.bound += problem.length;
+    return problem;
   }
 
   // The origin at the nearest anchor where the proxy can get there, so that kinks that meet in one
-  // anchor meet to the last digit. Where all are farther off than S/k, at the spring's end.
+  // anchor meet to the last digit. Where all are farther off than T/k, at the spring's end.
   // Primitives may be too weak to matter beside the rest: what they can move goes into the bound.
   constexpr double kNothing = 1e-20;
-  Storage<Capacity> storage;
-  problem.terms = storage.view();
   Terms& terms = problem.terms;
-  Vec3 origin = problem.w;  // from the probe [m]
+  remainder.origin = problem.w;
   double nearest = problem.length * problem.length;
   const double per_sum = 1.0 / sum;
-  double left_out = 0.0;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     const Primitive& p = primitives[i];
     const double norm = share(p);
     if (!(norm >= kNothing * sum)) {
-      left_out += kNothing * problem.length;
+      remainder.bound += kNothing * problem.length;
       continue;
     }
     const bool plane = p.kind == PrimitiveKind::kPlane;
@@ -784,7 +793,7 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     const double distance = (anchor - problem.w).squaredNorm();
     if (distance < nearest) {
       nearest = distance;
-      origin = anchor;
+      remainder.origin = anchor;
     }
     const std::size_t n = terms.count++;
     terms.source[n] = i;
@@ -795,46 +804,66 @@ void solveWithStorage(const Vec3& probe, double stiffness, std::span<const Primi
     set(terms.b, n, anchor);
   }
   const double per_length = 1.0 / problem.length;
-  terms.placeFeet(origin, per_length);
-  problem.spring = per_length * (problem.w - origin);
+  terms.placeFeet(remainder.origin, per_length);
+  problem.spring = per_length * (problem.w - remainder.origin);
+  return problem;
+}
 
-  const auto finish = [&](double bound) { result.error_bound = bound + rounding + left_out; };
-  if (terms.count <= 3 && orthogonal(terms)) {
-    result.offset = balanceOrthogonal(problem);
-    return finish(0.0);
-  }
-  result.solver = SolverKind::kPair;
-  if (terms.count == 2 && trySolvePair(problem, params, result)) {
-    return finish(result.error_bound);
-  }
+/// Two and more primitives that are not orthogonal, nor a plane and one other: Newton.
+void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
+                    const SolverParams& params, WarmStart* warm, SolveResult& result) noexcept {
   result.solver = SolverKind::kGeneral;
-
-  // No more is wanted than the input's own rounding allows.
-  SolverParams wanted = params;
-  wanted.tolerance = std::max(params.tolerance, rounding * per_length);
-  Search search(problem, wanted);
+  const Terms& terms = problem.terms;
+  Search search(problem, params);
   bool done = false;
-  if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
-  if (warm != nullptr && warm->count == primitives.size() && start.allFinite()) {
+  if (warm != nullptr && warm->count == count && guess.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
       set(terms.z, i, warm->multipliers[terms.source[i]]);
     }
-    terms.turnMultipliers();
-    // The proxy is expected to move as it did last time.
-    done = search.warm(per_length * (start - probe + warm->motion - origin));
+    problem.terms.turnMultipliers();
+    done = search.warm(guess);
   }
   if (!done) done = search.cold();
   if (!done) result.status = SolveStatus::kIterationLimit;
   result.iterations = search.solves();
   result.offset = search.offset();
-  finish(search.bound());
-  if (warm != nullptr && done) {
-    warm->count = primitives.size();
-    warm->motion = probe + result.offset - start;
-    for (std::size_t i = 0; i < terms.count; ++i) {
-      warm->multipliers[terms.source[i]] = get(terms.z, i);
-    }
+  result.error_bound = search.bound();
+  if (warm == nullptr) return;
+  warm->count = done ? count : 0;
+  for (std::size_t i = 0; done && i < terms.count; ++i) {
+    warm->multipliers[terms.source[i]] = get(terms.z, i);
   }
+}
+
+/// The balance, by the first way that fits.
+template <std::size_t Capacity>
+void balance(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+             const Vec3& start, const SolverParams& params, WarmStart* warm,
+             SolveResult& result) noexcept {
+  Storage<Capacity> storage;
+  Remainder remainder;
+  Problem problem = makeProblem(probe, stiffness, primitives, storage.view(), remainder);
+  const std::size_t count = problem.terms.count;
+  // No more is wanted than the input's own rounding allows.
+  SolverParams wanted = params;
+  wanted.tolerance = std::max(params.tolerance, remainder.bound / problem.length);
+
+  if (count == 0) {
+    result.offset = problem.w;
+  } else if (count <= 3 && orthogonal(problem.terms)) {
+    result.offset = balanceOrthogonal(problem);
+  } else if (count == 2 && trySolvePair(problem, wanted, result)) {
+    result.solver = SolverKind::kPair;
+  } else {
+    // The proxy is expected to move as it did last time.
+    Vec3 guess = Vec3::Zero();
+    if (warm != nullptr) guess = start - probe + warm->motion - remainder.origin;
+    balanceGeneral(problem, guess / problem.length, primitives.size(), wanted, warm, result);
+  }
+  result.error_bound += remainder.bound;
+  if (warm == nullptr) return;
+  if (result.solver != SolverKind::kGeneral) warm->forget();
+  warm->motion = probe + result.offset - start;
 }
 
 }  // namespace
@@ -846,18 +875,21 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
                     primitives.size() <= kMaxPrimitives &&
                     std::all_of(primitives.begin(), primitives.end(), valid);
+  if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
     // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.
     if (primitives.size() <= kFew) {
-      solveWithStorage<kFew>(probe, stiffness, primitives, start, params, warm, result);
+      balance<kFew>(probe, stiffness, primitives, start, params, warm, result);
     } else {
-      solveWithStorage<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, result);
+      balance<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, result);
     }
   }
   // Sums and quotients of finite numbers can still overflow.
   if (!good || !result.offset.allFinite() || !std::isfinite(result.error_bound)) {
     result = {};
     result.status = SolveStatus::kBadInput;
+    result.error_bound = std::numeric_limits<double>::infinity();
+    if (warm != nullptr) warm->forget();
     result.proxy = start;
     result.offset = start - probe;
     if (!result.offset.allFinite()) result.offset.setZero();

@@ -15,7 +15,9 @@ enum class SolveStatus : std::uint8_t {
   kConverged,       ///< error_bound is within the tolerance, or at the rounding of the input.
   kIterationLimit,  ///< Best point found so far; error_bound says how far off it can be.
   kBadInput,        ///< A NaN, an infinity, stiffness <= 0, strength < 0, a direction that is not
-                    ///< unit length or too many primitives came in; proxy is `start`, unchanged.
+              ///< unit length, an unknown kind or too many primitives came in, or numbers that
+              ///< overflow. proxy is `start`; offset means nothing, so send no force;
+              ///< error_bound is infinite.
 };
 
 /// What answered.
@@ -26,10 +28,11 @@ enum class SolverKind : std::uint8_t {
 };
 
 struct SolverParams {
-  /// Wanted error_bound as a share of S/k, S the sum of strengths (of planes the half, of directed
-  /// forces nothing): how far the primitives can move the proxy about where those alone put it.
+  /// Wanted error_bound as a share of T/k, T the strengths of points and lines and half of the
+  /// planes': how far they can pull the proxy from where directed forces and half of each plane's
+  /// put it. At most S/k, S the sum of strengths. <= 0: as far as rounding lets it come.
   double tolerance = 1e-6;
-  /// Most 3x3 linear solves.
+  /// Most 3x3 linear solves, >= 1.
   int max_iterations = 60;
 };
 
@@ -47,16 +50,18 @@ struct SolveResult {
 };
 
 /// What the last balance found, for the next one: from tick to tick the same primitives hold the
-/// proxy. Its memory is taken when it is made, none afterwards.
+/// proxy. Primitives must come in the same order; another number of them starts cold, and so does
+/// what follows a balance that needed no Newton. Wrong memory costs solves, a few more than a cold
+/// start, never truth. Its own memory is taken when it is made, none afterwards.
 struct WarmStart {
   WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
   /// The next balance starts cold.
   void forget() noexcept { count = 0; }
 
-  std::vector<Vec3> multipliers;  ///< -force / strength of each primitive, of planes without their
-                                  ///< constant half.
+  std::vector<Vec3> multipliers;  ///< Of each primitive: -f/s of points and lines, and of planes
+                                  ///< -(f - s q/2)/(s/2), their force without its constant half.
   Vec3 motion = Vec3::Zero();     ///< proxy - start of the last balance [m].
-  std::size_t count = 0;          ///< Primitives of the last balance; 0: nothing remembered.
+  std::size_t count = 0;          ///< Primitives of that balance; 0: nothing remembered.
 };
 
 /// Finds the proxy position at which the primitives balance the coupling spring.
@@ -78,8 +83,8 @@ struct WarmStart {
 /// @param stiffness   Coupling stiffness k of eq. (3) [N/m], > 0.
 /// @param primitives  Balanced together; at most kMaxPrimitives.
 /// @param start       Where the proxy was [m]: returned as the proxy when the input is bad.
-/// @param warm        What the last balance left, and what this one leaves: one or two solves where
-///                    a cold start takes five to seven. Null: a cold start. Never believed
+/// @param warm        What the last balance left, and what this one leaves: one to three solves
+///                    where a cold start takes two to nine. Null: a cold start. Never believed
 ///                    unproved.
 ///
 /// RT: no allocation, no lock, no system call; about 130 KB of stack, touched only as far as there

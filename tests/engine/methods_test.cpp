@@ -173,7 +173,7 @@ TEST_CASE("Euler: a residual force within the tolerance bounds the error", "[met
   // The potential is k-strongly convex and eq. (14) is always one of its slopes.
   const int count = GENERATE(1, 2, 5);
   int settled = 0;
-  for (const Known& k : knownProblems(count, test::cases(4))) {
+  for (const Known& k : knownProblems(count, 4)) {
     const BalanceProblem& p = k.problem;
     const EulerFixedParams params{0.5, 1e-6, 200};
     const Balance b = eulerFixed(p.probe, p.stiffness, p.primitives, p.start, params);
@@ -241,13 +241,13 @@ TEST_CASE("Euler with an adaptive step never settles where a plane holds all but
 TEST_CASE("section 4.3: Euler with an adaptive step takes tens of iterations, and misses some",
           "[methods][paper]") {
   const auto method = [](auto&&... problem) { return eulerAdaptive(problem...); };
-  const Score two = scoreOf(method, knownProblems(2, test::cases(20)));
+  const Score two = scoreOf(method, knownProblems(2, 20));
   CHECK(two.reached > 0.88);
   CHECK(two.reached < 0.99);
   CHECK(two.settled > 0.97);  // It stops by its own rule all the same.
   CHECK(two.median_iterations <= 40);
   CHECK(two.mean_iterations < 100.0);
-  const Score eight = scoreOf(method, knownProblems(8, test::cases(4)));
+  const Score eight = scoreOf(method, knownProblems(8, 4));
   CHECK(eight.reached > 0.8);
   CHECK(eight.reached < 0.99);
 }
@@ -270,8 +270,8 @@ TEST_CASE("the downhill simplex finds the bottom of a long valley", "[methods]")
 TEST_CASE("section 4.3: Nelder-Mead on the potential finds the balance, in hundreds of evaluations",
           "[methods][paper]") {
   const int count = GENERATE(2, 8);
-  const Score score = scoreOf([](auto&&... problem) { return nelderMead(problem...); },
-                              knownProblems(count, test::cases(10)));
+  const Score score =
+      scoreOf([](auto&&... problem) { return nelderMead(problem...); }, knownProblems(count, 10));
   CHECK(score.reached > 0.98);
   CHECK(score.settled > 0.98);
   CHECK(score.mean_iterations > 150.0);
@@ -327,10 +327,10 @@ TEST_CASE(
 TEST_CASE("the smallest |f_res| is the balance of most pairs and of fewer sets of eight",
           "[methods][eq15]") {
   const auto method = [](auto&&... problem) { return smallestResidual(problem...); };
-  const Score two = scoreOf(method, knownProblems(2, test::cases(10)));
+  const Score two = scoreOf(method, knownProblems(2, 10));
   CHECK(two.reached > 0.85);
   CHECK(two.reached < 0.99);
-  const Score eight = scoreOf(method, knownProblems(8, test::cases(4)));
+  const Score eight = scoreOf(method, knownProblems(8, 4));
   CHECK(eight.reached > 0.7);
   CHECK(eight.reached < 0.95);
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
@@ -73,11 +74,11 @@ TEST_CASE("a plane pushes only from behind", "[solver][eq12]") {
 
 TEST_CASE("every balance of every family converges, and its certificate holds",
           "[solver][balance]") {
-  // SOLVER.md's table: PALPATE_CASES=10000000 for the long run.
+  // The long run of docs/speed_accuracy.md: PALPATE_CASES=10000000.
   const long n = test::cases(100000);
   const long every = std::max(1L, n / 1000);  // how often the reference judges
   long over_goal = 0;
-  long judged = 0;
+  std::map<Family, long> judged;
   int most = 0;
   double solves = 0.0;
   double worst_bound = 0.0;
@@ -106,8 +107,9 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
     solves += r.iterations;
     over_goal += static_cast<long>(r.iterations > 25);
     worst_bound = std::max(worst_bound, r.error_bound / allowed);
-    if (i % every != 0) continue;
-    ++judged;
+    // Each family in turn.
+    if (i / static_cast<long>(bench::kFamilies.size()) % every != 0) continue;
+    ++judged[family];
     const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
     const double error = (r.offset - ref.offset).norm();
     worst_error = std::max(worst_error, error / allowed);
@@ -118,7 +120,11 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
                                   << describe(p.probe, p.stiffness, p.primitives));
     }
   }
-  WARN(n << " problems, " << judged << " judged by the reference; failures 0; of what is allowed: "
+  long all_judged = 0;
+  for (const auto& [family, count] : judged) all_judged += count;
+  CHECK(judged.size() == bench::kFamilies.size());
+  WARN(n << " problems, " << all_judged
+         << " judged by the reference; failures 0; of what is allowed: "
          << "worst bound " << worst_bound << ", worst true error " << worst_error
          << "; iterations: average " << solves / static_cast<double>(n) << ", worst " << most
          << ", above 25: " << over_goal);
@@ -302,14 +308,26 @@ TEST_CASE("forces that cancel leave their rounding in the bound", "[solver]") {
   }
 }
 
-TEST_CASE("the same input gives the same bits", "[solver]") {
+TEST_CASE("the same input and memory give the same bits", "[solver]") {
   Random random(8);
-  std::vector<Primitive> set;
-  for (int j = 0; j < 20; ++j) set.push_back(random.primitive());
-  const SolveResult a = solveProxy(Vec3(1e-3, 0, 0), kStiffness, set, Vec3::Zero());
-  const SolveResult b = solveProxy(Vec3(1e-3, 0, 0), kStiffness, set, Vec3::Ones());
-  CHECK(a.offset == b.offset);
-  CHECK(a.iterations == b.iterations);
+  for (const Family family : bench::kFamilies) {
+    WarmStart one;
+    WarmStart other;
+    BalanceProblem p = bench::makeProblem(family, 1 + random.integer(20), random);
+    for (int tick = 0; tick < 10; ++tick) {
+      p.probe += 1e-5 * random.direction();
+      const SolveResult a = solveProxy(p.probe, p.stiffness, p.primitives, p.start, {}, &one);
+      const SolveResult b = solveProxy(p.probe, p.stiffness, p.primitives, p.start, {}, &other);
+      const SolveResult cold = solveProxy(p.probe, p.stiffness, p.primitives, p.start);
+      const SolveResult elsewhere = solveProxy(p.probe, p.stiffness, p.primitives, Vec3::Ones());
+      CAPTURE(bench::wordFor(family), describe(p.probe, p.stiffness, p.primitives));
+      REQUIRE(a.offset == b.offset);
+      REQUIRE(a.error_bound == b.error_bound);
+      REQUIRE(a.iterations == b.iterations);
+      REQUIRE(cold.offset == elsewhere.offset);
+      p.start = a.proxy;
+    }
+  }
 }
 
 TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
@@ -347,7 +365,7 @@ TEST_CASE("a plane and one other primitive are balanced however near their kinks
   }
 }
 
-TEST_CASE("up to 1,024 primitives are balanced; more are refused", "[solver]") {
+TEST_CASE("up to 1,024 primitives are balanced, more are refused", "[solver]") {
   Random random(9);
   std::vector<Primitive> set;
   for (std::size_t j = 0; j < kMaxPrimitives; ++j) set.push_back(random.primitive());
@@ -408,8 +426,12 @@ TEST_CASE("extreme but valid numbers stay finite and certified", "[solver]") {
     CAPTURE(describe(probe, k, set));
     REQUIRE(r.status != SolveStatus::kBadInput);
     REQUIRE(r.offset.allFinite());
+    REQUIRE(r.status == SolveStatus::kConverged);
     // Whatever happens, the primitives cannot hold the proxy farther off than S/k.
     REQUIRE(r.offset.norm() <= sum / k * (1 + 1e-9) + r.error_bound);
+    if (i % 20 != 0) continue;
+    const Reference ref = solveReference(probe, k, set);
+    REQUIRE((r.offset - ref.offset).norm() <= r.error_bound + ref.error_bound);
   }
 }
 
