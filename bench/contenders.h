@@ -29,7 +29,7 @@ struct Contender {
   std::function<void()> forget = [] {};
 };
 
-/// What charts call the engine's solver, and the paper's.
+/// What charts call the engine's solver, and our reading of the paper's.
 inline constexpr const char* kOurs = "palpate";
 inline constexpr const char* kOursWarm = "palpate, warm";
 inline constexpr const char* kPaper = "Euler, adaptive step";
@@ -38,7 +38,8 @@ inline constexpr const char* kPaper = "Euler, adaptive step";
 /// balance.
 [[nodiscard]] std::vector<Contender> makeContenders(bool motion);
 
-/// Those of figure 7: the paper's solver at 1e-3 S/k or so, and the engine's as the tick calls it.
+/// Those of figure 7: of our readings of the paper's solver the one that needs as many iterations
+/// as the paper says, and the engine's as the tick calls it.
 [[nodiscard]] std::vector<Contender> makeFigure7Contenders();
 
 }  // namespace palpate::bench

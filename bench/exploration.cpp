@@ -96,7 +96,6 @@ std::vector<RecordedBalance> recordExploration(Explored what, double seconds, st
     RecordedBalance tick;
     tick.problem = {hand.position, scene->coupling.stiffness, startOf(set, before),
                     std::vector<Primitive>(set.begin(), set.end())};
-    tick.time = static_cast<double>(recording.size()) / kRate;
     tick.speed = device.velocity().norm();
     tick.first = recording.empty();
     recording.push_back(std::move(tick));
@@ -157,7 +156,6 @@ std::vector<RecordedBalance> recordWalks(Anchoring anchoring, int count, std::si
           p.direction = (p.direction + kTurn * random.inCube(unit)).normalized();
         }
       }
-      tick.time = (static_cast<double>(i) - kApproach) / kRate;
       tick.speed = kRate * step.norm();
       tick.first = i == kApproach;
       if (i >= kApproach) recording.push_back(tick);

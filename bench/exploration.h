@@ -11,7 +11,6 @@ namespace palpate::bench {
 /// One tick's balance.
 struct RecordedBalance {
   BalanceProblem problem;  ///< `start` is the proxy before.
-  double time = 0.0;       ///< Since the recording's start [s].
   double speed = 0.0;      ///< Of the hand [m/s].
   bool first = false;      ///< Does not follow from the balance before it in the list.
 };

@@ -1,6 +1,7 @@
 #include "bench/machine.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <fstream>
 #include <sched.h>
 
@@ -38,6 +39,14 @@ Machine takeMachine() {
         std::min(machine.clock_step, std::chrono::duration<double, std::nano>(b - a).count());
   }
   return machine;
+}
+
+std::string describe(const Machine& machine) {
+  char step[32];
+  std::snprintf(step, sizeof step, "%.0f", machine.clock_step);
+  return machine.processor + ", " + machine.compiler + ", " + machine.flags + ", commit " +
+         machine.commit + ", " + (machine.pinned ? "pinned" : "not pinned") + ", clock step " +
+         step + " ns";
 }
 
 }  // namespace palpate::bench

@@ -20,4 +20,7 @@ struct Machine {
 /// Pins the calling thread to the core that it is on, where that is allowed, and looks about.
 [[nodiscard]] Machine takeMachine();
 
+/// One line of it, for the head of a table.
+[[nodiscard]] std::string describe(const Machine& machine);
+
 }  // namespace palpate::bench

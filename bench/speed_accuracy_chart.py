@@ -57,6 +57,9 @@ def style(method):
     return STYLES.get(method, ("#000000", "."))
 
 
+VARIANTS = {"": "-", "halving": "--", "slow": "-."}  # of a method: the lines' styles
+
+
 def rows_of(results):
     """The results by family and number of primitives, in the order of the file."""
     rows = {}
@@ -86,7 +89,7 @@ def draw_row(ax, row):
         ax.plot(np.ravel([cost, cost, gap, cost, slow, gap], "F"),
                 np.ravel([error, late, gap, error, error, gap], "F"), color=colour, linewidth=0.7,
                 alpha=0.4, zorder=1)
-        ax.plot(cost, error, color=colour, linewidth=1.0, linestyle="--" if variant else "-",
+        ax.plot(cost, error, color=colour, linewidth=1.0, linestyle=VARIANTS[variant],
                 zorder=2)
         every = np.array([r["reached"]["1e-3"] >= 1.0 for r in points])
         for which, face in ((~every, "white"), (every, colour)):
@@ -110,8 +113,8 @@ def add_legend(ax, methods):
                               label=method))
     grey = "#555555"
     handles += [
-        Line2D([], [], color=style(PAPER)[0], linewidth=1.0, linestyle="--",
-               label="Euler, adaptive step, halving"),
+        *(Line2D([], [], color=style(PAPER)[0], linewidth=1.0, linestyle=VARIANTS[variant],
+                 label=f"{PAPER}, {variant}") for variant in ("halving", "slow")),
         Line2D([], [], color=grey, marker="o", markersize=6, linestyle="none",
                label="filled: every case within 1e-3 S/k"),
         Line2D([], [], color=grey, marker="o", markersize=6, markerfacecolor="white",
@@ -258,11 +261,12 @@ def table(head, body):
 
 
 def number(x):
-    """Three digits, and no exponent where none is needed."""
+    """Two digits below 1, else three, and no exponent where none is needed."""
     if x == 0:
         return "0"
     if 1e-3 <= abs(x) < 1e5:
-        return f"{x:.{max(0, 2 - math.floor(math.log10(abs(x))))}f}"
+        digits = 2 if abs(x) >= 1 else 1
+        return f"{x:.{max(0, digits - math.floor(math.log10(abs(x))))}f}"
     return f"{x:.1e}"
 
 
@@ -288,11 +292,11 @@ def write_tables(data):
     methods = [m for m in STYLES if any(r["method"] == m for r in data["results"])]
     text = [
         f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
-        f"{machine['commit']}; {data['options']['problems']} problems a family and N, seed "
-        f"{data['options']['seed']}.",
+        f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
+        f"{machine['clock_step_ns']:.0f} ns; {data['options']['problems']} problems a family and N, "
+        f"seed {data['options']['seed']}.",
         f"True answers are the reference solver's, known to {truth['widest_bound_over_reach']:.0e} "
-        f"S/k or better (its bound was within 1e-6 S/k in {truth['reference_within_1e-6']} of "
-        f"{truth['cases']}). Certificates of the engine's solver that hold: {certificates(data)}."]
+        f"S/k or better in all of {truth['cases']}. Certificates of the engine's solver that hold: {certificates(data)}."]
 
     # In short: from the least to the largest median of the families.
     def spread(values):

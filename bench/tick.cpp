@@ -8,11 +8,11 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <fstream>
 #include <map>
 #include <string>
 #include <vector>
 
+#include "bench/machine.h"
 #include "devices/simulated_device.h"
 #include "engine/step.h"
 #include "scenes/scene_file.h"
@@ -20,7 +20,7 @@
 namespace {
 
 using namespace palpate;
-using Clock = std::chrono::steady_clock;
+using bench::Clock;
 
 struct Times {
   std::vector<double> ns;
@@ -48,24 +48,7 @@ int run(int argc, char** argv) {
   const SceneSpec spec = openScene(argv[1]);
   const BuiltScene built = buildScene(spec);
 
-  double resolution = 1e9;
-  for (int i = 0; i < 1000; ++i) {
-    const auto a = Clock::now();
-    const auto b = Clock::now();
-    resolution = std::min(resolution, std::chrono::duration<double, std::nano>(b - a).count());
-  }
-  std::ifstream cpuinfo("/proc/cpuinfo");
-  std::string machine = "unknown processor";
-  for (std::string line; std::getline(cpuinfo, line);) {
-    if (line.rfind("model name", 0) == 0) machine = line.substr(line.find(':') + 2);
-  }
-  std::printf("%s, %s %s, a pair of clock readings %.0f ns (included)\n", machine.c_str(),
-#if defined(__clang__)
-              "clang", __clang_version__,
-#else
-              "g++", __VERSION__,
-#endif
-              resolution);
+  std::printf("%s (included)\n", bench::describe(bench::takeMachine()).c_str());
   std::printf("%s, %.0f s at 1 kHz, %d times after one warm-up; ns\n", argv[1], seconds, repeats);
 
   std::map<int, Times> by_primitives;
