@@ -490,13 +490,16 @@ class Search {
     constexpr double kNear = 1e-3;  // from here on the origin follows
     // Each envelope is minimised loosely, to some hundred gamma: the multipliers make up for it.
     constexpr double kLoose = 1e5;
-    // Where a round takes longer than this it was tightened too fast.
-    constexpr int kMostOfRound = 12;
-    constexpr double kRelax = 6.0;
+    // A round that takes longer than this was tightened too fast: back, and then with care. (By
+    // the same factor once more, rounds can go in a circle.)
+    constexpr int kMostOfRound = 8;
+    constexpr double kRelax = 12.0;
+    constexpr double kCareful = 0.35;
 
     for (auto& axis : problem_.terms.z) std::fill_n(axis, problem_.terms.count, 0.0);
     Vec3 y = problem_.spring;
     double gamma = kFirstGamma;
+    double tighten = kTighten;
     while (left() > 0) {
       if (gamma < kNear) {
         moveOrigin(y);
@@ -506,9 +509,10 @@ class Search {
       if (minimiseEnvelope(problem_, gamma, enough, std::min(kMostOfRound, left()), y, solves_)) {
         updateMultipliers<Pieces::kActual>(problem_, gamma, y);
         if (prove(y)) return true;
-        gamma = std::max(kTighten * gamma, kLastGamma);
+        gamma = std::max(tighten * gamma, kLastGamma);
       } else {
         gamma *= kRelax;
+        tighten = kCareful;
       }
     }
     return false;
@@ -639,10 +643,13 @@ class Pair {
     return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
   }
 
-  /// Upper bound on |y - y*|: of the duality gap the other's part and the imbalance vanish.
+  /// Upper bound on |y - y*|: of the duality gap the other's part and the imbalance vanish. What
+  /// rounding can hide in h counts: a point's kink is exact and q - e = 0, a line's or plane's not.
   [[nodiscard]] double bound(const Vec3& y) const noexcept {
     const double h = q_.dot(y) - foot_;
-    return std::sqrt(2.0 * std::max(0.0, most_ * std::abs(h) - force_ * h));
+    const double lever = e_ == q_ ? 0.0 : std::abs(force_) + d_.norm();
+    const double hidden = 4.0 * kEpsilon * (kink_.norm() + y.norm() + std::abs(foot_) + lever);
+    return std::sqrt(2.0 * (most_ * (std::abs(h) + hidden) - force_ * h));
   }
 
  private:
@@ -715,9 +722,11 @@ bool valid(const Primitive& primitive) noexcept {
   return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
 }
 
-/// Nearly unit (valid() saw to that) to unit: one Newton step, exact to 1e-12.
+/// Nearly unit (valid() saw to that) to unit: two Newton steps, of which the first is exact to
+/// 1e-12.
 Vec3 unit(const Vec3& q) noexcept {
-  return (1.5 - 0.5 * q.squaredNorm()) * q;
+  const double once = 1.5 - 0.5 * q.squaredNorm();
+  return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
 }
 
 /// What a primitive is worth as a norm: max(0, t) = (t + |t|)/2, so a plane is half a directed
@@ -753,18 +762,21 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   double sum = 0.0;
   double reach = 0.0;
   double pushed = 0.0;
+  double pushes = 0.0;
   for (const Primitive& p : primitives) {
+    if (!(p.strength > 0.0)) continue;
     const double norm = share(p);
     const double force = p.strength - norm;
     sum += norm;
     if (p.kind == PrimitiveKind::kPlane || p.kind == PrimitiveKind::kForce) {
       problem.w += (force * per_stiffness) * unit(p.direction);
       pushed += force * per_stiffness;
+      pushes += 1.0;
     }
     if (norm > 0.0) reach = std::max(reach, (p.position - probe).lpNorm<Eigen::Infinity>());
   }
   problem.length = sum * per_stiffness;
-  remainder.bound = 8.0 * kEpsilon * (reach + pushed + problem.length);
+  remainder.bound = 8.0 * kEpsilon * (reach + problem.length) + (8.0 + pushes) * kEpsilon * pushed;
 
   // Strengths that cannot move the proxy beyond rounding.
   if (problem.length <= remainder.bound || problem.length < std::numeric_limits<double>::min()) {
@@ -783,7 +795,8 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     const Primitive& p = primitives[i];
     const double norm = share(p);
-    if (!(norm >= kNothing * sum)) {
+    if (!(norm > 0.0)) continue;
+    if (norm < kNothing * sum) {
       remainder.bound += kNothing * problem.length;
       continue;
     }
@@ -846,7 +859,8 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   const std::size_t count = problem.terms.count;
   // No more is wanted than the input's own rounding allows.
   SolverParams wanted = params;
-  wanted.tolerance = std::max(params.tolerance, remainder.bound / problem.length);
+  const double least = remainder.bound / problem.length;
+  wanted.tolerance = params.tolerance > least ? params.tolerance : least;
 
   if (count == 0) {
     result.offset = problem.w;
