@@ -17,7 +17,7 @@ struct BalanceProblem {
   std::vector<Primitive> primitives;
 };
 
-/// Families, the last eight of them adversarial (SOLVER.md, section 4, of the project's design).
+/// Families, the last eight of them adversarial.
 enum class Family {
   kRandom,        ///< Any kinds, anchors in a cube of 4 mm, strengths to 3 N.
   kOnePoint,      ///< All anchored at one point, as modes place them: the start.

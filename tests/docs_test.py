@@ -57,7 +57,8 @@ def names(path, name):
         return re.search(rf"\bdef {re.escape(name)}\(", text) is not None
     if not re.fullmatch(r"\w+", name) or path.name.endswith("_test.cpp"):
         return re.search(rf'TEST_CASE\(\s*"{re.escape(name)}"', text) is not None
-    return re.search(rf"\b{re.escape(name)}\b", text) is not None
+    code = re.sub(r"//[^\n]*", "", text)  # a word in a comment is no function
+    return re.search(rf"\b{re.escape(name)}\b", code) is not None
 
 
 def broken_references(text):

@@ -2,6 +2,7 @@
 """The chart of speed against accuracy, from end to end: speed_accuracy_test.py PROGRAM CHART."""
 import json
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -87,6 +88,15 @@ class SpeedAccuracy(unittest.TestCase):
         self.assertGreaterEqual(len(figure["solvers"]), 2)
         for solver in figure["solvers"]:
             self.assertEqual(len(solver["iterations"]), len(figure["speed_m_s"]))
+
+    def test_figure_7_has_the_iterations_of_the_paper(self):
+        figure = self.data["figure7"]
+        for solver in figure["solvers"]:
+            both = [n for n, count in zip(solver["iterations"], figure["primitives"]) if count == 2]
+            self.assertGreater(len(both), 100)
+            low, high = (1, 8) if solver["method"].startswith("palpate") else (30, 45)
+            self.assertLessEqual(low, statistics.median(both), solver["method"])
+            self.assertLessEqual(statistics.median(both), high, solver["method"])
 
     def test_only_orthogonal_constraints_make_up_no_force(self):
         for curve in self.data["nonorthogonal"]["curves"]:
