@@ -1,6 +1,9 @@
 #include "samplers/vdb_field.h"
 
 #include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <vector>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
@@ -109,6 +112,138 @@ TEST_CASE("the value is trilinear and the gradient interpolated central differen
     REQUIRE(s.inside == any);
   }
   CHECK(worst < 1e-12);
+}
+
+namespace {
+
+/// Indices where a sampler could go wrong: about active voxels, at the seams of leaves (8), of
+/// their parents (128) and theirs (4096), and outside.
+template <class GridT>
+std::vector<Vec3d> hardIndices(const GridT& grid, int count, Random& random) {
+  std::vector<Coord> leaves;
+  for (auto leaf = grid.tree().cbeginLeaf(); leaf; ++leaf) leaves.push_back(leaf->origin());
+  const openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
+  std::vector<Vec3d> indices;
+  for (int i = 0; i < count; ++i) {
+    Vec3d at;
+    if (leaves.empty() || i % 8 == 0) {
+      const Vec3 margin = random.inCube(20.0);
+      for (int a = 0; a < 3; ++a) {
+        at[a] = random.uniform(box.min()[a], box.max()[a]) + margin[a];
+      }
+    } else {
+      const Coord leaf =
+          leaves[static_cast<std::size_t>(random.integer(static_cast<int>(leaves.size())))];
+      const Vec3 in = random.inCube(6.0);
+      at = leaf.asVec3d() + Vec3d(4 + in.x(), 4 + in.y(), 4 + in.z());
+    }
+    const double seams[] = {1, 8, 128, 4096};
+    if (i % 2 == 0) {
+      // On a face, or the last digit to its side.
+      const double size = seams[random.integer(4)];
+      const int a = random.integer(3);
+      const double seam = size * std::round(at[a] / size);
+      const double side[] = {0.0, 1e-9, -1e-9, 0.5, -0.5};
+      if (std::abs(seam - at[a]) < 64) at[a] = seam + side[random.integer(5)];
+    }
+    indices.push_back(at);
+  }
+  return indices;
+}
+
+/// Checks values and derivatives against the blend of the stored voxels, in double precision and
+/// index space, turned into world space by OpenVDB. Returns the points checked.
+template <class GridT>
+long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random) {
+  using Value = typename GridT::ValueType;
+  constexpr bool kScalar = std::is_arithmetic_v<Value>;
+  constexpr int kComponents = kScalar ? 1 : 3;
+  Probe probe(field);
+  const auto accessor = grid.getConstAccessor();
+  const auto component = [&](const Coord& c, int n) {
+    if constexpr (kScalar) {
+      return static_cast<double>(accessor.getValue(c));
+    } else {
+      return static_cast<double>(accessor.getValue(c)[n]);
+    }
+  };
+  const auto map = grid.transform().baseMap();
+  double largest = 0.0;
+  double steepest = 0.0;
+  double worst = 0.0;
+  double worst_slope = 0.0;
+  const std::vector<Vec3d> indices = hardIndices(grid, 20000, random);
+  for (const Vec3d& index : indices) {
+    // The position that the field is asked for, and its index: one rounding for both.
+    const Vec3d p = grid.transform().indexToWorld(index);
+    const Vec3d at = grid.transform().worldToIndex(p);
+    for (int n = 0; n < kComponents; ++n) {
+      const double value = blend(at, [&](const Coord& c) { return component(c, n); });
+      Vec3d slope;
+      for (int a = 0; a < 3; ++a) {
+        slope[a] = blend(at, [&](Coord up) {
+          Coord down = up;
+          ++up[a];
+          --down[a];
+          return 0.5 * (component(up, n) - component(down, n));
+        });
+      }
+      const Vec3 gradient = eigen(map->applyIJT(slope));
+      double got = 0.0;
+      Vec3 got_gradient;
+      if constexpr (kScalar) {
+        const ScalarSample s = probe.scalar(eigen(p));
+        got = s.value;
+        got_gradient = s.gradient;
+      } else {
+        const VectorSample s = probe.vector(eigen(p));
+        got = s.value[n];
+        got_gradient = s.jacobian.row(n).transpose();
+      }
+      largest = std::max(largest, std::abs(value));
+      steepest = std::max(steepest, gradient.norm());
+      worst = std::max(worst, std::abs(got - value));
+      worst_slope = std::max(worst_slope, (got_gradient - gradient).norm());
+    }
+  }
+  WARN(grid.getName() << " (" << grid.valueType() << "): value off by " << worst / largest
+                      << " of the largest, derivative by " << worst_slope / steepest);
+  CHECK(largest > 0.0);
+  CHECK(worst <= 1e-6 * largest);
+  CHECK(worst_slope <= 1e-4 * steepest);
+  return static_cast<long>(indices.size());
+}
+
+}  // namespace
+
+TEST_CASE("every grid of the data is read as its voxels say, seams and outside included",
+          "[.][data]") {
+  const std::filesystem::path folder = std::filesystem::path(std::getenv("PALPATE_DATA")) / "vdb";
+  openvdb::initialize();
+  Random random(31);
+  int grids = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    if (entry.path().extension() != ".vdb") continue;
+    openvdb::io::File file(entry.path().string());
+    file.open(false);
+    for (const GridInfo& info : describeGrids(entry.path())) {
+      if (!info.refusal.empty()) continue;
+      CAPTURE(entry.path().filename().string(), info.name);
+      const auto base = file.readGrid(info.name);
+      const FieldPtr field = makeVdbField(loadVolume(entry.path(), info.name), Placement{});
+      long points = 0;
+      const auto check = [&](const auto& grid) {
+        if (grid) points = checkAgainstVoxels(*grid, field, random);
+      };
+      check(openvdb::gridPtrCast<openvdb::FloatGrid>(base));
+      check(openvdb::gridPtrCast<openvdb::DoubleGrid>(base));
+      check(openvdb::gridPtrCast<openvdb::Vec3SGrid>(base));
+      check(openvdb::gridPtrCast<openvdb::Vec3DGrid>(base));
+      CHECK(points > 0);
+      ++grids;
+    }
+  }
+  CHECK(grids >= 4);
 }
 
 TEST_CASE("the value agrees with OpenVDB's own sampler", "[samplers]") {
