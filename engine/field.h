@@ -40,7 +40,7 @@ struct VectorSample {
 /// What one thread's reads of one field change: its accessor and its last cell. Plain memory that
 /// the field lays out as it likes; a Reader owns one for every field.
 struct alignas(64) FieldCache {
-  std::array<std::byte, 1536> bytes;
+  std::array<std::byte, 1792> bytes;
 };
 
 /// How a field lies in the hand's world.

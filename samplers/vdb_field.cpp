@@ -9,6 +9,7 @@
 #include <openvdb/tree/ValueAccessor.h>
 
 #include "engine/error.h"
+#include "samplers/spline.h"
 #include "samplers/volume_grid.h"
 
 namespace palpate {
@@ -291,6 +292,193 @@ class VdbVectorField final : public VectorField {
   CellReader<GridT, 3> reader_;
 };
 
+/// Weights of the 4 x 4 x 4 block about a cell, along one axis, and their derivatives by the index.
+struct Weights {
+  std::array<double, 4> w{};
+  std::array<double, 4> slope{};
+
+  Weights(Interpolation interpolation, double t) noexcept {
+    // The nearest voxel: the cell's lower corner or its upper one.
+    const std::size_t upper = t < 0.5 ? 0 : 1;
+    const double u = t - static_cast<double>(upper);
+    switch (interpolation) {
+      case Interpolation::kNearest:
+      case Interpolation::kTrilinear:
+        w[1 + upper] = 1.0;
+        break;
+      case Interpolation::kQuadratic:
+        w[upper] = 0.5 * (0.5 - u) * (0.5 - u);
+        w[upper + 1] = 0.75 - u * u;
+        w[upper + 2] = 0.5 * (0.5 + u) * (0.5 + u);
+        slope[upper] = u - 0.5;
+        slope[upper + 1] = -2.0 * u;
+        slope[upper + 2] = u + 0.5;
+        break;
+      case Interpolation::kCubic: {
+        const double r = 1.0 - t;
+        w = {r * r * r / 6.0, (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
+             (4.0 - 6.0 * r * r + 3.0 * r * r * r) / 6.0, t * t * t / 6.0};
+        slope = {-0.5 * r * r, t * (1.5 * t - 2.0), -r * (1.5 * r - 2.0), 0.5 * t * t};
+        break;
+      }
+    }
+  }
+};
+
+/// As CellReader, for B-splines and the nearest voxel: the block about the cell is kept, and
+/// weighed anew for each position.
+template <class GridT, int C>
+class BlockReader {
+  using Value = typename GridT::ValueType;
+  using Row = Eigen::Array<double, C, 1>;
+  struct Cache {
+    openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor;
+    std::array<int, 3> cell{kNoCell, kNoCell, kNoCell};
+    Block<Value> block;
+
+    explicit Cache(const GridT& grid) : accessor(grid.tree()) {}
+  };
+  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
+
+ public:
+  /// Value and derivatives by the index.
+  struct Answer {
+    Row value = Row::Zero();
+    std::array<Row, 3> slope{Row::Zero(), Row::Zero(), Row::Zero()};
+    bool inside = false;
+  };
+
+  BlockReader(std::shared_ptr<const Volume> volume, const typename GridT::ConstPtr& grid,
+              const Placement& placement, Interpolation interpolation)
+      : volume_(std::move(volume)),
+        grid_(grid),
+        map_(volume_->grid(), placement),
+        interpolation_(interpolation),
+        corners_needed_(volume_->info().grid_class == GridClass::kLevelSet ? 8 : 1) {
+    if (interpolation == Interpolation::kQuadratic) grid_ = splineCoefficients(*grid, 2);
+    if (interpolation == Interpolation::kCubic) grid_ = splineCoefficients(*grid, 3);
+  }
+
+  void reset(FieldCache& memory) const noexcept { ::new (memory.bytes.data()) Cache(*grid_); }
+
+  /// False where there is no place in the grid.
+  bool read(const Vec3& p_W, FieldCache& memory, Answer& out) const noexcept {
+    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
+    std::array<int, 3> cell{};
+    Vec3 t;
+    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) return false;
+    if (cell != cache.cell) {
+      copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), cache.block);
+      cache.cell = cell;
+    }
+    const Weights x(interpolation_, t.x());
+    const Weights y(interpolation_, t.y());
+    const Weights z(interpolation_, t.z());
+    const auto at = [&](std::size_t i) {
+      const Value& value = cache.block.values[i];
+      if constexpr (C == 1) {
+        return Row(static_cast<double>(value));
+      } else {
+        return Row(static_cast<double>(value[0]), static_cast<double>(value[1]),
+                   static_cast<double>(value[2]));
+      }
+    };
+    // Along z, then y, then x.
+    for (std::size_t i = 0; i < 4; ++i) {
+      Row plane = Row::Zero();
+      Row plane_y = Row::Zero();
+      Row plane_z = Row::Zero();
+      for (std::size_t j = 0; j < 4; ++j) {
+        Row line = Row::Zero();
+        Row line_z = Row::Zero();
+        for (std::size_t k = 0; k < 4; ++k) {
+          const Row value = at(16 * i + 4 * j + k);
+          line += z.w[k] * value;
+          line_z += z.slope[k] * value;
+        }
+        plane += y.w[j] * line;
+        plane_y += y.slope[j] * line;
+        plane_z += y.w[j] * line_z;
+      }
+      out.value += x.w[i] * plane;
+      out.slope[0] += x.slope[i] * plane;
+      out.slope[1] += x.w[i] * plane_y;
+      out.slope[2] += x.w[i] * plane_z;
+    }
+    out.inside = cache.block.active_corners >= corners_needed_;
+    return true;
+  }
+
+  [[nodiscard]] const GridT& grid() const noexcept { return *grid_; }
+  [[nodiscard]] const IndexMap& map() const noexcept { return map_; }
+
+ private:
+  std::shared_ptr<const Volume> volume_;
+  typename GridT::ConstPtr grid_;
+  IndexMap map_;
+  Interpolation interpolation_;
+  int corners_needed_;
+};
+
+template <class GridT>
+class BlockScalarField final : public ScalarField {
+ public:
+  BlockScalarField(const std::shared_ptr<const Volume>& volume,
+                   const typename GridT::ConstPtr& grid, const Placement& placement,
+                   Interpolation interpolation)
+      : ScalarField(frameOf(*volume, placement)), reader_(volume, grid, placement, interpolation) {}
+
+  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    typename BlockReader<GridT, 1>::Answer answer;
+    ScalarSample out;
+    if (!reader_.read(p_W, memory, answer)) {
+      out.value = static_cast<double>(reader_.grid().background());
+      return out;
+    }
+    out.value = answer.value[0];
+    out.gradient = reader_.map().gradient_from_index *
+                   Vec3(answer.slope[0][0], answer.slope[1][0], answer.slope[2][0]);
+    out.cell_gradient = out.gradient;
+    out.inside = answer.inside;
+    return out;
+  }
+
+ private:
+  BlockReader<GridT, 1> reader_;
+};
+
+template <class GridT>
+class BlockVectorField final : public VectorField {
+ public:
+  BlockVectorField(const std::shared_ptr<const Volume>& volume,
+                   const typename GridT::ConstPtr& grid, const Placement& placement,
+                   Interpolation interpolation)
+      : VectorField(frameOf(*volume, placement)), reader_(volume, grid, placement, interpolation) {}
+
+  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    typename BlockReader<GridT, 3>::Answer answer;
+    VectorSample out;
+    const IndexMap& map = reader_.map();
+    if (!reader_.read(p_W, memory, answer)) {
+      out.value = map.rotation * asVec3(openvdb::Vec3d(reader_.grid().background()));
+      return out;
+    }
+    out.value = map.rotation * answer.value.matrix();
+    Mat3 J;
+    J << answer.slope[0].matrix(), answer.slope[1].matrix(), answer.slope[2].matrix();
+    out.jacobian = map.rotation * J * map.gradient_from_index.transpose();
+    out.inside = answer.inside;
+    return out;
+  }
+
+ private:
+  BlockReader<GridT, 3> reader_;
+};
+
 }  // namespace
 
 Placement fitInto(const Box& bounds_F, double size) {
@@ -304,17 +492,49 @@ Placement fitInto(const Box& bounds_F, double size) {
   return placement;
 }
 
-FieldPtr makeVdbField(std::shared_ptr<const Volume> volume, const Placement& placement) {
+FieldPtr makeVdbField(std::shared_ptr<const Volume> volume, const Placement& placement,
+                      Interpolation interpolation) {
+  const bool trilinear = interpolation == Interpolation::kTrilinear;
   return std::visit(
       [&](const auto& grid) -> FieldPtr {
         using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
         if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
-          return std::make_shared<const VdbScalarField<GridT>>(volume, grid, placement);
+          if (trilinear) {
+            return std::make_shared<const VdbScalarField<GridT>>(volume, grid, placement);
+          }
+          return std::make_shared<const BlockScalarField<GridT>>(volume, grid, placement,
+                                                                 interpolation);
         } else {
-          return std::make_shared<const VdbVectorField<GridT>>(volume, grid, placement);
+          if (trilinear) {
+            return std::make_shared<const VdbVectorField<GridT>>(volume, grid, placement);
+          }
+          return std::make_shared<const BlockVectorField<GridT>>(volume, grid, placement,
+                                                                 interpolation);
         }
       },
       volume->grid().data);
+}
+
+const char* wordFor(Interpolation interpolation) noexcept {
+  switch (interpolation) {
+    case Interpolation::kTrilinear:
+      return "trilinear";
+    case Interpolation::kNearest:
+      return "nearest";
+    case Interpolation::kQuadratic:
+      return "quadratic";
+    case Interpolation::kCubic:
+      return "cubic";
+  }
+  return "";
+}
+
+std::optional<Interpolation> interpolationNamed(const std::string& word) noexcept {
+  for (const Interpolation i : {Interpolation::kTrilinear, Interpolation::kNearest,
+                                Interpolation::kQuadratic, Interpolation::kCubic}) {
+    if (word == wordFor(i)) return i;
+  }
+  return std::nullopt;
 }
 
 }  // namespace palpate

@@ -113,7 +113,8 @@ BuiltScene buildScene(const SceneSpec& spec) {
   Placer placer(spec, built.volumes);
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
-    built.fields[name] = makeVdbField(volume, built.placements[name]);
+    built.fields[name] =
+        makeVdbField(volume, built.placements[name], spec.volumes.at(name).interpolation);
   }
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);

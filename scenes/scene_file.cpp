@@ -187,12 +187,11 @@ VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
   if (node.has("grid")) volume.grid = node.child("grid").name();
   if (node.has("place")) volume.place = readPlace(node.child("place"));
   if (node.has("interpolation")) {
-    const Node order = node.child("interpolation");
-    const std::string value = order.text();
-    if (value == "quadratic" || value == "cubic") {
-      order.fail("this version interpolates trilinearly only", "write \"trilinear\"");
-    }
-    (void)order.word<int>({{"trilinear", 1}});
+    volume.interpolation = node.child("interpolation")
+                               .word<Interpolation>({{"trilinear", Interpolation::kTrilinear},
+                                                     {"nearest", Interpolation::kNearest},
+                                                     {"quadratic", Interpolation::kQuadratic},
+                                                     {"cubic", Interpolation::kCubic}});
   }
   return volume;
 }

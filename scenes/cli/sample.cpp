@@ -80,12 +80,13 @@ int sample(const Options& options) {
                   "use curl, divergence, jacobian, with commas between");
     }
   }
-  if (options.interpolation != "trilinear") {
-    throw Error("--interpolation", "\"" + options.interpolation + "\" is not in this version",
-                "use trilinear");
+  const auto interpolation = interpolationNamed(options.interpolation);
+  if (!interpolation) {
+    throw Error("--interpolation", "\"" + options.interpolation + "\" is not known",
+                "use trilinear, nearest, quadratic or cubic");
   }
   const auto volume = loadVolume(options.file, options.grid);
-  const FieldPtr field = makeVdbField(volume, Placement{});
+  const FieldPtr field = makeVdbField(volume, Placement{}, *interpolation);
   if (field.index() == 0 && !options.derive.empty()) {
     throw Error("--derive", "grid \"" + volume->info().name + "\" is scalar",
                 "its gradient is always printed");
@@ -136,7 +137,8 @@ void addSample(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--grid", options->grid, "The grid; may be left out if there is only one");
   verb->add_option("--points", options->points, "CSV with the header x,y,z; - is standard input")
       ->required();
-  verb->add_option("--interpolation", options->interpolation, "trilinear");
+  verb->add_option("--interpolation", options->interpolation,
+                   "trilinear (default), nearest, quadratic or cubic");
   verb->add_option("--derive", options->derive, "curl,divergence,jacobian (vector grids)")
       ->delimiter(',');
   verb->add_flag("--json", options->json, "Print JSON Lines");

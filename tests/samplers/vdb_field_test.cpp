@@ -1,8 +1,10 @@
 #include "samplers/vdb_field.h"
 
+#include <array>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -31,10 +33,11 @@ Vec3 eigen(const openvdb::Vec3d& v) {
 }
 
 /// A field over a grid, through a file and the loader, as users have it.
-FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {}) {
+FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement = {},
+                 Interpolation interpolation = Interpolation::kTrilinear) {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {grid});
-  return makeVdbField(loadVolume(folder / "a.vdb", ""), placement);
+  return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, interpolation);
 }
 
 struct Probe {
@@ -391,6 +394,173 @@ TEST_CASE("the error falls with the square of the voxel, as trilinear must", "[s
   const double fine = error(0.1);
   CAPTURE(coarse, fine);
   CHECK(coarse / fine == Approx(4.0).margin(0.4));
+}
+
+TEST_CASE("B-splines pass through the voxels' values, the nearest voxel is itself",
+          "[samplers][spline]") {
+  const auto grid = roughGrid();
+  const auto interpolation =
+      GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
+  Probe probe(fieldOf(grid, {}, interpolation));
+  CAPTURE(wordFor(interpolation));
+  Random random(41);
+  double worst = 0.0;
+  for (int i = 0; i < 20000; ++i) {
+    const Coord c = Coord::round(vdb(random.inCube(30.0)));
+    const ScalarSample s = probe.scalar(eigen(grid->transform().indexToWorld(c)));
+    worst = std::max(worst, std::abs(s.value - static_cast<double>(grid->tree().getValue(c))));
+  }
+  CHECK(worst < 2e-6);  // values to 3, coefficients are floats
+}
+
+TEST_CASE("B-splines reproduce polynomials of their degree, derivative included, under any map",
+          "[samplers][spline]") {
+  const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
+  const bool cubic = interpolation == Interpolation::kCubic;
+  // Rotated, sheared, mirrored, anisotropic.
+  openvdb::math::Mat4d map(0.30, 0.05, 0.0, 0.0, -0.02, 0.25, 0.04, 0.0, 0.01, 0.0, -0.4, 0.0, 1.0,
+                           -2.0, 3.0, 1.0);
+  const auto transform = Transform::createLinearTransform(map);
+  const auto value = [&](const Vec3& p) {
+    const double x = p.x() - 4.0;
+    const double y = p.y();
+    const double z = p.z();
+    return x * x - 0.5 * x * y + y + 2.0 * z + (cubic ? 0.1 * x * x * z : 0.0);
+  };
+  const auto slope = [&](const Vec3& p) {
+    const double x = p.x() - 4.0;
+    const double c = cubic ? 0.1 : 0.0;
+    return Vec3(2.0 * x - 0.5 * p.y() + 2.0 * c * x * p.z(), -0.5 * x + 1.0, 2.0 + c * x * x);
+  };
+  const auto grid =
+      makeGrid<openvdb::DoubleGrid>(56, transform, [&](const Vec3d& p) { return value(eigen(p)); });
+  const Placement placement{
+      0.01, Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix(), {0.1, 0.2, 0.3}};
+  Probe probe(fieldOf(grid, placement, interpolation));
+  Random random(42);
+  for (int i = 0; i < 2000; ++i) {
+    // In the middle: the filter feels the block's end 20 voxels on.
+    const Vec3 in = random.inCube(6.0);
+    const Vec3 p_F = eigen(transform->indexToWorld(Vec3d(28 + in.x(), 28 + in.y(), 28 + in.z())));
+    const ScalarSample s = probe.scalar(placement(p_F));
+    CHECK(s.value == Approx(value(p_F)).margin(1e-6));
+    CHECK((placement.rotation.transpose() * s.gradient - slope(p_F)).norm() < 1e-5);
+    CHECK(s.inside);
+  }
+}
+
+TEST_CASE("the error falls with the order of the spline, and its derivative's with one less",
+          "[samplers][spline]") {
+  struct Order {
+    Interpolation interpolation;
+    double value;
+    double slope;
+  };
+  const Order order =
+      GENERATE(Order{Interpolation::kTrilinear, 4.0, 4.0},
+               Order{Interpolation::kQuadratic, 8.0, 4.0}, Order{Interpolation::kCubic, 16.0, 8.0});
+  CAPTURE(wordFor(order.interpolation));
+  // sin sin sin with 8 and 16 voxels a wavelength, away from the block's end.
+  std::array<double, 2> value_error{};
+  std::array<double, 2> slope_error{};
+  for (std::size_t n = 0; n < 2; ++n) {
+    const double wave = 2.0 * M_PI / (n == 0 ? 8.0 : 16.0);
+    const auto grid = makeGrid<openvdb::DoubleGrid>(
+        56, Transform::createLinearTransform(1.0), [&](const Vec3d& p) {
+          return std::sin(wave * p.x()) * std::sin(wave * p.y()) * std::sin(wave * p.z());
+        });
+    Probe probe(fieldOf(grid, {}, order.interpolation));
+    Random random(43);
+    for (int i = 0; i < 4000; ++i) {
+      const Vec3 p = Vec3::Constant(28.0) + random.inCube(8.0);
+      const ScalarSample s = probe.scalar(p);
+      const Vec3 sine = (wave * p).array().sin();
+      const Vec3 cosine = (wave * p).array().cos();
+      const Vec3 slope(cosine.x() * sine.y() * sine.z(), sine.x() * cosine.y() * sine.z(),
+                       sine.x() * sine.y() * cosine.z());
+      value_error[n] += std::pow(s.value - sine.prod(), 2);
+      slope_error[n] += (s.gradient / wave - slope).squaredNorm();
+    }
+  }
+  const double value_ratio = std::sqrt(value_error[0] / value_error[1]);
+  const double slope_ratio = std::sqrt(slope_error[0] / slope_error[1]);
+  WARN(wordFor(order.interpolation)
+       << ": halving the voxel divides the error of the value by " << value_ratio
+       << ", of the gradient by " << slope_ratio << "; at 16 voxels a wavelength they are "
+       << std::sqrt(value_error[1] / 4000) << " and " << std::sqrt(slope_error[1] / 4000));
+  CHECK(value_ratio > 0.8 * order.value);
+  CHECK(slope_ratio > 0.8 * order.slope);
+}
+
+TEST_CASE("a spline of a linear vector field has its Jacobian, and turns with the volume",
+          "[samplers][spline]") {
+  const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
+  Mat3 J;
+  J << 1, 2, -1, 0.5, -3, 4, 2, 0, 0.25;
+  const auto grid =
+      makeGrid<openvdb::Vec3SGrid>(56, Transform::createLinearTransform(0.1), [&](const Vec3d& p) {
+        const Vec3 v = J * eigen(p);
+        return openvdb::Vec3s(vdb(v));
+      });
+  const Placement placement{2.0, Eigen::AngleAxisd(1.1, Vec3::UnitY()).toRotationMatrix(),
+                            Vec3::Zero()};
+  Probe probe(fieldOf(grid, placement, interpolation));
+  Random random(44);
+  for (int i = 0; i < 500; ++i) {
+    const Vec3 p_F = Vec3::Constant(2.8) + random.inCube(0.6);
+    const VectorSample s = probe.vector(placement(p_F));
+    const Mat3& R = placement.rotation;
+    CHECK((s.value - R * J * p_F).norm() < 1e-4);
+    CHECK((s.jacobian - R * J * R.transpose()).norm() < 1e-3);
+  }
+}
+
+TEST_CASE("splines are continuous, with their derivative, across cells and the midst of them",
+          "[samplers][spline]") {
+  const auto grid = roughGrid();
+  const auto interpolation = GENERATE(Interpolation::kQuadratic, Interpolation::kCubic);
+  Probe probe(fieldOf(grid, {}, interpolation));
+  Random random(45);
+  for (int i = 0; i < 5000; ++i) {
+    Vec3 p = random.inCube(12.0);
+    const int axis = random.integer(3);
+    p[axis] = 0.25 * std::round(p[axis] / 0.25);  // voxels of 0.5: faces and midsts
+    Vec3 beyond = p;
+    p[axis] -= 1e-9;
+    beyond[axis] += 1e-9;
+    const ScalarSample a = probe.scalar(p);
+    const ScalarSample b = probe.scalar(beyond);
+    CHECK(std::abs(a.value - b.value) < 1e-6);
+    CHECK((a.gradient - b.gradient).norm() < 1e-6);
+  }
+}
+
+TEST_CASE("reading a spline allocates, locks and throws nothing, cold cells included",
+          "[samplers][spline][realtime]") {
+  const auto grid = roughGrid();
+  const auto interpolation =
+      GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
+  Probe probe(fieldOf(grid, {}, interpolation));
+  Random random(46);
+  const CountScope scope;
+  for (int i = 0; i < 2000; ++i) (void)probe.scalar(random.inCube(30.0));
+  const Counts counts = CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+}
+
+TEST_CASE("every order is silent and finite where there is nothing", "[samplers][spline]") {
+  const auto interpolation =
+      GENERATE(Interpolation::kNearest, Interpolation::kQuadratic, Interpolation::kCubic);
+  Probe probe(fieldOf(roughGrid(), {}, interpolation));
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const Vec3& p : {Vec3(1e12, 0, 0), Vec3(nan, 0, 0), Vec3(500, 500, 500)}) {
+    const ScalarSample s = probe.scalar(p);
+    CHECK_FALSE(s.inside);
+    CHECK(s.value == Approx(0.25));
+    CHECK(s.gradient.norm() < 1e-12);
+  }
 }
 
 TEST_CASE("one volume is shared by its placements and outlives the folder it came from",

@@ -133,7 +133,13 @@ class Sample(Case):
         self.refused("sample", file, "--grid", "density", "--points", "-", "--derive", "curl",
                      says="scalar", stdin="x,y,z\n")
         self.refused("sample", file, "--grid", "density", "--points", "-", "--interpolation",
-                     "cubic", says="trilinear", stdin="x,y,z\n")
+                     "quintic", says="quadratic", stdin="x,y,z\n")
+        # At a voxel's centre every order gives the voxel.
+        values = [run("sample", file, "--grid", "density", "--points", "-", "--interpolation", order,
+                      stdin="x,y,z\n1,2,3\n").stdout.splitlines()[1].split(",")[4]
+                  for order in ("trilinear", "nearest", "quadratic", "cubic")]
+        for value in values:
+            self.assertAlmostEqual(float(value), float(values[0]), delta=1e-5)
 
 
 class Solve(Case):

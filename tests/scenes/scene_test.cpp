@@ -102,7 +102,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/head/fil", "a", "/volumes/head/fil: unknown key: did you mean \"file\"?"},
       {"/volumes/head/file", 3, "/volumes/head/file: 3 is not a text"},
       {"/volumes/head/file", "", "/volumes/head/file: it is empty"},
-      {"/volumes/head/interpolation", "cubic", "trilinearly only"},
+      {"/volumes/head/interpolation", "quintic", "cubic"},
       {"/volumes/head/instances", Json::array(), "this version does not have it yet"},
       {"/volumes/head/place/fit", -1, "/volumes/head/place/fit: -1 is not > 0"},
       {"/volumes/head/place/unit", "mm", "none or several of its kinds"},

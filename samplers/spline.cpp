@@ -1,0 +1,105 @@
+#include "samplers/spline.h"
+
+#include <array>
+#include <cmath>
+#include <type_traits>
+#include <vector>
+
+#include <openvdb/tree/LeafManager.h>
+
+namespace palpate {
+namespace {
+
+using openvdb::Coord;
+
+/// Taps on each side: |pole|^16 < 1e-9 for the cubic, the slower of the two.
+constexpr int kReach = 16;
+
+/// The two-sided exponential that undoes a spline's samples; its taps add up to 1.
+std::array<double, 2 * kReach + 1> inverseTaps(int degree) {
+  const double pole = degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
+  std::array<double, 2 * kReach + 1> taps{};
+  double sum = 0.0;
+  for (std::size_t i = 0; i < taps.size(); ++i) {
+    taps[i] = std::pow(pole, std::abs(static_cast<int>(i) - kReach));
+    sum += taps[i];
+  }
+  for (double& tap : taps) tap /= sum;
+  return taps;
+}
+
+/// Leaves wherever the filter reaches: about the grid's own, and in place of its small tiles.
+template <class TreeT>
+void addLeavesAround(TreeT& tree) {
+  using Leaf = typename TreeT::LeafNodeType;
+  constexpr int kSize = static_cast<int>(Leaf::DIM);
+  std::vector<Coord> origins;
+  for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
+  auto tile = tree.cbeginValueOn();
+  tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
+  for (; tile; ++tile) {
+    const openvdb::CoordBBox box = tile.getBoundingBox();
+    if (box.dim().x() == kSize) origins.push_back(box.min());
+  }
+  for (const Coord& origin : origins) {
+    for (int n = 0; n < 27; ++n) {
+      tree.touchLeaf(
+          origin.offsetBy(kSize * (n / 9 - 1), kSize * (n / 3 % 3 - 1), kSize * (n % 3 - 1)));
+    }
+  }
+}
+
+/// Filters along one axis, from `in` to `out` of equal topology.
+template <class TreeT>
+void filter(const TreeT& in, int axis, const std::array<double, 2 * kReach + 1>& taps, TreeT& out) {
+  using Leaf = typename TreeT::LeafNodeType;
+  using Value = typename TreeT::ValueType;
+  using Sum = std::conditional_t<std::is_arithmetic_v<Value>, double, openvdb::Vec3d>;
+  constexpr int kSize = static_cast<int>(Leaf::DIM);
+  openvdb::tree::LeafManager<TreeT> leaves(out);
+  leaves.foreach ([&](Leaf& leaf, std::size_t) {
+    openvdb::tree::ValueAccessor<const TreeT, false> accessor(in);
+    std::array<Sum, kSize + 2 * kReach> line;
+    for (int u = 0; u < kSize; ++u) {
+      for (int v = 0; v < kSize; ++v) {
+        Coord at = leaf.origin();
+        at[(axis + 1) % 3] += u;
+        at[(axis + 2) % 3] += v;
+        Coord from = at;
+        from[axis] -= kReach;
+        for (Sum& value : line) {
+          value = Sum(accessor.getValue(from));
+          ++from[axis];
+        }
+        for (std::size_t i = 0; i < kSize; ++i) {
+          Sum sum = openvdb::zeroVal<Sum>();
+          for (std::size_t k = 0; k < taps.size(); ++k) sum += taps[k] * line[i + k];
+          leaf.setValueOnly(at, Value(sum));
+          ++at[axis];
+        }
+      }
+    }
+  });
+}
+
+}  // namespace
+
+template <class GridT>
+typename GridT::Ptr splineCoefficients(const GridT& grid, int degree) {
+  typename GridT::Ptr coefficients = grid.deepCopy();
+  auto& tree = coefficients->tree();
+  addLeavesAround(tree);
+  const auto taps = inverseTaps(degree);
+  typename GridT::TreeType other(tree);
+  filter(other, 0, taps, tree);
+  filter(tree, 1, taps, other);
+  filter(other, 2, taps, tree);
+  return coefficients;
+}
+
+template openvdb::FloatGrid::Ptr splineCoefficients(const openvdb::FloatGrid&, int);
+template openvdb::DoubleGrid::Ptr splineCoefficients(const openvdb::DoubleGrid&, int);
+template openvdb::Vec3SGrid::Ptr splineCoefficients(const openvdb::Vec3SGrid&, int);
+template openvdb::Vec3DGrid::Ptr splineCoefficients(const openvdb::Vec3DGrid&, int);
+
+}  // namespace palpate
