@@ -5,6 +5,8 @@
 
 #include <Eigen/Geometry>
 
+#include "bench/methods/residual.h"
+
 namespace palpate::bench {
 namespace {
 
@@ -147,10 +149,19 @@ BalanceProblem makeProblem(Family family, int count, test::Random& random) {
   return problem;
 }
 
+BalanceProblem makeMisledPair() {
+  const Vec3 probe(0.00237848, -0.00479456, 0);
+  const Vec3 q0 = Vec3(0.92495181, 0.38008441, 0).normalized();
+  const Vec3 q1 = Vec3(-0.80588101, -0.59207753, 0).normalized();
+  return {probe,
+          500.0,
+          probe,
+          {{PrimitiveKind::kPlane, {0.0006631, -0.00057513, 0}, q0, 0.8684831298},
+           {PrimitiveKind::kPlane, {-0.00184883, 0.00025814, 0}, q1, 2.0900202265}}};
+}
+
 double reachOf(const BalanceProblem& problem) noexcept {
-  double sum = 0.0;
-  for (const Primitive& p : problem.primitives) sum += p.strength;
-  return sum / problem.stiffness;
+  return methods::sumOfStrengths(problem.primitives) / problem.stiffness;
 }
 
 }  // namespace palpate::bench

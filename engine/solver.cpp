@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -544,7 +543,7 @@ class Search {
   const SolverParams& params_;
   int solves_ = 0;
   Vec3 best_ = problem_.spring;
-  double best_bound_ = 1.0;  // all primitives together pull with at most S: |y* - spring| <= 1
+  double best_bound_ = 1.0;  // all terms together pull with at most T: |y* - spring| <= 1
 };
 
 /// True where the projectors annihilate each other, to rounding.

@@ -292,16 +292,10 @@ TEST_CASE("the smallest |f_res| is the balance of one plane, figs 5 and 6",
 TEST_CASE(
     "section 4.2: the smallest |f_res| can lie elsewhere, and the start decides what is found",
     "[methods][eq15]") {
-  // The pair of planes of paper_test.cpp.
-  const std::vector<Primitive> planes{{PrimitiveKind::kPlane,
-                                       {0.0006631, -0.00057513, 0},
-                                       Vec3(0.92495181, 0.38008441, 0).normalized(),
-                                       0.8684831298},
-                                      {PrimitiveKind::kPlane,
-                                       {-0.00184883, 0.00025814, 0},
-                                       Vec3(-0.80588101, -0.59207753, 0).normalized(),
-                                       2.0900202265}};
-  const Vec3 probe(0.00237848, -0.00479456, 0);
+  const BalanceProblem pair = palpate::bench::makeMisledPair();
+  const std::vector<Primitive>& planes = pair.primitives;
+  const Vec3& probe = pair.probe;
+  REQUIRE(pair.stiffness == kStiffness);
   const auto magnitude = [&](const Vec3& offset) {
     return residualForce(offset, probe, kStiffness, planes).norm();
   };

@@ -480,13 +480,10 @@ TEST_CASE("fig. 6: the proxy leaves the plane at s/k and stays s/k from the prob
 }
 
 TEST_CASE("section 4.2: the smallest |f_res| is not always the balance", "[paper][eq15]") {
-  // Found among 4,000 random pairs of planes in 2-D, of which 15 are such.
-  const Vec3 q0 = Vec3(0.92495181, 0.38008441, 0).normalized();
-  const Vec3 q1 = Vec3(-0.80588101, -0.59207753, 0).normalized();
-  const std::vector<Primitive> planes{
-      {PrimitiveKind::kPlane, {0.0006631, -0.00057513, 0}, q0, 0.8684831298},
-      {PrimitiveKind::kPlane, {-0.00184883, 0.00025814, 0}, q1, 2.0900202265}};
-  const Vec3 probe(0.00237848, -0.00479456, 0);
+  const bench::BalanceProblem pair = bench::makeMisledPair();
+  const std::vector<Primitive>& planes = pair.primitives;
+  const Vec3& probe = pair.probe;
+  REQUIRE(pair.stiffness == kStiffness);
   const SolveResult solved = solveProxy(probe, kStiffness, planes, probe);
   const test::Reference reference = solveReference(probe, kStiffness, planes);
   REQUIRE((solved.offset - reference.offset).norm() <= solved.error_bound + reference.error_bound);
