@@ -12,12 +12,10 @@ namespace palpate {
 
 /// A scalar property at one point.
 struct ScalarSample {
-  double value = 0.0;                 ///< V, in the data's unit.
-  Vec3 gradient = Vec3::Zero();       ///< Continuous gradient of V, per unit of the data's own
-                                      ///< space (not per metre), its direction turned into W.
-  Vec3 cell_gradient = Vec3::Zero();  ///< Gradient of the cell's own polynomial: jumps at faces,
-                                      ///< but is the slope that V really has here.
-  bool inside = false;                ///< False where the data mean nothing: modes stay silent.
+  double value = 0.0;            ///< V, in the data's unit.
+  Vec3 gradient = Vec3::Zero();  ///< Continuous gradient of V, per unit of the data's own space
+                                 ///< (not per metre), its direction turned into W.
+  bool inside = false;           ///< False where the data mean nothing: modes stay silent.
 };
 
 /// A vector property at one point. Components and derivatives are turned into W together.
@@ -40,7 +38,7 @@ struct VectorSample {
 /// What one thread's reads of one field change: its accessor and its last cell. Plain memory that
 /// the field lays out as it likes; a Reader owns one for every field.
 struct alignas(64) FieldCache {
-  std::array<std::byte, 1792> bytes;
+  std::array<std::byte, 1984> bytes;
 };
 
 /// How a field lies in the hand's world.
@@ -64,6 +62,12 @@ class ScalarField {
   /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
+  /// The slope that V really has at p_W, where that is not `gradient`: of the trilinear polynomial
+  /// itself, which jumps at the faces of cells. Cheap after sample() at the same place.
+  [[nodiscard]] virtual Vec3 cellGradient(const Vec3& p_W,
+                                          FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
+    return sample(p_W, cache).gradient;
+  }
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
 

@@ -47,10 +47,13 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
 
   for (const ScalarRead& read : graph.scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
-    const ScalarSample s = graph.scalar_fields[i]->sample(p_W, caches_[i]);
+    const ScalarField& field = *graph.scalar_fields[i];
+    const ScalarSample s = field.sample(p_W, caches_[i]);
     scalar(read.value, s.value, s.inside);
     vector(read.gradient, s.gradient, s.inside);
-    vector(read.cell_gradient, s.cell_gradient, s.inside);
+    if (read.cell_gradient >= 0) {
+      vector(read.cell_gradient, field.cellGradient(p_W, caches_[i]), s.inside);
+    }
   }
   for (const VectorRead& read : graph.vector_reads) {
     const auto i = static_cast<std::size_t>(read.field);

@@ -16,7 +16,7 @@ std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
     const Vec3 r = p - centre;
     const double distance = r.norm();
     const Vec3 normal = distance > 0.0 ? Vec3(r / distance) : Vec3::Zero();
-    return ScalarSample{distance - radius, normal, normal, true};
+    return ScalarSample{distance - radius, normal, true};
   });
 }
 
@@ -24,7 +24,7 @@ std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point, const Vec3& 
                                                  double voxel) {
   const Vec3 n = normal.normalized();
   return makeScalarField(FieldFrame{voxel, 1.0, cube(point, 10.0)}, [=](const Vec3& p) {
-    return ScalarSample{n.dot(p - point), n, n, true};
+    return ScalarSample{n.dot(p - point), n, true};
   });
 }
 

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <mutex>
 #include <type_traits>
 #include <vector>
 
@@ -28,18 +29,29 @@ std::array<double, 2 * kReach + 1> inverseTaps(int degree) {
   return taps;
 }
 
-/// Leaves wherever the filter reaches: about the grid's own, and in place of its small tiles.
+/// Leaves wherever the filter reaches: about the grid's own, in place of its small tiles, and along
+/// both sides of the faces of larger ones.
 template <class TreeT>
 void addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;
   constexpr int kSize = static_cast<int>(Leaf::DIM);
+  constexpr int kLargest = 128;
   std::vector<Coord> origins;
   for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
   auto tile = tree.cbeginValueOn();
   tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
     const openvdb::CoordBBox box = tile.getBoundingBox();
-    if (box.dim().x() == kSize) origins.push_back(box.min());
+    if (box.dim().x() > kLargest) continue;
+    const int last = box.dim().x() - kSize;
+    for (int i = 0; i <= last; i += kSize) {
+      for (int j = 0; j <= last; j += kSize) {
+        const bool edge = i == 0 || i == last || j == 0 || j == last;
+        for (int k = 0; k <= last; k += edge || last == 0 ? kSize : last) {
+          origins.push_back(box.min().offsetBy(i, j, k));
+        }
+      }
+    }
   }
   for (const Coord& origin : origins) {
     for (int n = 0; n < 27; ++n) {
@@ -82,10 +94,8 @@ void filter(const TreeT& in, int axis, const std::array<double, 2 * kReach + 1>&
   });
 }
 
-}  // namespace
-
 template <class GridT>
-typename GridT::Ptr splineCoefficients(const GridT& grid, int degree) {
+typename GridT::Ptr coefficientsOf(const GridT& grid, int degree) {
   typename GridT::Ptr coefficients = grid.deepCopy();
   auto& tree = coefficients->tree();
   addLeavesAround(tree);
@@ -97,9 +107,22 @@ typename GridT::Ptr splineCoefficients(const GridT& grid, int degree) {
   return coefficients;
 }
 
-template openvdb::FloatGrid::Ptr splineCoefficients(const openvdb::FloatGrid&, int);
-template openvdb::DoubleGrid::Ptr splineCoefficients(const openvdb::DoubleGrid&, int);
-template openvdb::Vec3SGrid::Ptr splineCoefficients(const openvdb::Vec3SGrid&, int);
-template openvdb::Vec3DGrid::Ptr splineCoefficients(const openvdb::Vec3DGrid&, int);
+}  // namespace
+
+const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree) {
+  const Volume::Grid& grid = volume.grid();
+  Volume::Grid::Coefficients& made = grid.coefficients[degree == 2 ? 0 : 1];
+  std::call_once(made.once, [&] {
+    for (const Volume::Grid::Part& part : grid.parts) {
+      made.parts.push_back(std::visit(
+          [&](const auto& data) -> GridData {
+            using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
+            return typename GridT::ConstPtr(coefficientsOf(*data, degree));
+          },
+          part.data));
+    }
+  });
+  return made.parts;
+}
 
 }  // namespace palpate

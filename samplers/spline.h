@@ -1,17 +1,20 @@
 /// Private to samplers: B-spline coefficients of a grid. Include it in .cpp files only.
 #pragma once
 
-#include <openvdb/openvdb.h>
+#include <vector>
+
+#include "samplers/volume_grid.h"
 
 namespace palpate {
 
-/// The coefficients with which a B-spline of degree 2 or 3 passes through the grid's values: each
-/// axis filtered by the inverse of the spline's own samples (Unser, Aldroubi, Eden 1993), cut where
-/// it falls below 1e-9. Topology and active states are the grid's, with inactive leaves around:
-/// the filter reaches 8 voxels beyond the leaves. Active tiles of 8^3 become leaves; on the faces
-/// of larger ones that border on no leaf the spline smooths instead of passing through. Parallel
-/// over leaves. Takes about twice the grid's memory while it works.
-template <class GridT>
-[[nodiscard]] typename GridT::Ptr splineCoefficients(const GridT& grid, int degree);
+/// The coefficients with which a B-spline of degree 2 or 3 passes through a volume's values, part
+/// by part: each axis filtered by the inverse of the spline's own samples (Unser, Aldroubi, Eden
+/// 1993), cut where it falls below 1e-9. Made at the first call for a degree and kept with the
+/// volume; calls from several threads wait for the first. Topology and active states are the
+/// grid's, with inactive leaves around: the filter reaches 8 voxels beyond the leaves. Active tiles
+/// of 8^3 become leaves, larger ones get leaves along their faces; on the faces of 4096^3 tiles
+/// that border on no leaf the spline smooths instead of passing through. Parallel over leaves.
+/// Takes twice the memory of what it makes while it works.
+[[nodiscard]] const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree);
 
 }  // namespace palpate

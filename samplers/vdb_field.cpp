@@ -1,14 +1,17 @@
 #include "samplers/vdb_field.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <new>
 
+#include <Eigen/Eigenvalues>
 #include <openvdb/openvdb.h>
 #include <openvdb/tree/ValueAccessor.h>
 
 #include "engine/error.h"
+#include "samplers/cell.h"
 #include "samplers/spline.h"
 #include "samplers/volume_grid.h"
 
@@ -17,136 +20,178 @@ namespace {
 
 using openvdb::Coord;
 
-/// A 4 x 4 x 4 block of voxels around a cell: index (i, j, k) is [16 i + 4 j + k], the cell's own
-/// corners are 1 and 2 along each axis.
-template <class T>
-struct Block {
-  std::array<T, 64> values;
-  int active_corners = 0;  ///< Of the cell's eight.
+constexpr int kNoCell = std::numeric_limits<int>::max();
 
-  static constexpr int at(int i, int j, int k) noexcept { return 16 * i + 4 * j + k; }
+template <class Value>
+double componentOf(const Value& value, int c) noexcept {
+  if constexpr (std::is_arithmetic_v<Value>) {
+    return static_cast<double>(value);
+  } else {
+    return static_cast<double>(value[c]);
+  }
+}
+
+/// What of a block lies in one leaf or tile: voxels [from, to) of it along each axis.
+template <class Leaf>
+struct Segment {
+  std::array<int, 3> from;
+  std::array<int, 3> to;
+  const Leaf* leaf;
 };
 
-/// Copies the block whose lowest corner is `low`, leaf by leaf: at most eight look-ups.
-template <class Accessor, class T>
-void copyBlock(const Accessor& accessor, const Coord& low, Block<T>& block) noexcept {
-  const auto corner = [](int i) { return i == 1 || i == 2; };
-  block.active_corners = 0;
-  // Along each axis the block lies in one leaf or two: [0, split) and [split, 4).
-  std::array<int, 3> split{};
-  for (int a = 0; a < 3; ++a) {
-    split[static_cast<std::size_t>(a)] = std::min(4, 8 - (low[a] & 7));
-  }
-  for (int i0 = 0; i0 < 4; i0 = i0 < split[0] ? split[0] : 4) {
-    const int i1 = i0 < split[0] ? split[0] : 4;
-    for (int j0 = 0; j0 < 4; j0 = j0 < split[1] ? split[1] : 4) {
-      const int j1 = j0 < split[1] ? split[1] : 4;
-      for (int k0 = 0; k0 < 4; k0 = k0 < split[2] ? split[2] : 4) {
-        const int k1 = k0 < split[2] ? split[2] : 4;
-        const Coord first = low.offsetBy(i0, j0, k0);
-        const auto* leaf = accessor.probeConstLeaf(first);
-        const bool tile_on = leaf == nullptr && accessor.isValueOn(first);
-        const T tile = leaf == nullptr ? accessor.getValue(first) : openvdb::zeroVal<T>();
-        const T* data = leaf == nullptr ? nullptr : leaf->buffer().data();
-        for (int i = i0; i < i1; ++i) {
-          for (int j = j0; j < j1; ++j) {
-            for (int k = k0; k < k1; ++k) {
-              const auto offset = static_cast<openvdb::Index>(
-                  (((low[0] + i) & 7) << 6) | (((low[1] + j) & 7) << 3) | ((low[2] + k) & 7));
-              block.values[static_cast<std::size_t>(Block<T>::at(i, j, k))] =
-                  data == nullptr ? tile : data[offset];
-              if (corner(i) && corner(j) && corner(k)) {
-                block.active_corners += (leaf == nullptr ? tile_on : leaf->isValueOn(offset));
-              }
-            }
-          }
+/// The block's voxels of one tile.
+template <class Value, int C, int W>
+void fill(const std::array<int, 3>& from, const std::array<int, 3>& to, const Value& tile, bool on,
+          Block<C, W>& block) noexcept {
+  for (int i = from[0]; i < to[0]; ++i) {
+    for (int j = from[1]; j < to[1]; ++j) {
+      for (int k = from[2]; k < to[2]; ++k) {
+        const int n = Block<C, W>::at(i, j, k);
+        block.active |= std::uint64_t{on} << n;
+        for (int c = 0; c < C; ++c) {
+          block.values[static_cast<std::size_t>(n * C + c)] = componentOf(tile, c);
         }
       }
     }
   }
 }
 
-/// N numbers at a cell's corners, corner (i, j, k) at [4 i + 2 j + k], as coefficients of the
-/// trilinear polynomial c0 + c1 u + c2 v + c3 w + c4 uv + c5 uw + c6 vw + c7 uvw.
-template <int N>
-struct Trilinear {
-  using Row = Eigen::Array<double, N, 1>;
-  std::array<Row, 8> c;
-
-  void fit(const std::array<Row, 8>& d) noexcept {
-    c[0] = d[0];
-    c[1] = d[4] - d[0];
-    c[2] = d[2] - d[0];
-    c[3] = d[1] - d[0];
-    c[4] = (d[6] - d[2]) - c[1];
-    c[5] = (d[5] - d[1]) - c[1];
-    c[6] = (d[3] - d[1]) - c[2];
-    c[7] = (d[7] - d[3]) - (d[5] - d[1]) - c[4];
+/// Copies the block whose lowest corner is `low`, leaf by leaf: at most eight look-ups. A kernel
+/// that needs no edges (voxels at the rim of more than one axis) saves those of the leaves there.
+/// First all leaves are found and asked for, then read: out of a cold cache they come together.
+template <bool Edges, class Accessor, int C, int W>
+void copyBlock(Accessor& accessor, const Coord& low, Block<C, W>& block) noexcept {
+  using Leaf = typename Accessor::TreeType::LeafNodeType;
+  using Value = typename Accessor::ValueType;
+  // Along each axis the block lies in one leaf or two: [0, split) and [split, W).
+  std::array<int, 3> split{};
+  for (int a = 0; a < 3; ++a) split[static_cast<std::size_t>(a)] = std::min(W, 8 - (low[a] & 7));
+  // Where along one axis it is only the first or the last voxel.
+  const auto rim = [](int from, int to) { return static_cast<int>(to == 1 || from == W - 1); };
+  std::array<Segment<Leaf>, 8> segments;
+  std::size_t count = 0;
+  block.active = 0;
+  for (int i0 = 0, i1 = split[0]; i0 < W; i0 = i1, i1 = W) {
+    for (int j0 = 0, j1 = split[1]; j0 < W; j0 = j1, j1 = W) {
+      for (int k0 = 0, k1 = split[2]; k0 < W; k0 = k1, k1 = W) {
+        if (!Edges && W > 1 && rim(i0, i1) + rim(j0, j1) + rim(k0, k1) > 1) continue;
+        const Coord first = low.offsetBy(i0, j0, k0);
+        const Leaf* leaf = accessor.probeConstLeaf(first);
+        if (leaf == nullptr) {
+          Value tile;
+          const bool on = accessor.probeValue(first, tile);
+          fill({i0, j0, k0}, {i1, j1, k1}, tile, on, block);
+          continue;
+        }
+        __builtin_prefetch(leaf);
+        __builtin_prefetch(reinterpret_cast<const std::byte*>(leaf) + 64);
+        segments[count++] = {{i0, j0, k0}, {i1, j1, k1}, leaf};
+      }
+    }
   }
-
-  [[nodiscard]] Row operator()(const Vec3& t) const noexcept {
-    const Row uv = c[4] + c[7] * t.z();
-    const Row u = c[1] + c[5] * t.z();
-    const Row v = c[2] + c[6] * t.z();
-    return c[0] + c[3] * t.z() + v * t.y() + (u + uv * t.y()) * t.x();
+  // The first voxel of the block's row (i, j) in a segment.
+  const auto row = [&](const Segment<Leaf>& s, int i, int j) {
+    return (((low[0] + i) & 7) << 6) | (((low[1] + j) & 7) << 3) | ((low[2] + s.from[2]) & 7);
+  };
+  for (std::size_t n = 0; n < count; ++n) {
+    const Segment<Leaf>& s = segments[n];
+    const Value* data = s.leaf->buffer().data();
+    for (int i = s.from[0]; i < s.to[0]; ++i) {
+      for (int j = s.from[1]; j < s.to[1]; ++j) __builtin_prefetch(data + row(s, i, j));
+    }
   }
-
-  /// Gradient of row `n`'s polynomial.
-  [[nodiscard]] Vec3 slope(const Vec3& t, Eigen::Index n) const noexcept {
-    const double uv = c[4][n] + c[7][n] * t.z();
-    return {c[1][n] + c[5][n] * t.z() + uv * t.y(), c[2][n] + c[6][n] * t.z() + uv * t.x(),
-            c[3][n] + c[5][n] * t.x() + (c[6][n] + c[7][n] * t.x()) * t.y()};
+  for (std::size_t n = 0; n < count; ++n) {
+    const Segment<Leaf>& s = segments[n];
+    const Value* data = s.leaf->buffer().data();
+    const int length = s.to[2] - s.from[2];
+    const std::uint64_t row_bits = (std::uint64_t{1} << length) - 1;
+    for (int i = s.from[0]; i < s.to[0]; ++i) {
+      // A leaf's mask has a word for each x, a byte of it for each y.
+      const auto word = s.leaf->valueMask().template getWord<std::uint64_t>(
+          static_cast<openvdb::Index>((low[0] + i) & 7));
+      for (int j = s.from[1]; j < s.to[1]; ++j) {
+        const int at = row(s, i, j);
+        const int to = Block<C, W>::at(i, j, s.from[2]);
+        block.active |= ((word >> (at & 63)) & row_bits) << to;
+        const auto copy = [&](int voxels) {
+          double* out = block.values.data() + static_cast<std::ptrdiff_t>(to) * C;
+          for (int k = 0; k < voxels; ++k) {
+            for (int c = 0; c < C; ++c) out[k * C + c] = componentOf(data[at + k], c);
+          }
+        };
+        // A whole row, of a length that the compiler knows, is the common case.
+        if (length == W) {
+          copy(W);
+        } else {
+          copy(length);
+        }
+      }
+    }
   }
-};
+}
 
-constexpr int kNoCell = std::numeric_limits<int>::max();
+/// Turns vectors without a sign so that all point along the main axis of the cell's eight.
+template <int W>
+void alignSigns(Block<3, W>& block, int cell) noexcept {
+  Mat3 spread = Mat3::Zero();
+  for (int n = 0; n < W * W * W; ++n) {
+    if (((cellBits<W>() << cell) >> n & 1) == 0) continue;
+    const Eigen::Map<const Vec3> v(block.values.data() + 3 * n);
+    spread += v * v.transpose();
+  }
+  Eigen::SelfAdjointEigenSolver<Mat3> axes;
+  axes.computeDirect(spread);
+  const Vec3 axis = axes.eigenvectors().col(2);
+  for (std::size_t n = 0; n < block.values.size(); n += 3) {
+    Eigen::Map<Vec3> v(block.values.data() + n);
+    if (v.dot(axis) < 0.0) v = -v;
+  }
+}
 
-/// What a reader keeps of a grid: the accessor and the last cell.
-template <class GridT, int N>
-struct CellCache {
-  using Accessor = openvdb::tree::ValueAccessor<const typename GridT::TreeType, false>;
-  Accessor accessor;
-  std::array<int, 3> cell{kNoCell, kNoCell, kNoCell};
-  bool inside = false;
-  Trilinear<N> poly;
-
-  explicit CellCache(const GridT& grid) : accessor(grid.tree()) {}
-};
+/// M v, and A B for columns of three, written out: see cell.h.
+[[gnu::always_inline]] inline Vec3 times(const Mat3& M, double x, double y, double z) noexcept {
+  const double* m = M.data();
+  return {m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z,
+          m[2] * x + m[5] * y + m[8] * z};
+}
+[[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
+  return times(M, v.x(), v.y(), v.z());
+}
+/// (x, y, z) = M (x, y, z), at N places.
+template <std::size_t N>
+[[gnu::always_inline]] inline void combine(const Mat3& M, std::array<double, N>& x,
+                                           std::array<double, N>& y,
+                                           std::array<double, N>& z) noexcept {
+  const double* m = M.data();
+  for (std::size_t n = 0; n < N; ++n) {
+    const double a = x[n];
+    const double b = y[n];
+    const double c = z[n];
+    x[n] = m[0] * a + m[3] * b + m[6] * c;
+    y[n] = m[1] * a + m[4] * b + m[7] * c;
+    z[n] = m[2] * a + m[5] * b + m[8] * c;
+  }
+}
 
 /// The map between W and a grid's index space, and what follows from it.
 struct IndexMap {
   Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
   Vec3 origin_I;
-  Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
   Mat3 rotation;             ///< file to W
+  Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
 
-  IndexMap(const Volume::Grid& grid, const Placement& placement) {
-    const Mat3 index_from_file = grid.linear.inverse();
+  IndexMap(const Volume::Grid::Part& part, const Placement& placement) {
+    const Mat3 index_from_file = part.linear.inverse();
     index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
-    origin_I = -index_from_world * placement.translate - index_from_file * grid.origin;
+    origin_I = -index_from_world * placement.translate - index_from_file * part.origin;
     gradient_from_index = placement.rotation * index_from_file.transpose();
     rotation = placement.rotation;
   }
 };
 
-/// Splits p_I into cell and position in it; false where it is no place in a grid.
-bool locate(const Vec3& p_I, std::array<int, 3>& cell, Vec3& t) noexcept {
-  if (!(p_I.cwiseAbs().maxCoeff() < 1e9)) return false;  // false for NaN as well
-  for (int a = 0; a < 3; ++a) {
-    const double floor = std::floor(p_I[a]);
-    cell[static_cast<std::size_t>(a)] = static_cast<int>(floor);
-    t[a] = p_I[a] - floor;
-  }
-  return !p_I.hasNaN();
-}
-
-Vec3 asVec3(const openvdb::Vec3d& v) noexcept {
-  return {v.x(), v.y(), v.z()};
-}
-
 FieldFrame frameOf(const Volume& volume, const Placement& placement) {
   // As far beyond the active voxels' centres as a cell with an active corner reaches.
-  const Vec3 margin = volume.grid().linear.cwiseAbs().rowwise().sum();
+  const Vec3 margin = volume.grid().parts.front().linear.cwiseAbs().rowwise().sum();
   const Box& file = volume.info().bounds;
   FieldFrame frame;
   frame.voxel = volume.info().voxel.minCoeff() * placement.scale;
@@ -162,322 +207,291 @@ FieldFrame frameOf(const Volume& volume, const Placement& placement) {
   return frame;
 }
 
-/// What scalar and vector fields share: the grid, its map, and the cell that a position is in. Rows
-/// of a cell: the C components of the value, then their central differences, index axis by axis.
-template <class GridT, int C>
-class CellReader {
-  using Value = typename GridT::ValueType;
-  using Cache = CellCache<GridT, 4 * C>;
-  using Row = Eigen::Array<double, 4 * C, 1>;
-  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
+/// Reads one grid through a kernel: finds the cell that a position is in, and loads it if it is not
+/// the last one. Const; what changes is in a Cache.
+template <class GridT, class Kernel>
+class GridReader {
+  static constexpr int kComponents = static_cast<int>(std::tuple_size_v<typename Kernel::Row>) / 4;
+  static constexpr int kWidth = Kernel::kWidth;
 
  public:
-  CellReader(std::shared_ptr<const Volume> volume, typename GridT::ConstPtr grid,
-             const Placement& placement)
-      : volume_(std::move(volume)),
-        grid_(std::move(grid)),
-        map_(volume_->grid(), placement),
-        // For `inside`: a level set means something only within its band.
-        corners_needed_(volume_->info().grid_class == GridClass::kLevelSet ? 8 : 1) {}
+  using Row = typename Kernel::Row;
 
-  void reset(FieldCache& memory) const noexcept { ::new (memory.bytes.data()) Cache(*grid_); }
-
-  /// The cell at p_W, and the position t in it; null where there is no place in the grid.
-  const Cache* find(const Vec3& p_W, FieldCache& memory, Vec3& t) const noexcept {
-    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
-    std::array<int, 3> cell{};
-    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) return nullptr;
-    if (cell != cache.cell) load(cell, cache);
-    return &cache;
-  }
-
-  [[nodiscard]] const GridT& grid() const noexcept { return *grid_; }
-  [[nodiscard]] const IndexMap& map() const noexcept { return map_; }
-
- private:
-  void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
-    Block<Value> block;
-    copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), block);
-    std::array<Row, 8> corners;
-    for (int n = 0; n < 8; ++n) {
-      const std::ptrdiff_t at = Block<Value>::at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1));
-      const auto v = [&](std::ptrdiff_t offset, int c) {
-        return component(block.values[static_cast<std::size_t>(at + offset)], c);
-      };
-      Row& row = corners[static_cast<std::size_t>(n)];
-      for (int c = 0; c < C; ++c) {
-        row[c] = v(0, c);
-        row[C + c] = 0.5 * (v(16, c) - v(-16, c));
-        row[2 * C + c] = 0.5 * (v(4, c) - v(-4, c));
-        row[3 * C + c] = 0.5 * (v(1, c) - v(-1, c));
-      }
-    }
-    cache.poly.fit(corners);
-    cache.inside = block.active_corners >= corners_needed_;
-    cache.cell = cell;
-  }
-
-  static double component(const Value& value, int c) noexcept {
-    if constexpr (C == 1) {
-      return static_cast<double>(value);
-    } else {
-      return static_cast<double>(value[c]);
-    }
-  }
-
-  std::shared_ptr<const Volume> volume_;
-  typename GridT::ConstPtr grid_;
-  IndexMap map_;
-  int corners_needed_;
-};
-
-template <class GridT>
-class VdbScalarField final : public ScalarField {
- public:
-  VdbScalarField(const std::shared_ptr<const Volume>& volume, const typename GridT::ConstPtr& grid,
-                 const Placement& placement)
-      : ScalarField(frameOf(*volume, placement)), reader_(volume, grid, placement) {}
-
-  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
-
-  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    Vec3 t;
-    ScalarSample out;
-    const auto* cell = reader_.find(p_W, memory, t);
-    if (cell == nullptr) {
-      out.value = static_cast<double>(reader_.grid().background());
-      return out;
-    }
-    const Eigen::Array4d row = cell->poly(t);
-    out.value = row[0];
-    out.gradient = reader_.map().gradient_from_index * Vec3(row[1], row[2], row[3]);
-    out.cell_gradient = reader_.map().gradient_from_index * cell->poly.slope(t, 0);
-    out.inside = cell->inside;
-    return out;
-  }
-
- private:
-  CellReader<GridT, 1> reader_;
-};
-
-template <class GridT>
-class VdbVectorField final : public VectorField {
- public:
-  VdbVectorField(const std::shared_ptr<const Volume>& volume, const typename GridT::ConstPtr& grid,
-                 const Placement& placement)
-      : VectorField(frameOf(*volume, placement)), reader_(volume, grid, placement) {}
-
-  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
-
-  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    Vec3 t;
-    VectorSample out;
-    const IndexMap& map = reader_.map();
-    const auto* cell = reader_.find(p_W, memory, t);
-    if (cell == nullptr) {
-      out.value = map.rotation * asVec3(openvdb::Vec3d(reader_.grid().background()));
-      return out;
-    }
-    const Eigen::Array<double, 12, 1> row = cell->poly(t);
-    out.value = map.rotation * row.head<3>().matrix();
-    // d v_F / d index, columns are axes; then both indices into W.
-    Mat3 J;
-    J << row[3], row[6], row[9], row[4], row[7], row[10], row[5], row[8], row[11];
-    out.jacobian = map.rotation * J * map.gradient_from_index.transpose();
-    out.inside = cell->inside;
-    return out;
-  }
-
- private:
-  CellReader<GridT, 3> reader_;
-};
-
-/// Weights of the 4 x 4 x 4 block about a cell, along one axis, and their derivatives by the index.
-struct Weights {
-  std::array<double, 4> w{};
-  std::array<double, 4> slope{};
-
-  Weights(Interpolation interpolation, double t) noexcept {
-    // The nearest voxel: the cell's lower corner or its upper one.
-    const std::size_t upper = t < 0.5 ? 0 : 1;
-    const double u = t - static_cast<double>(upper);
-    switch (interpolation) {
-      case Interpolation::kNearest:
-      case Interpolation::kTrilinear:
-        w[1 + upper] = 1.0;
-        break;
-      case Interpolation::kQuadratic:
-        w[upper] = 0.5 * (0.5 - u) * (0.5 - u);
-        w[upper + 1] = 0.75 - u * u;
-        w[upper + 2] = 0.5 * (0.5 + u) * (0.5 + u);
-        slope[upper] = u - 0.5;
-        slope[upper + 1] = -2.0 * u;
-        slope[upper + 2] = u + 0.5;
-        break;
-      case Interpolation::kCubic: {
-        const double r = 1.0 - t;
-        w = {r * r * r / 6.0, (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0,
-             (4.0 - 6.0 * r * r + 3.0 * r * r * r) / 6.0, t * t * t / 6.0};
-        slope = {-0.5 * r * r, t * (1.5 * t - 2.0), -r * (1.5 * r - 2.0), 0.5 * t * t};
-        break;
-      }
-    }
-  }
-};
-
-/// As CellReader, for B-splines and the nearest voxel: the block about the cell is kept, and
-/// weighed anew for each position.
-template <class GridT, int C>
-class BlockReader {
-  using Value = typename GridT::ValueType;
-  using Row = Eigen::Array<double, C, 1>;
+  /// What a reader keeps of a grid: the accessor and the last cell.
   struct Cache {
-    openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor;
+    alignas(64) Kernel kernel;
+    std::uint64_t active = 0;
     std::array<int, 3> cell{kNoCell, kNoCell, kNoCell};
-    Block<Value> block;
+    openvdb::tree::ValueAccessor<const typename GridT::TreeType, false> accessor;
 
     explicit Cache(const GridT& grid) : accessor(grid.tree()) {}
   };
-  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
 
- public:
-  /// Value and derivatives by the index.
-  struct Answer {
-    Row value = Row::Zero();
-    std::array<Row, 3> slope{Row::Zero(), Row::Zero(), Row::Zero()};
-    bool inside = false;
-  };
-
-  BlockReader(std::shared_ptr<const Volume> volume, const typename GridT::ConstPtr& grid,
-              const Placement& placement, Interpolation interpolation)
-      : volume_(std::move(volume)),
-        grid_(grid),
-        map_(volume_->grid(), placement),
-        interpolation_(interpolation),
-        corners_needed_(volume_->info().grid_class == GridClass::kLevelSet ? 8 : 1) {
-    if (interpolation == Interpolation::kQuadratic) grid_ = splineCoefficients(*grid, 2);
-    if (interpolation == Interpolation::kCubic) grid_ = splineCoefficients(*grid, 3);
+  GridReader(const Volume& volume, std::size_t part, const Placement& placement,
+             const Sampling& sampling)
+      : grid_(std::get<typename GridT::ConstPtr>(gridFor(volume, part, sampling.interpolation))),
+        map_(volume.grid().parts[part], placement),
+        // For `inside`: a level set means something only within its band.
+        all_corners_(volume.info().grid_class == GridClass::kLevelSet),
+        axial_(sampling.axial) {
+    background_.fill(0.0);
+    for (std::size_t c = 0; c < kComponents; ++c) {
+      background_[c] = componentOf(grid_->background(), static_cast<int>(c));
+    }
+    turn(background_);
   }
 
-  void reset(FieldCache& memory) const noexcept { ::new (memory.bytes.data()) Cache(*grid_); }
-
-  /// False where there is no place in the grid.
-  bool read(const Vec3& p_W, FieldCache& memory, Answer& out) const noexcept {
-    auto& cache = *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
-    std::array<int, 3> cell{};
+  /// The row at p_W, turned into W, and whether there is data; the background where p_W is no place
+  /// in a grid.
+  [[gnu::always_inline]] bool read(const Vec3& p_W, Cache& cache, Row& row) const noexcept {
     Vec3 t;
-    if (!locate(map_.index_from_world * p_W + map_.origin_I, cell, t)) return false;
-    if (cell != cache.cell) {
-      copyBlock(cache.accessor, Coord(cell[0] - 1, cell[1] - 1, cell[2] - 1), cache.block);
-      cache.cell = cell;
+    if (!locate(p_W, cache, t)) {
+      row = background_;
+      return false;
     }
-    const Weights x(interpolation_, t.x());
-    const Weights y(interpolation_, t.y());
-    const Weights z(interpolation_, t.z());
-    const auto at = [&](std::size_t i) {
-      const Value& value = cache.block.values[i];
-      if constexpr (C == 1) {
-        return Row(static_cast<double>(value));
-      } else {
-        return Row(static_cast<double>(value[0]), static_cast<double>(value[1]),
-                   static_cast<double>(value[2]));
-      }
-    };
-    // Along z, then y, then x.
-    for (std::size_t i = 0; i < 4; ++i) {
-      Row plane = Row::Zero();
-      Row plane_y = Row::Zero();
-      Row plane_z = Row::Zero();
-      for (std::size_t j = 0; j < 4; ++j) {
-        Row line = Row::Zero();
-        Row line_z = Row::Zero();
-        for (std::size_t k = 0; k < 4; ++k) {
-          const Row value = at(16 * i + 4 * j + k);
-          line += z.w[k] * value;
-          line_z += z.slope[k] * value;
-        }
-        plane += y.w[j] * line;
-        plane_y += y.slope[j] * line;
-        plane_z += y.w[j] * line_z;
-      }
-      out.value += x.w[i] * plane;
-      out.slope[0] += x.slope[i] * plane;
-      out.slope[1] += x.w[i] * plane_y;
-      out.slope[2] += x.w[i] * plane_z;
-    }
-    out.inside = cache.block.active_corners >= corners_needed_;
-    return true;
+    cache.kernel.read(t, row);
+    if constexpr (!Kernel::kBlendsRows) turn(row);
+    return insideAt(t, cache.active);
+  }
+
+  /// Gradient of the cell's own polynomial, turned into W. Trilinear scalars only.
+  [[nodiscard]] Vec3 slope(const Vec3& p_W, Cache& cache) const noexcept {
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return {0.0, 0.0, 0.0};
+    return times(map_.gradient_from_index, cache.kernel.slope(t));
   }
 
   [[nodiscard]] const GridT& grid() const noexcept { return *grid_; }
-  [[nodiscard]] const IndexMap& map() const noexcept { return map_; }
+
+ private:
+  static const GridData& gridFor(const Volume& volume, std::size_t part,
+                                 Interpolation interpolation) {
+    if (interpolation == Interpolation::kQuadratic) return splineCoefficients(volume, 2)[part];
+    if (interpolation == Interpolation::kCubic) return splineCoefficients(volume, 3)[part];
+    return volume.grid().parts[part].data;
+  }
+
+  /// From components of the file and derivatives by index to both in W, per unit of the file, for N
+  /// places at once: rows[r][n]. A lone component has no direction.
+  template <std::size_t N>
+  [[gnu::always_inline]] void turn(
+      std::array<std::array<double, N>, 4 * kComponents>& rows) const noexcept {
+    if constexpr (kComponents == 1) {
+      combine(map_.gradient_from_index, rows[1], rows[2], rows[3]);
+    } else {
+      // The value, and d v_F / d index axis by axis; then the axes, component by component.
+      for (std::size_t r = 0; r < 12; r += 3) {
+        combine(map_.rotation, rows[r], rows[r + 1], rows[r + 2]);
+      }
+      for (std::size_t c = 0; c < 3; ++c) {
+        combine(map_.gradient_from_index, rows[3 + c], rows[6 + c], rows[9 + c]);
+      }
+    }
+  }
+  [[gnu::always_inline]] void turn(Row& row) const noexcept {
+    auto rows = std::bit_cast<std::array<std::array<double, 1>, 4 * kComponents>>(row);
+    turn(rows);
+    row = std::bit_cast<Row>(rows);
+  }
+
+  /// Loads the cell about p_W, and gives the position in it; false where it is no place in a grid.
+  [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
+    Vec3 p_I = times(map_.index_from_world, p_W);
+    for (int a = 0; a < 3; ++a) p_I[a] += map_.origin_I[a];
+    // False for NaN as well.
+    const bool there =
+        std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
+    if (!there) return false;
+    std::array<int, 3> cell{};
+    for (int a = 0; a < 3; ++a) {
+      const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
+      // The floor, without a call: truncated, less one if that went up.
+      int floor = static_cast<int>(from);
+      floor -= static_cast<int>(from < floor);
+      cell[static_cast<std::size_t>(a)] = floor;
+      t[a] = p_I[a] - floor;
+    }
+    // One by one: comparing what was just stored as wider words would wait for the stores.
+    const bool same =
+        cell[0] == cache.cell[0] && cell[1] == cache.cell[1] && cell[2] == cache.cell[2];
+    if (!same) load(cell, cache);
+    return true;
+  }
+
+  [[gnu::noinline]] void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
+    Block<kComponents, kWidth> block;
+    constexpr int kBefore = Kernel::kBefore;
+    copyBlock<Kernel::kNeedsEdges>(
+        cache.accessor, Coord(cell[0] - kBefore, cell[1] - kBefore, cell[2] - kBefore), block);
+    if constexpr (kComponents == 3 && kWidth == 4) {
+      if (axial_) alignSigns(block, Block<3, kWidth>::at(1, 1, 1));
+    }
+    cache.kernel.load(
+        block, [&](auto& rows) __attribute__((always_inline)) { turn(rows); });
+    cache.active = block.active;
+    cache.cell = cell;
+  }
+
+  /// Whether the cell at t has data: all eight voxels of a level set's, else at least one.
+  [[nodiscard, gnu::always_inline]] bool insideAt(const Vec3& t,
+                                                  std::uint64_t active) const noexcept {
+    if constexpr (kWidth == 1) {
+      return active != 0;
+    } else {
+      std::uint64_t cell = cellBits<kWidth>();
+      if constexpr (Kernel::kNearest) {
+        // Of the block about the nearest voxel, the octant that t is in.
+        cell <<=
+            Block<1, kWidth>::at(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
+                                 static_cast<int>(t.z() >= 0.0));
+      } else {
+        cell <<= Block<1, kWidth>::at(1, 1, 1);
+      }
+      return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
+    }
+  }
+
+  typename GridT::ConstPtr grid_;
+  IndexMap map_;
+  Row background_;
+  bool all_corners_;
+  bool axial_;
+};
+
+/// N caches of type T, as a field lays them into its memory.
+template <class T, std::size_t N>
+std::array<T, N>& cachesIn(FieldCache& memory) noexcept {
+  static_assert(sizeof(std::array<T, N>) <= sizeof(FieldCache::bytes));
+  return *std::launder(reinterpret_cast<std::array<T, N>*>(memory.bytes.data()));
+}
+
+template <class GridT, class Kernel>
+class VdbScalarField final : public ScalarField {
+  using Reader = GridReader<GridT, Kernel>;
+  using Cache = typename Reader::Cache;
+
+ public:
+  VdbScalarField(std::shared_ptr<const Volume> volume, const Placement& placement,
+                 const Sampling& sampling)
+      : ScalarField(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        reader_(*volume_, 0, placement, sampling) {}
+
+  void reset(FieldCache& memory) const noexcept override {
+    ::new (memory.bytes.data()) std::array<Cache, 1>{Cache(reader_.grid())};
+  }
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    typename Reader::Row row;
+    const bool inside = reader_.read(p_W, cachesIn<Cache, 1>(memory)[0], row);
+    return {row[0], Vec3(row[1], row[2], row[3]), inside};
+  }
+
+  [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
+      return reader_.slope(p_W, cachesIn<Cache, 1>(memory)[0]);
+    } else {
+      return sample(p_W, memory).gradient;
+    }
+  }
 
  private:
   std::shared_ptr<const Volume> volume_;
-  typename GridT::ConstPtr grid_;
-  IndexMap map_;
-  Interpolation interpolation_;
-  int corners_needed_;
+  Reader reader_;
 };
 
-template <class GridT>
-class BlockScalarField final : public ScalarField {
+template <class GridT, class Kernel>
+class VdbVectorField final : public VectorField {
+  using Reader = GridReader<GridT, Kernel>;
+  using Cache = typename Reader::Cache;
+
  public:
-  BlockScalarField(const std::shared_ptr<const Volume>& volume,
-                   const typename GridT::ConstPtr& grid, const Placement& placement,
-                   Interpolation interpolation)
-      : ScalarField(frameOf(*volume, placement)), reader_(volume, grid, placement, interpolation) {}
+  VdbVectorField(std::shared_ptr<const Volume> volume, const Placement& placement,
+                 const Sampling& sampling)
+      : VectorField(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        reader_(*volume_, 0, placement, sampling) {}
 
-  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
-
-  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    typename BlockReader<GridT, 1>::Answer answer;
-    ScalarSample out;
-    if (!reader_.read(p_W, memory, answer)) {
-      out.value = static_cast<double>(reader_.grid().background());
-      return out;
-    }
-    out.value = answer.value[0];
-    out.gradient = reader_.map().gradient_from_index *
-                   Vec3(answer.slope[0][0], answer.slope[1][0], answer.slope[2][0]);
-    out.cell_gradient = out.gradient;
-    out.inside = answer.inside;
-    return out;
+  void reset(FieldCache& memory) const noexcept override {
+    ::new (memory.bytes.data()) std::array<Cache, 1>{Cache(reader_.grid())};
   }
-
- private:
-  BlockReader<GridT, 1> reader_;
-};
-
-template <class GridT>
-class BlockVectorField final : public VectorField {
- public:
-  BlockVectorField(const std::shared_ptr<const Volume>& volume,
-                   const typename GridT::ConstPtr& grid, const Placement& placement,
-                   Interpolation interpolation)
-      : VectorField(frameOf(*volume, placement)), reader_(volume, grid, placement, interpolation) {}
-
-  void reset(FieldCache& cache) const noexcept override { reader_.reset(cache); }
 
   [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    typename BlockReader<GridT, 3>::Answer answer;
     VectorSample out;
-    const IndexMap& map = reader_.map();
-    if (!reader_.read(p_W, memory, answer)) {
-      out.value = map.rotation * asVec3(openvdb::Vec3d(reader_.grid().background()));
-      return out;
-    }
-    out.value = map.rotation * answer.value.matrix();
-    Mat3 J;
-    J << answer.slope[0].matrix(), answer.slope[1].matrix(), answer.slope[2].matrix();
-    out.jacobian = map.rotation * J * map.gradient_from_index.transpose();
-    out.inside = answer.inside;
+    typename Reader::Row row;
+    out.inside = reader_.read(p_W, cachesIn<Cache, 1>(memory)[0], row);
+    out.value = Vec3(row[0], row[1], row[2]);
+    std::copy_n(row.begin() + 3, 9, out.jacobian.data());
     return out;
   }
 
  private:
-  BlockReader<GridT, 3> reader_;
+  std::shared_ptr<const Volume> volume_;
+  Reader reader_;
 };
+
+/// A vector whose components are grids of their own, each at its own place.
+template <class GridT, class Kernel>
+class ComponentField final : public VectorField {
+  using Reader = GridReader<GridT, Kernel>;
+  using Cache = typename Reader::Cache;
+
+ public:
+  ComponentField(std::shared_ptr<const Volume> volume, const Placement& placement,
+                 const Sampling& sampling)
+      : VectorField(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        rotation_(placement.rotation),
+        readers_{Reader(*volume_, 0, placement, sampling), Reader(*volume_, 1, placement, sampling),
+                 Reader(*volume_, 2, placement, sampling)} {}
+
+  void reset(FieldCache& memory) const noexcept override {
+    ::new (memory.bytes.data()) std::array<Cache, 3>{
+        Cache(readers_[0].grid()), Cache(readers_[1].grid()), Cache(readers_[2].grid())};
+  }
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    auto& caches = cachesIn<Cache, 3>(memory);
+    VectorSample out;
+    out.inside = true;
+    Vec3 v;
+    Mat3 J;
+    for (std::size_t c = 0; c < 3; ++c) {
+      typename Reader::Row row;
+      const bool inside = readers_[c].read(p_W, caches[c], row);
+      const auto r = static_cast<Eigen::Index>(c);
+      v[r] = row[0];
+      for (Eigen::Index a = 0; a < 3; ++a) J(r, a) = row[static_cast<std::size_t>(a) + 1];
+      out.inside = out.inside && inside;
+    }
+    out.value = times(rotation_, v);
+    for (Eigen::Index a = 0; a < 3; ++a) out.jacobian.col(a) = times(rotation_, Vec3(J.col(a)));
+    return out;
+  }
+
+ private:
+  std::shared_ptr<const Volume> volume_;
+  Mat3 rotation_;
+  std::array<Reader, 3> readers_;
+};
+
+template <class GridT, template <class, class> class Field, int C>
+auto withKernel(const std::shared_ptr<const Volume>& volume, const Placement& placement,
+                const Sampling& sampling)
+    -> std::conditional_t<std::is_base_of_v<ScalarField, Field<GridT, TrilinearKernel<C>>>,
+                          std::shared_ptr<const ScalarField>, std::shared_ptr<const VectorField>> {
+  switch (sampling.interpolation) {
+    case Interpolation::kTrilinear:
+      break;
+    case Interpolation::kNearest:
+      return std::make_shared<const Field<GridT, NearestKernel<C>>>(volume, placement, sampling);
+    case Interpolation::kQuadratic:
+      return std::make_shared<const Field<GridT, SplineKernel<C, 2>>>(volume, placement, sampling);
+    case Interpolation::kCubic:
+      return std::make_shared<const Field<GridT, SplineKernel<C, 3>>>(volume, placement, sampling);
+  }
+  return std::make_shared<const Field<GridT, TrilinearKernel<C>>>(volume, placement, sampling);
+}
 
 }  // namespace
 
@@ -492,27 +506,34 @@ Placement fitInto(const Box& bounds_F, double size) {
   return placement;
 }
 
-FieldPtr makeVdbField(std::shared_ptr<const Volume> volume, const Placement& placement,
-                      Interpolation interpolation) {
-  const bool trilinear = interpolation == Interpolation::kTrilinear;
+FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume, const Placement& placement,
+                      const Sampling& sampling) {
+  const std::vector<Volume::Grid::Part>& parts = volume->grid().parts;
+  if (sampling.axial) {
+    const std::string what = "grid \"" + volume->info().name + "\"";
+    if (!volume->info().vector || parts.size() > 1) {
+      throw VolumeError(what, "only a vector in one grid can be axial", "remove \"axial\"");
+    }
+    if (sampling.interpolation != Interpolation::kTrilinear) {
+      throw VolumeError(what,
+                        std::string("axial vectors have no ") + wordFor(sampling.interpolation) +
+                            " interpolation",
+                        "use trilinear");
+    }
+  }
   return std::visit(
       [&](const auto& grid) -> FieldPtr {
         using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
         if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
-          if (trilinear) {
-            return std::make_shared<const VdbScalarField<GridT>>(volume, grid, placement);
+          if (parts.size() == 3) {
+            return withKernel<GridT, ComponentField, 1>(volume, placement, sampling);
           }
-          return std::make_shared<const BlockScalarField<GridT>>(volume, grid, placement,
-                                                                 interpolation);
+          return withKernel<GridT, VdbScalarField, 1>(volume, placement, sampling);
         } else {
-          if (trilinear) {
-            return std::make_shared<const VdbVectorField<GridT>>(volume, grid, placement);
-          }
-          return std::make_shared<const BlockVectorField<GridT>>(volume, grid, placement,
-                                                                 interpolation);
+          return withKernel<GridT, VdbVectorField, 3>(volume, placement, sampling);
         }
       },
-      volume->grid().data);
+      parts.front().data);
 }
 
 const char* wordFor(Interpolation interpolation) noexcept {

@@ -41,23 +41,39 @@ enum class Interpolation : std::uint8_t {
 /// The one of that word; none where there is none.
 [[nodiscard]] std::optional<Interpolation> interpolationNamed(const std::string& word) noexcept;
 
+/// How a volume is read.
+struct Sampling {
+  Interpolation interpolation = Interpolation::kTrilinear;
+  bool axial = false;  ///< A vector without a sign, as a fibre's direction: in each cell the signs
+                       ///< of the voxels are aligned before they are blended. Trilinear only.
+};
+
 /// A scalar or vector field over a volume, by its type.
 ///
 /// By default the value is trilinear. Gradient and Jacobian: trilinearly interpolated central
 /// differences, hence continuous, from the cell that the value comes from and its neighbours; all
-/// per unit of the file, directions turned into W. `cell_gradient`: of the trilinear polynomial
+/// per unit of the file, directions turned into W. cellGradient(): of the trilinear polynomial
 /// itself. `inside`: for a level set all eight voxels of the cell are active (beyond its band the
-/// value is a clamp), otherwise at least one (the edge of fog is real). Staggered grids are read as
-/// if their values stood at the voxels' centres. Values are always those stored, inactive voxels
-/// and background included; beyond 1e9 voxels from the origin, the background with zero
-/// derivatives. B-splines: coefficients are made here, in parallel, and kept beside the volume
-/// (about once its memory more, in the leaves around it as well). Value and derivatives are the
-/// spline's own, through the stored values to a rounding of the grid's type. Near the edge of a
-/// narrow band the clamped values beyond it enter: a jump rings by a fourth of it a voxel on, a
-/// fifteenth two voxels on. RT: sample() reads at most eight leaves when the cell changes, none
-/// otherwise; no allocation.
-[[nodiscard]] FieldPtr makeVdbField(std::shared_ptr<const Volume> volume,
-                                    const Placement& placement,
-                                    Interpolation interpolation = Interpolation::kTrilinear);
+/// value is a clamp), otherwise at least one (the edge of fog is real); for the nearest voxel that
+/// it is active; for a vector of three grids all three. Values are always those stored, inactive
+/// voxels and background included; beyond 1e9 voxels from the origin, the background with zero
+/// derivatives.
+///
+/// Staggered grids, and three scalars read as one vector: each component at its own place, at about
+/// the cost of three scalars.
+///
+/// B-splines: coefficients are made at the first call for a volume and degree, in parallel, and
+/// kept with the volume for all its placements (about once its memory more, and the leaves around
+/// it). Value and derivatives are the spline's own, through the stored values to a rounding of the
+/// grid's type. Near the edge of a narrow band the clamped values beyond it enter: a jump rings by
+/// a fourth of it a voxel on, a fifteenth two voxels on.
+///
+/// Axial: the sign of a value means nothing, may change from cell to cell, and the derivatives go
+/// with it. Where the eight directions of a cell span more than 90 degrees there is none to follow.
+///
+/// Throws VolumeError for `axial` where the volume is no vector in one grid, or not trilinear. RT:
+/// sample() reads at most eight leaves when the cell changes, none otherwise; no allocation.
+[[nodiscard]] FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume,
+                                    const Placement& placement, const Sampling& sampling = {});
 
 }  // namespace palpate

@@ -127,6 +127,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
                                                            const openvdb::GridBase::Ptr& base) {
   GridInfo info;
   auto grid = std::make_unique<Volume::Grid>();
+  Volume::Grid::Part part;
   info.name = name;
   info.type = base->valueType();
   info.grid_class = classOf(*base);
@@ -134,9 +135,9 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
   info.active_voxels = base->activeVoxelCount();
   info.memory = base->memUsage();
 
-  const bool affine = affineMap(*base, grid->linear, grid->origin);
+  const bool affine = affineMap(*base, part.linear, part.origin);
   if (affine) {
-    info.voxel = grid->linear.colwise().norm().transpose();
+    info.voxel = part.linear.colwise().norm().transpose();
     const openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
     if (info.active_voxels > 0) {
       for (int corner = 0; corner < 8; ++corner) {
@@ -144,7 +145,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
         for (int a = 0; a < 3; ++a) {
           p_I[a] = (((corner >> a) & 1) != 0) ? active.max()[a] : active.min()[a];
         }
-        info.bounds.extend(grid->linear * p_I + grid->origin);
+        info.bounds.extend(part.linear * p_I + part.origin);
       }
     }
   }
@@ -162,7 +163,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
       info.highest = range.highest;
       info.mean = range.sum / range.count;
     }
-    grid->data = typename std::decay_t<decltype(*pointer)>::ConstPtr(pointer);
+    part.data = typename std::decay_t<decltype(*pointer)>::ConstPtr(pointer);
   };
   take(openvdb::gridPtrCast<openvdb::FloatGrid>(base), false);
   take(openvdb::gridPtrCast<openvdb::DoubleGrid>(base), false);
@@ -182,6 +183,7 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
     info.refusal = std::to_string(info.non_finite) +
                    " of its values are NaN or infinite: replace them before writing the file";
   }
+  grid->parts.push_back(part);
   return {std::move(info), std::move(grid)};
 }
 

@@ -114,7 +114,7 @@ BuiltScene buildScene(const SceneSpec& spec) {
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
     built.fields[name] =
-        makeVdbField(volume, built.placements[name], spec.volumes.at(name).interpolation);
+        makeVdbField(volume, built.placements[name], spec.volumes.at(name).sampling);
   }
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);

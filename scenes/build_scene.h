@@ -36,7 +36,7 @@ struct VolumeSpec {
   std::filesystem::path file;
   std::string grid;  ///< Empty: the only one.
   PlaceSpec place;
-  Interpolation interpolation = Interpolation::kTrilinear;
+  Sampling sampling;
   std::shared_ptr<const Volume> volume;  ///< If set, `file` and `grid` are not read.
   FieldPtr field;                        ///< If set, all of the above is ignored.
 };

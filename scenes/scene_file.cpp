@@ -187,7 +187,7 @@ VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
   if (node.has("grid")) volume.grid = node.child("grid").name();
   if (node.has("place")) volume.place = readPlace(node.child("place"));
   if (node.has("interpolation")) {
-    volume.interpolation = node.child("interpolation")
+    volume.sampling.interpolation = node.child("interpolation")
                                .word<Interpolation>({{"trilinear", Interpolation::kTrilinear},
                                                      {"nearest", Interpolation::kNearest},
                                                      {"quadratic", Interpolation::kQuadratic},

@@ -86,7 +86,7 @@ int sample(const Options& options) {
                 "use trilinear, nearest, quadratic or cubic");
   }
   const auto volume = loadVolume(options.file, options.grid);
-  const FieldPtr field = makeVdbField(volume, Placement{}, *interpolation);
+  const FieldPtr field = makeVdbField(volume, Placement{}, {*interpolation});
   if (field.index() == 0 && !options.derive.empty()) {
     throw Error("--derive", "grid \"" + volume->info().name + "\" is scalar",
                 "its gradient is always printed");

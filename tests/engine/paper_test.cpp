@@ -81,7 +81,7 @@ TEST_CASE("fig. 1: properties are read at the proxy, then it moves, then the spr
   const FieldPtr ground = makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}}, [&read](const Vec3& p) {
         read.push_back(p);
-        return ScalarSample{p.z(), Vec3::UnitZ(), Vec3::UnitZ(), true};
+        return ScalarSample{p.z(), Vec3::UnitZ(), true};
       });
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kSurface, "ground", 1.0), mode(ModeKind::kViscosity, "ground", 0.3)};

@@ -263,7 +263,7 @@ TEST_CASE("a field that returns rubbish costs the force, not the hand", "[step][
           const int n = random.integer(12);
           return n == 0 ? nan : n == 1 ? 1e308 : n == 2 ? -INFINITY : v;
         };
-        return ScalarSample{any(p.z()), {any(0), any(0), any(1)}, {any(0), 0, any(1)}, true};
+        return ScalarSample{any(p.z()), {any(0), any(0), any(1)}, true};
       });
   Bench bench{FieldPtr(rubbish),
               {mode(ModeKind::kSurface, "it", TransferFunction::window(0, 1, 1)),
@@ -317,7 +317,7 @@ TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides ov
                              const Vec3 b = Vec3(-slope, 0, 1).normalized();
                              const bool first = groove ? a.dot(p) < b.dot(p) : a.dot(p) > b.dot(p);
                              const Vec3 n = first ? a : b;
-                             return ScalarSample{n.dot(p), n, n, true};
+                             return ScalarSample{n.dot(p), n, true};
                            });
   };
   Bench groove{FieldPtr(wedge(true, 1.0)), {mode(ModeKind::kIsosurface, "it", 2.0)}};
