@@ -10,16 +10,13 @@
 #include <vector>
 
 #include "bench/machine.h"
+#include "bench/percentiles.h"
 #include "bench/problems.h"
 #include "engine/solver.h"
 
 namespace {
 
 using namespace palpate;
-
-double share(const std::vector<double>& sorted, double p) {
-  return sorted[static_cast<std::size_t>(p * static_cast<double>(sorted.size() - 1))];
-}
 
 struct Totals {
   long problems = 0;
@@ -71,8 +68,9 @@ void run(bench::Family family, int count, long problems, const SolverParams& par
   std::sort(times.begin(), times.end());
   std::printf("%-22s %5d %9ld %7.2f %5.0f %5.0f %7ld %10.1e %8.0f %8.0f %8.0f %8.0f\n",
               bench::wordFor(family), count, problems, total / static_cast<double>(problems),
-              share(iterations, 0.99), iterations.back(), missed, worst, share(times, 0.5),
-              share(times, 0.99), share(times, 0.999), times.back());
+              bench::percentileOfSorted(iterations, 0.99), iterations.back(), missed, worst,
+              bench::percentileOfSorted(times, 0.5), bench::percentileOfSorted(times, 0.99),
+              bench::percentileOfSorted(times, 0.999), times.back());
 }
 
 }  // namespace

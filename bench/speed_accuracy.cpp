@@ -11,13 +11,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
-#include <fstream>
-#include <iostream>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
 #include <string>
-#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -29,6 +26,8 @@
 #include "bench/exploration.h"
 #include "bench/machine.h"
 #include "bench/methods/constraint_approach.h"
+#include "bench/percentiles.h"
+#include "bench/report.h"
 #include "engine/solver.h"
 #include "tests/support/reference_solver.h"
 
@@ -55,34 +54,8 @@ struct Options {
   std::string output;
 };
 
-/// On a terminal, what is being done.
-void tell(const std::string& what) {
-  if (isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\r\033[K%s", what.c_str());
-}
-
 double nanoseconds(Clock::duration d) {
   return std::chrono::duration<double, std::nano>(d).count();
-}
-
-/// Four digits: more would be noise.
-double rounded(double x) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.4g", x);
-  return std::strtod(text, nullptr);
-}
-
-double quantile(std::vector<double> values, double p) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  return values[static_cast<std::size_t>(std::lround(p * static_cast<double>(values.size() - 1)))];
-}
-
-/// The mean of the middle half: as robust as a median, and finer than the clock's step.
-double middle(std::vector<double>& values) {
-  std::sort(values.begin(), values.end());
-  const auto skip = static_cast<std::ptrdiff_t>(values.size() / 4);
-  return std::accumulate(values.begin() + skip, values.end() - skip, 0.0) /
-         static_cast<double>(values.size() - 2 * static_cast<std::size_t>(skip));
 }
 
 /// A family's problems with their exact answers.
@@ -222,7 +195,7 @@ double measureOverhead() {
   pass(nothing, row, 0.0, score);
   std::vector<double> times;
   for (const auto& of_case : score.times) times.push_back(of_case.front());
-  return middle(times);
+  return middleHalf(times);
 }
 
 /// All contenders over a row, taking turns, so that whatever else the machine does hits all alike.
@@ -242,7 +215,7 @@ std::vector<Score> measure(const std::vector<Contender>& contenders, const Row& 
     }
   }
   for (Score& score : scores) {
-    for (auto& of_case : score.times) score.cost.push_back(middle(of_case));
+    for (auto& of_case : score.times) score.cost.push_back(middleHalf(of_case));
   }
   return scores;
 }
@@ -276,22 +249,22 @@ ordered_json describe(const Contender& contender, const Row& row, const Score& s
           {"primitives", row.primitives},
           {"motion", row.motion},
           {"cases", row.cases.size()},
-          {"reach_m", rounded(quantile(reach, 0.5))},
+          {"reach_m", rounded(percentile(reach, 0.5))},
           {"method", contender.method},
           {"setting", contender.setting},
           {"cost_ns",
-           {{"median", rounded(quantile(score.cost, 0.5))},
-            {"p99", rounded(quantile(score.cost, 0.99))}}},
+           {{"median", rounded(percentile(score.cost, 0.5))},
+            {"p99", rounded(percentile(score.cost, 0.99))}}},
           {"error_m",
-           {{"median", rounded(quantile(score.error, 0.5))},
-            {"p99", rounded(quantile(score.error, 0.99))},
-            {"worst", rounded(quantile(score.error, 1.0))}}},
+           {{"median", rounded(percentile(score.error, 0.5))},
+            {"p99", rounded(percentile(score.error, 0.99))},
+            {"worst", rounded(percentile(score.error, 1.0))}}},
           {"reached", reached},
           {"at_the_truths_bound", rounded(floored)},
           {"iterations",
-           {{"median", quantile(score.iterations, 0.5)},
-            {"p99", quantile(score.iterations, 0.99)},
-            {"worst", quantile(score.iterations, 1.0)}}},
+           {{"median", percentile(score.iterations, 0.5)},
+            {"p99", percentile(score.iterations, 0.99)},
+            {"worst", percentile(score.iterations, 1.0)}}},
           {"settled", rounded(static_cast<double>(score.settled) / n)},
           {"certificates", score.claims},
           {"certificates_broken", score.broken},
@@ -331,7 +304,7 @@ std::size_t bestSetting(const Settings& settings, const Row& row, const std::vec
   std::size_t best = settings.indices.front();
   double least = std::numeric_limits<double>::infinity();
   for (const std::size_t c : settings.indices) {
-    const double cost = quantile(scores[c].cost, 0.5);
+    const double cost = percentile(scores[c].cost, 0.5);
     const bool reliable = 100 * (most - countReached(row, scores[c], target)) <= row.cases.size();
     if (!reliable || cost >= least) continue;
     best = c;
@@ -386,15 +359,15 @@ void addRatios(const std::vector<Contender>& contenders, const Row& row,
            {"missed_by_ours", row.cases.size() - countReached(row, scores[o], *target)},
            {"missed_by_other", row.cases.size() - countReached(row, scores[best], *target)},
            {"missed_by_all_its_settings", missed_by_all},
-           {"ours_median_ns", rounded(quantile(ours, 0.5))},
-           {"other_median_ns", rounded(quantile(theirs, 0.5))},
+           {"ours_median_ns", rounded(percentile(ours, 0.5))},
+           {"other_median_ns", rounded(percentile(theirs, 0.5))},
            {"ratio",
-            {{"p10", rounded(quantile(ratio, 0.1))},
-             {"median", rounded(quantile(ratio, 0.5))},
-             {"p90", rounded(quantile(ratio, 0.9))},
+            {{"p10", rounded(percentile(ratio, 0.1))},
+             {"median", rounded(percentile(ratio, 0.5))},
+             {"p90", rounded(percentile(ratio, 0.9))},
              {"of_sums", rounded(our_sum > 0.0 ? their_sum / our_sum : 0.0)},
-             {"luckiest_setting_median", rounded(quantile(luckiest, 0.5))},
-             {"missed_or_not_median", rounded(quantile(regardless, 0.5))}}}});
+             {"luckiest_setting_median", rounded(percentile(luckiest, 0.5))},
+             {"missed_or_not_median", rounded(percentile(regardless, 0.5))}}}});
     }
   }
 }
@@ -423,9 +396,9 @@ ordered_json figure7(const std::vector<RecordedBalance>& exploration) {
                        {"setting", contender.setting},
                        {"two_primitives",
                         {{"ticks", in_contact.size()},
-                         {"median", quantile(in_contact, 0.5)},
-                         {"p99", quantile(in_contact, 0.99)},
-                         {"worst", quantile(in_contact, 1.0)}}},
+                         {"median", percentile(in_contact, 0.5)},
+                         {"p99", percentile(in_contact, 0.99)},
+                         {"worst", percentile(in_contact, 1.0)}}},
                        {"iterations", iterations}});
   }
   return {
@@ -476,10 +449,10 @@ ordered_json nonorthogonal(const Options& options) {
         largest = std::max(largest, truth.norm());
       }
       angles.push_back(degrees);
-      old_median.push_back(rounded(quantile(old_way, 0.5)));
-      old_worst.push_back(rounded(quantile(old_way, 1.0)));
-      our_median.push_back(rounded(quantile(ours, 0.5)));
-      our_worst.push_back(rounded(quantile(ours, 1.0)));
+      old_median.push_back(rounded(percentile(old_way, 0.5)));
+      old_worst.push_back(rounded(percentile(old_way, 1.0)));
+      our_median.push_back(rounded(percentile(ours, 0.5)));
+      our_worst.push_back(rounded(percentile(ours, 1.0)));
       felt.push_back(rounded(largest));
     }
     curves.push_back({{"strength_n", strength},
@@ -492,26 +465,6 @@ ordered_json nonorthogonal(const Options& options) {
           {"hand_away_m", kAway},
           {"directions", directions},
           {"curves", curves}};
-}
-
-/// One element of a list a line: short enough to read, long enough to compare.
-void write(const ordered_json& result, std::ostream& out) {
-  const char* separator = "{\n";
-  for (const auto& [key, value] : result.items()) {
-    out << separator << '"' << key << "\": ";
-    separator = ",\n";
-    if (!value.is_array()) {
-      out << value.dump();
-      continue;
-    }
-    const char* between = "[\n  ";
-    for (const auto& element : value) {
-      out << between << element.dump();
-      between = ",\n  ";
-    }
-    out << (value.empty() ? "[]" : "]");
-  }
-  out << "\n}\n";
 }
 
 int run(const Options& options) {
@@ -536,14 +489,9 @@ int run(const Options& options) {
     addRatios(contenders, row, scores, ratios);
   }
 
-  const ordered_json result = {{"machine",
-                                {{"processor", machine.processor},
-                                 {"compiler", machine.compiler},
-                                 {"flags", machine.flags},
-                                 {"commit", machine.commit},
-                                 {"clock_step_ns", rounded(machine.clock_step)},
-                                 {"clock_reading_ns", rounded(overhead)},
-                                 {"pinned", machine.pinned}}},
+  ordered_json where = asJson(machine);
+  where["clock_reading_ns"] = rounded(overhead);
+  const ordered_json result = {{"machine", where},
                                {"options",
                                 {{"problems", options.problems},
                                  {"seed", options.seed},
@@ -555,13 +503,7 @@ int run(const Options& options) {
                                {"figure7", figure7(exploration)},
                                {"nonorthogonal", nonorthogonal(options)}};
   tell("");
-  if (options.output.empty()) {
-    write(result, std::cout);
-    return std::cout.flush() ? 0 : 2;
-  }
-  std::ofstream file(options.output);
-  write(result, file);
-  if (!file.flush()) throw std::runtime_error(options.output + ": cannot be written");
+  writeResult(result, options.output);
   return 0;
 }
 

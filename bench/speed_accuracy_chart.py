@@ -7,22 +7,14 @@ Into FOLDER go speed_accuracy, speed_accuracy_motion, figure7 and nonorthogonal,
 .svg. The tables go to standard output, or into FILE.md between its markers.
 """
 import argparse
-import io
 import json
-import math
-import re
 import sys
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+sys.dont_write_bytecode = True
+from charting import Page, number, plt, prepare, save, table, where  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
-
-BEGIN = "<!-- numbers: begin -->"
-END = "<!-- numbers: end -->"
 
 OURS = "palpate"
 WARM = "palpate, warm"
@@ -242,34 +234,6 @@ def draw_nonorthogonal(data):
     return figure
 
 
-def save(figure, folder, name):
-    figure.savefig(folder / f"{name}.png", bbox_inches="tight", dpi=110,
-                   metadata={"Software": None})
-    drawing = io.StringIO()
-    figure.savefig(drawing, format="svg", bbox_inches="tight",
-                   metadata={"Date": None, "Creator": None})
-    plt.close(figure)
-    # A hundredth of a point is fine enough to see and half as much to store.
-    short = re.sub(r"(\d\.\d\d)\d+", r"\1", drawing.getvalue())
-    (folder / f"{name}.svg").write_text(short)
-
-
-def table(head, body):
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(map(str, line)) + " |" for line in body]
-    return "\n".join(lines)
-
-
-def number(x):
-    """Two digits below 1, else three, and no exponent where none is needed."""
-    if x == 0:
-        return "0"
-    if 1e-3 <= abs(x) < 1e5:
-        digits = 2 if abs(x) >= 1 else 1
-        return f"{x:.{max(0, digits - math.floor(math.log10(abs(x))))}f}"
-    return f"{x:.1e}"
-
-
 def percent(part, whole):
     return "0" if part == 0 else f"{part} ({100 * part / whole:.2g} %)"
 
@@ -291,9 +255,7 @@ def write_tables(data):
     rows = rows_of(data["results"])
     methods = [m for m in STYLES if any(r["method"] == m for r in data["results"])]
     text = [
-        f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
-        f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
-        f"{machine['clock_step_ns']:.0f} ns; {data['options']['problems']} problems a family and N, "
+        f"{where(machine)}; {data['options']['problems']} problems a family and N, "
         f"seed {data['options']['seed']}.",
         f"True answers are the reference solver's, known to {truth['widest_bound_over_reach']:.0e} "
         f"S/k or better in all of {truth['cases']}. Certificates of the engine's solver that hold: {certificates(data)}."]
@@ -414,12 +376,8 @@ def main():
     parser.add_argument("--doc", type=Path, help="a page whose marked part the tables replace")
     arguments = parser.parse_args()
     data = json.loads(arguments.result.read_text())
-    page = arguments.doc.read_text() if arguments.doc else ""
-    if arguments.doc and (BEGIN not in page or END not in page):
-        sys.exit(f"{arguments.doc}: no {BEGIN} ... {END}")
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    plt.rcParams["svg.hashsalt"] = "palpate"
-    plt.rcParams["svg.fonttype"] = "none"
+    page = Page(arguments.doc)
+    prepare(arguments.folder)
 
     rows = rows_of(data["results"])
     machine = data["machine"]
@@ -435,13 +393,7 @@ def main():
     save(draw_figure7(data["figure7"]), arguments.folder, "figure7")
     save(draw_nonorthogonal(data["nonorthogonal"]), arguments.folder, "nonorthogonal")
 
-    tables = write_tables(data)
-    if arguments.doc is None:
-        print(tables)
-        return
-    head, rest = page.split(BEGIN, 1)
-    tail = rest.split(END, 1)[1]
-    arguments.doc.write_text(f"{head}{BEGIN}\n\n{tables}\n{END}{tail}")
+    page.fill(write_tables(data))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@
 ///     palpate_bench_tick SCENE [SECONDS [REPEATS]]
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -13,6 +12,7 @@
 #include <vector>
 
 #include "bench/machine.h"
+#include "bench/percentiles.h"
 #include "devices/simulated_device.h"
 #include "engine/step.h"
 #include "scenes/scene_file.h"
@@ -27,14 +27,11 @@ struct Times {
   long iterations = 0;
 };
 
-double share(std::vector<double>& sorted, double p) {
-  return sorted[static_cast<std::size_t>(std::lround(p * static_cast<double>(sorted.size() - 1)))];
-}
-
 void print(const std::string& what, Times& times) {
   std::sort(times.ns.begin(), times.ns.end());
   std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %10.2f\n", what.c_str(), times.ns.size(),
-              share(times.ns, 0.5), share(times.ns, 0.99), share(times.ns, 0.999), times.ns.back(),
+              bench::percentileOfSorted(times.ns, 0.5), bench::percentileOfSorted(times.ns, 0.99),
+              bench::percentileOfSorted(times.ns, 0.999), times.ns.back(),
               static_cast<double>(times.iterations) / static_cast<double>(times.ns.size()));
 }
 

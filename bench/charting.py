@@ -1,0 +1,80 @@
+"""What the benchmarks' charts share: how they look, where they go, and tables in Markdown."""
+import io
+import math
+import re
+import sys
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+BEGIN = "<!-- numbers: begin -->"
+END = "<!-- numbers: end -->"
+
+
+class Page:
+    """A page whose marked part the tables replace; standard output where there is none."""
+
+    def __init__(self, path):
+        self.path = path
+        text = path.read_text() if path else ""
+        if path and (BEGIN not in text or END not in text):
+            sys.exit(f"{path}: no {BEGIN} ... {END}")
+        if path:
+            self.head, rest = text.split(BEGIN, 1)
+            self.tail = rest.split(END, 1)[1]
+
+    def fill(self, tables):
+        if self.path is None:
+            print(tables)
+        else:
+            self.path.write_text(f"{self.head}{BEGIN}\n\n{tables}\n{END}{self.tail}")
+
+
+def prepare(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    plt.rcParams["svg.hashsalt"] = "palpate"
+    plt.rcParams["svg.fonttype"] = "none"
+
+
+def clear(ax):
+    """A faint grid and no frame."""
+    ax.grid(color="#e8e8e8", linewidth=0.5)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+
+
+def save(figure, folder, name):
+    figure.savefig(folder / f"{name}.png", bbox_inches="tight", dpi=110,
+                   metadata={"Software": None})
+    drawing = io.StringIO()
+    figure.savefig(drawing, format="svg", bbox_inches="tight",
+                   metadata={"Date": None, "Creator": None})
+    plt.close(figure)
+    # A hundredth of a point is fine enough to see and half as much to store.
+    short = re.sub(r"(\d\.\d\d)\d+", r"\1", drawing.getvalue())
+    (folder / f"{name}.svg").write_text(short)
+
+
+def table(head, body):
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    lines += ["| " + " | ".join(map(str, line)) + " |" for line in body]
+    return "\n".join(lines)
+
+
+def number(x):
+    """Two digits below 1, else three, and no exponent where none is needed."""
+    if x == 0:
+        return "0"
+    if 1e-3 <= abs(x) < 1e5:
+        digits = 2 if abs(x) >= 1 else 1
+        return f"{x:.{max(0, digits - math.floor(math.log10(abs(x))))}f}"
+    return f"{x:.1e}"
+
+
+def where(machine):
+    """The machine, the build and how it was timed, in one line."""
+    return (f"{machine['processor']}, {machine['compiler']}, `{machine['flags']}`, commit "
+            f"{machine['commit']}, {'pinned' if machine['pinned'] else 'not pinned'}, clock step "
+            f"{machine['clock_step_ns']:.0f} ns")

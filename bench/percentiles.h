@@ -1,0 +1,32 @@
+/// Percentiles of samples, for the tables of benchmarks.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <numeric>
+#include <vector>
+
+namespace palpate::bench {
+
+/// The nearest rank at a share p of sorted samples: 0 the least, 1 the largest. 0.0 without any.
+[[nodiscard]] inline double percentileOfSorted(const std::vector<double>& sorted, double p) {
+  if (sorted.empty()) return 0.0;
+  return sorted[static_cast<std::size_t>(std::lround(p * static_cast<double>(sorted.size() - 1)))];
+}
+
+/// The same of samples in any order.
+[[nodiscard]] inline double percentile(std::vector<double> samples, double p) {
+  std::sort(samples.begin(), samples.end());
+  return percentileOfSorted(samples, p);
+}
+
+/// The mean of the middle half: as robust as a median, and finer than the clock's step. Sorts.
+[[nodiscard]] inline double middleHalf(std::vector<double>& samples) {
+  std::sort(samples.begin(), samples.end());
+  const auto skip = static_cast<std::ptrdiff_t>(samples.size() / 4);
+  return std::accumulate(samples.begin() + skip, samples.end() - skip, 0.0) /
+         static_cast<double>(samples.size() - 2 * static_cast<std::size_t>(skip));
+}
+
+}  // namespace palpate::bench
