@@ -9,7 +9,7 @@
 
 namespace palpate::bench {
 
-Machine takeMachine() {
+Machine takeMachine(bool pin) {
   Machine machine;
   machine.processor = "unknown processor";
   std::ifstream cpuinfo("/proc/cpuinfo");
@@ -28,7 +28,7 @@ Machine takeMachine() {
   CPU_ZERO(&core);
   const int here = sched_getcpu();
   if (here >= 0) CPU_SET(static_cast<std::size_t>(here), &core);
-  machine.pinned = here >= 0 && sched_setaffinity(0, sizeof core, &core) == 0;
+  machine.pinned = pin && here >= 0 && sched_setaffinity(0, sizeof core, &core) == 0;
 
   machine.clock_step = 1e9;
   for (int i = 0; i < 1000; ++i) {

@@ -17,8 +17,9 @@ struct Machine {
   bool pinned = false;      ///< The thread stays on one core.
 };
 
-/// Pins the calling thread to the core that it is on, where that is allowed, and looks about.
-[[nodiscard]] Machine takeMachine();
+/// Pins the calling thread to the core that it is on, where that is allowed and wanted, and looks
+/// about.
+[[nodiscard]] Machine takeMachine(bool pin = true);
 
 /// One line of it, for the head of a table.
 [[nodiscard]] std::string describe(const Machine& machine);
