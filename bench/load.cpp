@@ -199,8 +199,8 @@ FloatGrid::Ptr makeFog(int edge) {
   fog->setGridClass(openvdb::GRID_FOG_VOLUME);
   fog->tree().denseFill(openvdb::CoordBBox::createCube(openvdb::Coord(0), edge), 1.0F);
   fog->tree().voxelizeActiveTiles();
-  std::vector<float> wave;
-  for (int i = 0; i < edge; ++i) wave.push_back(std::sin(0.07F * static_cast<float>(i)));
+  std::vector<float> wave(static_cast<std::size_t>(edge));
+  for (std::size_t i = 0; i < wave.size(); ++i) wave[i] = std::sin(0.07F * static_cast<float>(i));
   const auto at = [&](int i) { return wave[static_cast<std::size_t>(i)]; };
   for (auto leaf = fog->tree().beginLeaf(); leaf; ++leaf) {
     for (auto it = leaf->beginValueOn(); it; ++it) {

@@ -10,6 +10,7 @@
 #include <exception>
 #include <fstream>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -259,6 +260,17 @@ ordered_json ofCalls(const std::vector<double>& ns) {
           {"count", ns.size()}};
 }
 
+/// By call [ns]: calls are timed in small batches, and those of the middle half count, so that a
+/// batch in which another program had the core does not.
+double timeCalls(Sampler& sampler, std::span<const Vec3> points) {
+  constexpr std::size_t kBatch = 500;
+  std::vector<double> means;
+  for (std::size_t i = 0; i + kBatch <= points.size(); i += kBatch) {
+    means.push_back(sampler.timeAll(points.subspan(i, kBatch)) / static_cast<double>(kBatch));
+  }
+  return middleHalf(means);
+}
+
 /// Calls `turn` for every contender in every round, each time begun by another, so that whatever
 /// else the machine does hits all alike.
 template <class Turn>
@@ -278,12 +290,10 @@ std::vector<Cost> measureCosts(const Contest& contest, const Ball& ball, const O
   const auto sampler = [&](std::size_t i) -> Sampler& { return *contest.contenders[i].sampler; };
 
   takeTurns(count, options.rounds(), "walk and random points", [&](std::size_t i, std::size_t) {
-    const auto mean = [&](const std::vector<Vec3>& points) {
-      return sampler(i).timeAll(points) / static_cast<double>(points.size());
-    };
-    static_cast<void>(mean(walk));  // the same steps before, so that all they need is at hand
-    costs[i].walk.push_back(mean(walk));
-    costs[i].cold.push_back(mean(scatter));
+    // The same steps before, so that all they need is at hand.
+    static_cast<void>(sampler(i).timeAll(walk));
+    costs[i].walk.push_back(timeCalls(sampler(i), walk));
+    costs[i].cold.push_back(timeCalls(sampler(i), scatter));
   });
   takeTurns(count, options.firstCalls(), "first calls", [&](std::size_t i, std::size_t round) {
     // A hand goes on where it was, or is somewhere else in the ball.
