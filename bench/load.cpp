@@ -10,7 +10,6 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -136,10 +135,14 @@ std::string compressionOf(const path& file, const std::string& grid, const Optio
     source.open(false);
     const auto metadata = source.readGridMetadata(grid);
     source.close();
-    std::string word = metadata->metaValue<std::string>(openvdb::GridBase::META_FILE_COMPRESSION);
-    word = word.find("blosc") != std::string::npos ? "blosc"
-           : word.find("zip") != std::string::npos ? "zip"
-                                                   : "none";
+    const auto codec =
+        metadata->getMetadata<openvdb::StringMetadata>(openvdb::GridBase::META_FILE_COMPRESSION);
+    const std::string said_so = codec == nullptr ? "" : codec->value();
+    const auto says = [&](const char* name) { return said_so.find(name) != std::string::npos; };
+    const std::string word = codec == nullptr ? "not said"
+                             : says("blosc")  ? "blosc"
+                             : says("zip")    ? "zip"
+                                              : "none";
     std::copy(word.begin(), word.end(), out.text.begin());
   });
   return said.text.data();

@@ -336,7 +336,8 @@ int run(const Options& options) {
   Ball ball;
   ball.radius = options.ballRadius();
   tell("the ball");
-  const Contest scalar = overBall(ball.centre, ball.radius);
+  Contest scalar = overBall(ball.centre, ball.radius);
+  scalar.contenders.push_back(makeNothing());
   const Contest vector = overSpinningBall(ball.centre, ball.radius);
   const Machine machine = takeMachine();
   Evictor evictor(options.quick);

@@ -43,7 +43,12 @@ QUANTITIES = {"value": "value", "gradient": "gradient", "direction_deg": "gradie
 FORCE_DIRECTION = 18.4
 
 
+NOTHING = "nothing"  # what the loop and the clock take by themselves
+
+
 def label(method, reads):
+    if method == NOTHING:
+        return "nothing: the clock and the loop"
     source = "" if method.startswith(("palpate", "NanoVDB")) else "OpenVDB "
     return f"{source}{method}, {reads}"
 

@@ -242,6 +242,10 @@ const char* wordFor(Reads reads) noexcept {
   return "";
 }
 
+Contender makeNothing() {
+  return contender("nothing", Reads::kValue, [](const Vec3& p) { return p.x(); });
+}
+
 bool hasNanoVdb() noexcept {
 #ifdef PALPATE_NANOVDB
   return true;

@@ -48,6 +48,9 @@ struct Contender {
   std::unique_ptr<Sampler> sampler;
 };
 
+/// Reads nothing: what the loops and the clock take by themselves.
+[[nodiscard]] Contender makeNothing();
+
 /// What is read, and by whom.
 struct Contest {
   std::uint64_t active_voxels = 0;
