@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Draws what palpate_bench_sampler_accuracy measured.
 
-    sampler_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md]
+    sampler_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md] [--load LOAD.md]
 
 Into FOLDER goes sampler_accuracy as .png and .svg. The tables go to standard output, or into
 FILE.md between its markers.
@@ -144,24 +144,55 @@ def time_table(methods, base):
 
 
 def error_table(data, field):
+    """By quantity, so that methods stand below each other."""
+    reads = {m["method"]: m["reads"] for m in data["scalar"]}
+    rows = {(r["method"], r["voxels"]): r for r in data["errors"] if r["field"] == field}
+    unit, size = FIELDS[field][1:]
+    words = {"value": f"value, {unit}", "gradient": "gradient, of the steepest",
+             "direction_deg": "direction °", "jump": "largest jump"}
+
+    def cell(error):
+        if isinstance(error, dict):
+            return f"{number(error['rms'])} ({number(error['max'])})"
+        return "0" if error < 1e-5 else number(error)
+
     body = []
-    for method in STYLES:
-        rows = [r for r in data["errors"] if r["method"] == method and r["field"] == field]
-        reads = next((m["reads"] for m in data["scalar"] if m["method"] == method), None)
-        for r in rows if reads else ():
-            def cell(quantity):
-                return f"{number(r[quantity]['rms'])} ({number(r[quantity]['max'])})" \
-                    if quantity in r else ""
-            jump = r.get("jump")
-            body.append([label(method, reads), f"{r['voxels']:.0f}", cell("value"),
-                         cell("gradient"), cell("direction_deg"),
-                         "" if jump is None else "0" if jump < 1e-5 else number(jump)])
-    unit = FIELDS[field]
-    return table(["method", f"voxels to a {unit[2]}", f"value, {unit[1]}",
-                  "gradient, of the steepest", "direction °", "largest jump of the gradient"], body)
+    for quantity, word in words.items():
+        for method in STYLES:
+            found = [rows.get((method, voxels), {}).get(quantity) for voxels in MARKERS]
+            if None not in found:
+                body.append([word, label(method, reads[method]), *map(cell, found)])
+    return table(["error", "method", *(f"{voxels} voxels to a {size}" for voxels in MARKERS)], body)
 
 
-def write_tables(data):
+def asked_table(data):
+    """What the project set itself, against OpenVDB's BoxSampler, which reads the value alone."""
+    scalar = {m["method"]: m for m in data["scalar"]}
+    vector = {m["method"]: m for m in data["vector"]}
+
+    def row(what, asked, ours, base, key, which):
+        mine, theirs = ours[key][which], base[key][which]
+        ratio = theirs / mine
+        return [what, asked, number(mine), number(theirs),
+                f"{number(ratio)} times as fast" if ratio >= 1 else f"{number(1 / ratio)} times as long"]
+
+    box = scalar["BoxSampler"]
+    body = [row("trilinear, value and gradient, walk", "2 times as fast",
+                scalar["palpate trilinear"], box, "walk_ns", "median"),
+            row("quadratic, value and gradient, walk", "no slower",
+                scalar["palpate quadratic"], box, "walk_ns", "median"),
+            row("trilinear, random points", "", scalar["palpate trilinear"], box, "cold_ns", "median"),
+            row("velocity and Jacobian, walk", "", vector["palpate trilinear"],
+                vector["BoxSampler"], "walk_ns", "median")]
+    for key, hand in (("first_near_ns", "where it was"), ("first_far_ns", "elsewhere")):
+        for which in ("p50", "p99"):
+            body.append(row(f"trilinear, first call, hand {hand}, {which}", "no slower",
+                            scalar["palpate trilinear"], box, key, which))
+    return table(["measure, against BoxSampler's value", "asked", "ours ns", "BoxSampler ns",
+                  "reached"], body)
+
+
+def write_tables(data, load):
     options, grids = data["options"], data["grids"]
     millions = grids["scalar"]["active_voxels"] / 1e6
     notes = [f"{label(m['method'], m['reads'])}: {m['note']}" for m in data["scalar"] if m["note"]]
@@ -171,6 +202,7 @@ def write_tables(data):
         f"{options['evicted_bytes'] / 2**20:.0f} MB of something else." +
         ("" if options["nanovdb"] else " NanoVDB was not found."),
         "; ".join(notes) + ".",
+        "### What was asked, and what is reached", asked_table(data),
         f"### Times, a scalar in a ball's band of {millions:.1f} million voxels "
         f"({grids['scalar']['memory'] / 2**20:.0f} MB)",
         "Per call, median of the rounds (10th to 90th percentile); first calls p50 / p90 / p99.",
@@ -180,6 +212,8 @@ def write_tables(data):
     for field, (title, _, _) in FIELDS.items():
         text += [f"### Errors, {title}", "Rms (largest). A jump is the largest step of the gradient "
                  "across a face, of the steepest gradient.", error_table(data, field)]
+    if load:
+        text += ["### Loading", load.read_text().strip()]
     return "\n\n".join(text) + "\n"
 
 
@@ -188,12 +222,13 @@ def main():
     parser.add_argument("result", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--doc", type=Path, help="a page whose marked part the tables replace")
+    parser.add_argument("--load", type=Path, help="what palpate_bench_load printed, for the page")
     arguments = parser.parse_args()
     data = json.loads(arguments.result.read_text())
     page = Page(arguments.doc)
     prepare(arguments.folder)
     save(draw(data), arguments.folder, "sampler_accuracy")
-    page.fill(write_tables(data))
+    page.fill(write_tables(data, arguments.load))
 
 
 if __name__ == "__main__":
