@@ -168,7 +168,7 @@ auto nanoVdb(const FloatGrid::Ptr& grid) {
 
 /// The one place where our fields are made.
 FieldPtr makeField(const std::shared_ptr<const Volume>& volume, Interpolation interpolation) {
-  return makeVdbField(volume, Placement{}, interpolation);
+  return makeVdbField(volume, Placement{}, {interpolation});
 }
 
 template <class Field>
