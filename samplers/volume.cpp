@@ -8,14 +8,13 @@
 #include <mutex>
 #include <utility>
 
-#include <openvdb/io/Archive.h>
 #include <openvdb/io/File.h>
-#include <openvdb/io/GridDescriptor.h>
 #include <openvdb/tree/LeafManager.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
 #include "engine/error.h"
+#include "samplers/vdb_check.h"
 #include "samplers/volume_grid.h"
 
 namespace palpate {
@@ -122,6 +121,22 @@ GridClass classOf(const openvdb::GridBase& grid) {
   }
 }
 
+/// For a grid whose tree was not read: what its metadata say of it.
+void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
+  using openvdb::GridBase;
+  const auto voxels = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
+  const auto memory = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
+  const auto low = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MIN);
+  const auto high = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MAX);
+  if (voxels != nullptr && low != nullptr && high != nullptr) {
+    info.active_voxels = static_cast<std::uint64_t>(std::max<std::int64_t>(0, voxels->value()));
+    active = openvdb::CoordBBox(openvdb::Coord(low->value()), openvdb::Coord(high->value()));
+  }
+  if (memory != nullptr) {
+    info.memory = static_cast<std::uint64_t>(std::max<std::int64_t>(0, memory->value()));
+  }
+}
+
 /// Describes a grid and, where it can be felt, wraps it.
 std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& name,
                                                            const openvdb::GridBase::Ptr& base) {
@@ -134,11 +149,12 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
   info.half = base->saveFloatAsHalf();
   info.active_voxels = base->activeVoxelCount();
   info.memory = base->memUsage();
+  openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
+  if (!isFeltType(base->type())) takeStatistics(*base, info, active);
 
   const bool affine = affineMap(*base, part.linear, part.origin);
   if (affine) {
     info.voxel = part.linear.colwise().norm().transpose();
-    const openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
     if (info.active_voxels > 0) {
       for (int corner = 0; corner < 8; ++corner) {
         Vec3 p_I;
@@ -187,33 +203,6 @@ std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& na
   return {std::move(info), std::move(grid)};
 }
 
-/// Reads a file's table of contents to see that no grid reaches past the end: OpenVDB itself
-/// takes what a cut file lacks for zeros.
-class TableOfContents : public openvdb::io::Archive {
- public:
-  static bool complete(const std::filesystem::path& file) {
-    std::ifstream stream(file, std::ios::binary);
-    TableOfContents table;
-    table.readHeader(stream);
-    table.setFormatVersion(stream);
-    table.setLibraryVersion(stream);
-    openvdb::MetaMap metadata;
-    metadata.readMeta(stream);
-    const auto size = static_cast<std::int64_t>(std::filesystem::file_size(file));
-    const std::int32_t count = readGridCount(stream);
-    for (std::int32_t i = 0; i < count; ++i) {
-      openvdb::io::GridDescriptor descriptor;
-      descriptor.read(stream);
-      if (!stream || descriptor.getGridPos() > size || descriptor.getBlockPos() > size ||
-          descriptor.getEndPos() > size) {
-        return false;
-      }
-      descriptor.seekToEnd(stream);
-    }
-    return static_cast<bool>(stream) && count >= 0;
-  }
-};
-
 /// An OpenVDB file, checked; its errors turned into ours.
 class VdbFile {
  public:
@@ -235,9 +224,7 @@ class VdbFile {
                         "convert it, e.g. with palpate import");
     }
     guarded([&] {
-      if (!TableOfContents::complete(path)) {
-        throw VolumeError(path.string(), "it is truncated", "copy or write it again");
-      }
+      checkVdb(path);
       file_.open(/*delayLoad=*/false);
     });
   }
@@ -248,9 +235,13 @@ class VdbFile {
     return names;
   }
 
+  /// The grid; of a type that cannot be felt, all but its tree.
   openvdb::GridBase::Ptr read(const std::string& name) {
     openvdb::GridBase::Ptr grid;
-    guarded([&] { grid = file_.readGrid(name); });
+    guarded([&] {
+      grid = file_.readGridMetadata(name);
+      if (isFeltType(grid->type())) grid = file_.readGrid(name);
+    });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
     return grid;
   }
