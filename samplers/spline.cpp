@@ -1,7 +1,9 @@
 #include "samplers/spline.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <mutex>
 #include <type_traits>
 #include <vector>
@@ -27,6 +29,18 @@ std::array<double, 2 * kReach + 1> inverseTaps(int degree) {
   }
   for (double& tap : taps) tap /= sum;
   return taps;
+}
+
+/// As the grid stores it: beyond its range the largest number, never infinity.
+template <class Value, class Sum>
+Value stored(const Sum& sum) {
+  if constexpr (std::is_arithmetic_v<Value>) {
+    constexpr double kLargest = std::numeric_limits<Value>::max();
+    return static_cast<Value>(std::clamp(static_cast<double>(sum), -kLargest, kLargest));
+  } else {
+    using Component = typename Value::ValueType;
+    return Value(stored<Component>(sum[0]), stored<Component>(sum[1]), stored<Component>(sum[2]));
+  }
 }
 
 /// Leaves wherever the filter reaches: about the grid's own, in place of its small tiles, and along
@@ -86,7 +100,7 @@ void filter(const TreeT& in, int axis, const std::array<double, 2 * kReach + 1>&
         for (std::size_t i = 0; i < kSize; ++i) {
           Sum sum = openvdb::zeroVal<Sum>();
           for (std::size_t k = 0; k < taps.size(); ++k) sum += taps[k] * line[i + k];
-          leaf.setValueOnly(at, Value(sum));
+          leaf.setValueOnly(at, stored<Value>(sum));
           ++at[axis];
         }
       }

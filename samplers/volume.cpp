@@ -25,6 +25,11 @@ void initialise() {
   std::call_once(once, [] { openvdb::initialize(); });
 }
 
+/// Finite, and small enough that no derivative or spline coefficient of it overflows.
+bool isUsable(double v) noexcept {
+  return std::abs(v) <= 1e100;
+}
+
 /// Lowest, highest and mean of a grid's active values; all stored values count for being finite.
 struct Range {
   double sum = 0.0;
@@ -34,7 +39,7 @@ struct Range {
   std::uint64_t non_finite = 0;
 
   void add(double v, bool active, double voxels = 1.0) noexcept {
-    if (!std::isfinite(v)) {
+    if (!isUsable(v)) {
       ++non_finite;
     } else if (active) {
       sum += v * voxels;

@@ -30,7 +30,7 @@ struct GridInfo {
   double highest = 0.0;
   double mean = 0.0;
   double background = 0.0;       ///< Magnitude for a vector grid.
-  std::uint64_t non_finite = 0;  ///< NaN and infinite values: voxels, tiles, background.
+  std::uint64_t non_finite = 0;  ///< NaN, infinite or above 1e100: voxels, tiles, background.
   std::string refusal;           ///< "why: remedy" if it cannot be felt, else empty.
 };
 
@@ -60,7 +60,8 @@ class Volume {
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
 /// Reads all grids of a file and describes each. Throws VolumeError for a file that is missing,
-/// truncated or not .vdb. Slow: reads everything, nothing is delayed.
+/// truncated, damaged or not .vdb. Grids of types that cannot be felt are described by their
+/// metadata, their trees are not read. Slow: reads everything else, nothing is delayed.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);
 
 /// Loads one grid. Throws VolumeError for what describeGrids refuses, for a name that is not there
