@@ -10,6 +10,7 @@
 #include <limits>
 #include <numeric>
 #include <set>
+#include <sstream>
 #include <string_view>
 #include <vector>
 
@@ -235,7 +236,7 @@ class Walk {
       fits(stored);
       const std::uint64_t next = position() + stored;
       // Small tables are padded to 128 bytes before they are packed.
-      if (packed > 0) bloscHeader(packed, table, table <= 128 ? 128 : table);
+      if (packed > 0) (void)bloscHeader(packed, table, table <= 128 ? 128 : table);
       skip(next - position());
     }
   }
@@ -431,13 +432,13 @@ class Walk {
     for (std::size_t i = 0; i < Words; ++i) {
       if ((child[i] & value[i]) != 0) damaged("a node is both child and tile");
     }
-    values<Words>(storage, countOn(value));
+    values<Words>(storage, countOn(value), true);
     return countOn(child);
   }
 
   /// The values of a node with a mask of so many words, as readCompressedValues() takes them.
   template <std::size_t Words>
-  void values(const Storage& storage, std::uint64_t active) {
+  void values(const Storage& storage, std::uint64_t active, bool unpack = false) {
     // 0 to 2: no mask, 3 to 5: one that selects; 2, 4 and 5: one, one, two inactive values; 6: all.
     const auto kind = take<std::uint8_t>();
     if (kind > 6) damaged("a node's values are of unknown kind");
@@ -449,12 +450,13 @@ class Walk {
     if (!storage.zip && !storage.blosc) {
       skip(bytes);
     } else if (count > 0 || !storage.half) {  // no half value: no chunk
-      chunk(storage, bytes);
+      chunk(storage, bytes, unpack);
     }
   }
 
-  /// A compressed array of so many bytes.
-  void chunk(const Storage& storage, std::uint64_t bytes) {
+  /// A compressed array of so many bytes. `unpack`: tries it, for OpenVDB loses a child of the
+  /// root, and all below it, if one of its tiles' arrays cannot be unpacked.
+  void chunk(const Storage& storage, std::uint64_t bytes, bool unpack) {
     const auto size = take<std::int64_t>();
     if (size <= 0) {  // not compressed after all
       if (0 - static_cast<std::uint64_t>(size) != bytes) damaged("a node has too many values");
@@ -463,37 +465,60 @@ class Walk {
     }
     const auto packed = static_cast<std::uint64_t>(size);
     need(packed);
-    if (storage.zip) {
-      if (packed > bytes + bytes / 1000 + 64) damaged("a compressed node is too large");
-      skip(packed);
-    } else {
-      const std::uint64_t end = position() + packed;
-      bloscHeader(packed, bytes, bytes);
-      skip(end - position());
+    std::uint64_t rest = packed;
+    std::string data(reinterpret_cast<const char*>(&size), sizeof size);
+    if (storage.blosc) {
+      const unsigned char* header = bloscHeader(packed, bytes, bytes);
+      if (unpack) data.append(reinterpret_cast<const char*>(header), 16);
+      rest -= 16;
+    } else if (packed > bytes + bytes / 1000 + 64) {
+      damaged("a packed part is too large");
+    }
+    if (!unpack) {
+      skip(rest);
+      return;
+    }
+    while (rest > 0) {
+      const auto piece = static_cast<std::size_t>(std::min<std::uint64_t>(rest, kBuffer));
+      data.append(reinterpret_cast<const char*>(take(piece)), piece);
+      rest -= piece;
+    }
+    try {
+      std::istringstream stream(data);
+      std::vector<char> unpacked(bytes + 1);
+      if (storage.blosc) openvdb::io::bloscFromStream(stream, unpacked.data(), bytes);
+      if (storage.zip) openvdb::io::unzipFromStream(stream, unpacked.data(), bytes);
+    } catch (const openvdb::Exception&) {
+      damaged("a packed part cannot be unpacked");
     }
   }
 
-  /// The first 16 bytes of a blosc chunk, which says again how large it is packed and unpacked.
-  void bloscHeader(std::uint64_t packed, std::uint64_t bytes, std::uint64_t or_bytes) {
-    if (packed < 16) damaged("a compressed part is too small");
-    (void)take<std::array<std::uint8_t, 2>>();  // versions
-    const auto flags = take<std::uint8_t>();
-    const auto type = take<std::uint8_t>();
-    const std::uint64_t unpacked = take<std::uint32_t>();
-    const std::uint64_t block = take<std::uint32_t>();
-    if ((unpacked != bytes && unpacked != or_bytes) || take<std::uint32_t>() != packed) {
-      damaged("a compressed part is not of the size that it should be");
+  /// Takes the first 16 bytes of a blosc chunk, which say again how large it is packed and
+  /// unpacked.
+  const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes,
+                                   std::uint64_t or_bytes) {
+    if (packed < 16) damaged("a packed part is too small");
+    const unsigned char* header = take(16);
+    const unsigned flags = header[2];
+    const unsigned type = header[3];
+    std::array<std::uint32_t, 3> sizes{};
+    std::memcpy(sizes.data(), header + 4, sizeof sizes);
+    const std::uint64_t unpacked = sizes[0];
+    const std::uint64_t block = sizes[1];
+    if ((unpacked != bytes && unpacked != or_bytes) || sizes[2] != packed) {
+      damaged("a packed part is not of the size that it should be");
     }
-    if (unpacked == 0) return;
+    if (unpacked == 0) return header;
     if (type == 0 || block == 0 || block > unpacked) {
-      damaged("a compressed part has blocks of no size");
+      damaged("a packed part has blocks of no size");
     }
     // Stored as it is, or one place for each block.
     const std::uint64_t blocks = (unpacked + block - 1) / block;
     const bool stored = (flags & 2U) != 0;
     if (stored ? packed != unpacked + 16 : packed < 16 + 4 * blocks) {
-      damaged("a compressed part has more blocks than it can hold");
+      damaged("a packed part has more blocks than it can hold");
     }
+    return header;
   }
 
   std::string path_;
