@@ -126,16 +126,18 @@ typename GridT::Ptr coefficientsOf(const GridT& grid, int degree) {
 const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree) {
   const Volume::Grid& grid = volume.grid();
   Volume::Grid::Coefficients& made = grid.coefficients[degree == 2 ? 0 : 1];
-  std::call_once(made.once, [&] {
-    for (const Volume::Grid::Part& part : grid.parts) {
-      made.parts.push_back(std::visit(
-          [&](const auto& data) -> GridData {
-            using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
-            return typename GridT::ConstPtr(coefficientsOf(*data, degree));
-          },
-          part.data));
-    }
-  });
+  const std::lock_guard lock(made.mutex);
+  if (!made.parts.empty()) return made.parts;
+  std::vector<GridData> parts;
+  for (const Volume::Grid::Part& part : grid.parts) {
+    parts.push_back(std::visit(
+        [&](const auto& data) -> GridData {
+          using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
+          return typename GridT::ConstPtr(coefficientsOf(*data, degree));
+        },
+        part.data));
+  }
+  made.parts = std::move(parts);
   return made.parts;
 }
 

@@ -328,7 +328,7 @@ class Walk {
       values[i] = take<double>();
       const double size = std::abs(values[i]);
       if (std::isfinite(size) && size > 0.0 && (size > 1e30 || size < 1e-30)) {
-        damaged("a transform holds " + std::to_string(values[i]).substr(0, 40));
+        damaged("a transform holds a number of impossible size");
       }
     }
     return values;

@@ -1,19 +1,22 @@
 #include "samplers/volume.h"
 
 #include <algorithm>
-#include <atomic>
-#include <cmath>
+#include <array>
+#include <cinttypes>
+#include <cstdio>
+#include <exception>
 #include <fstream>
-#include <limits>
 #include <mutex>
+#include <numeric>
+#include <sys/mman.h>
 #include <utility>
 
+#include <openvdb/io/DelayedLoadMetadata.h>
 #include <openvdb/io/File.h>
-#include <openvdb/tree/LeafManager.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_reduce.h>
+#include <tbb/parallel_for.h>
 
 #include "engine/error.h"
+#include "samplers/prepare.h"
 #include "samplers/vdb_check.h"
 #include "samplers/volume_grid.h"
 
@@ -22,190 +25,47 @@ namespace {
 
 void initialise() {
   static std::once_flag once;
-  std::call_once(once, [] { openvdb::initialize(); });
+  std::call_once(once, [] {
+    openvdb::initialize();
+    // A table of the leaves' sizes that OpenVDB would believe. It is not needed: they stand before
+    // the leaves as well, where checkVdb looks.
+    openvdb::io::DelayedLoadMetadata::unregisterType();
+  });
 }
 
-/// Finite, and small enough that no derivative or spline coefficient of it overflows.
-bool isUsable(double v) noexcept {
-  return std::abs(v) <= 1e100;
+/// The three grids of a vector kept by component, as vel.x, vel.y, vel.z.
+std::array<std::string, 3> componentsOf(const std::string& name) {
+  return {name + ".x", name + ".y", name + ".z"};
 }
 
-/// Lowest, highest and mean of a grid's active values; all stored values count for being finite.
-struct Range {
-  double sum = 0.0;
-  double count = 0.0;
-  double lowest = std::numeric_limits<double>::infinity();
-  double highest = -std::numeric_limits<double>::infinity();
-  std::uint64_t non_finite = 0;
-
-  void add(double v, bool active, double voxels = 1.0) noexcept {
-    if (!isUsable(v)) {
-      ++non_finite;
-    } else if (active) {
-      sum += v * voxels;
-      count += voxels;
-      lowest = std::min(lowest, v);
-      highest = std::max(highest, v);
-    }
-  }
-  void join(const Range& other) noexcept {
-    sum += other.sum;
-    count += other.count;
-    lowest = std::min(lowest, other.lowest);
-    highest = std::max(highest, other.highest);
-    non_finite += other.non_finite;
-  }
-};
-
-template <class T>
-double sizeOf(const T& value) noexcept {
-  if constexpr (std::is_arithmetic_v<T>) {
-    return static_cast<double>(value);
-  } else {
-    return openvdb::Vec3d(value).length();
-  }
-}
-
-template <class GridT>
-Range rangeOf(const GridT& grid) {
-  using Tree = typename GridT::TreeType;
-  const openvdb::tree::LeafManager<const Tree> leaves(grid.tree());
-  Range range = tbb::parallel_reduce(
-      leaves.leafRange(), Range{},
-      [](const auto& part, Range sum) {
-        for (auto leaf = part.begin(); leaf; ++leaf) {
-          for (auto value = leaf->cbeginValueAll(); value; ++value) {
-            sum.add(sizeOf(*value), value.isValueOn());
-          }
-        }
-        return sum;
-      },
-      [](Range a, const Range& b) {
-        a.join(b);
-        return a;
-      });
-  // Tiles, above the leaves.
-  auto tile = grid.cbeginValueAll();
-  tile.setMaxDepth(Tree::ValueAllCIter::LEAF_DEPTH - 1);
-  for (; tile; ++tile) {
-    range.add(sizeOf(*tile), tile.isValueOn(), static_cast<double>(tile.getVoxelCount()));
-  }
-  range.add(sizeOf(grid.background()), false);
-  return range;
-}
-
-Vec3 vec(const openvdb::Vec3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
-/// file = linear * index + origin; false where the map is not affine or is singular.
-bool affineMap(const openvdb::GridBase& grid, Mat3& linear, Vec3& origin) {
-  const openvdb::math::Transform& transform = grid.transform();
-  if (!transform.isLinear()) return false;
-  origin = vec(transform.indexToWorld(openvdb::Vec3d(0, 0, 0)));
-  for (int i = 0; i < 3; ++i) {
-    openvdb::Vec3d e(0, 0, 0);
-    e[i] = 1.0;
-    linear.col(i) = vec(transform.indexToWorld(e)) - origin;
-  }
-  const double size = linear.col(0).norm() * linear.col(1).norm() * linear.col(2).norm();
-  return origin.allFinite() && linear.allFinite() && std::abs(linear.determinant()) > 1e-9 * size &&
-         size > 0.0;
-}
-
-GridClass classOf(const openvdb::GridBase& grid) {
-  switch (grid.getGridClass()) {
-    case openvdb::GRID_LEVEL_SET:
-      return GridClass::kLevelSet;
-    case openvdb::GRID_FOG_VOLUME:
-      return GridClass::kFog;
-    case openvdb::GRID_STAGGERED:
-      return GridClass::kStaggered;
-    default:
-      return GridClass::kUnknown;
-  }
-}
-
-/// For a grid whose tree was not read: what its metadata say of it.
-void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::CoordBBox& active) {
-  using openvdb::GridBase;
-  const auto voxels = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_VOXEL_COUNT);
-  const auto memory = grid.getMetadata<openvdb::Int64Metadata>(GridBase::META_FILE_MEM_BYTES);
-  const auto low = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MIN);
-  const auto high = grid.getMetadata<openvdb::Vec3IMetadata>(GridBase::META_FILE_BBOX_MAX);
-  if (voxels != nullptr && low != nullptr && high != nullptr) {
-    info.active_voxels = static_cast<std::uint64_t>(std::max<std::int64_t>(0, voxels->value()));
-    active = openvdb::CoordBBox(openvdb::Coord(low->value()), openvdb::Coord(high->value()));
-  }
-  if (memory != nullptr) {
-    info.memory = static_cast<std::uint64_t>(std::max<std::int64_t>(0, memory->value()));
-  }
-}
-
-/// Describes a grid and, where it can be felt, wraps it.
-std::pair<GridInfo, std::unique_ptr<Volume::Grid>> examine(const std::string& name,
-                                                           const openvdb::GridBase::Ptr& base) {
-  GridInfo info;
-  auto grid = std::make_unique<Volume::Grid>();
-  Volume::Grid::Part part;
-  info.name = name;
-  info.type = base->valueType();
-  info.grid_class = classOf(*base);
-  info.half = base->saveFloatAsHalf();
-  info.active_voxels = base->activeVoxelCount();
-  info.memory = base->memUsage();
-  openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
-  if (!isFeltType(base->type())) takeStatistics(*base, info, active);
-
-  const bool affine = affineMap(*base, part.linear, part.origin);
-  if (affine) {
-    info.voxel = part.linear.colwise().norm().transpose();
-    if (info.active_voxels > 0) {
-      for (int corner = 0; corner < 8; ++corner) {
-        Vec3 p_I;
-        for (int a = 0; a < 3; ++a) {
-          p_I[a] = (((corner >> a) & 1) != 0) ? active.max()[a] : active.min()[a];
-        }
-        info.bounds.extend(part.linear * p_I + part.origin);
-      }
-    }
-  }
-
-  bool typed = false;
-  const auto take = [&](const auto& pointer, bool vector) {
-    if (!pointer) return;
-    typed = true;
-    info.vector = vector;
-    info.background = sizeOf(pointer->background());
-    const Range range = rangeOf(*pointer);
-    info.non_finite = range.non_finite;
-    if (range.lowest <= range.highest) {
-      info.lowest = range.lowest;
-      info.highest = range.highest;
-      info.mean = range.sum / range.count;
-    }
-    part.data = typename std::decay_t<decltype(*pointer)>::ConstPtr(pointer);
+/// The vectors that a file keeps by component.
+std::vector<std::string> joinedNames(const std::vector<std::string>& names) {
+  const auto has = [&](const std::string& name) {
+    return std::find(names.begin(), names.end(), name) != names.end();
   };
-  take(openvdb::gridPtrCast<openvdb::FloatGrid>(base), false);
-  take(openvdb::gridPtrCast<openvdb::DoubleGrid>(base), false);
-  take(openvdb::gridPtrCast<openvdb::Vec3SGrid>(base), true);
-  take(openvdb::gridPtrCast<openvdb::Vec3DGrid>(base), true);
-
-  if (!typed) {
-    info.refusal = "it is of type " + info.type +
-                   ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
-  } else if (!base->transform().isLinear()) {
-    info.refusal = "it has a frustum transform: resample it to an affine grid";
-  } else if (!affine) {
-    info.refusal = "its transform is singular or not finite: write it with a valid voxel size";
-  } else if (info.active_voxels == 0) {
-    info.refusal = "it has no active voxel: write the grid with its values active";
-  } else if (info.non_finite > 0) {
-    info.refusal = std::to_string(info.non_finite) +
-                   " of its values are NaN or infinite: replace them before writing the file";
+  std::vector<std::string> joined;
+  for (const std::string& name : names) {
+    if (name.size() < 3 || name.compare(name.size() - 2, 2, ".x") != 0) continue;
+    const std::string stem = name.substr(0, name.size() - 2);
+    const auto parts = componentsOf(stem);
+    if (has(parts[1]) && has(parts[2]) && !has(stem)) joined.push_back(stem);
   }
-  grid->parts.push_back(part);
-  return {std::move(info), std::move(grid)};
+  return joined;
+}
+
+/// Gives back what has been read of a file in memory maps, OpenVDB's: else a load would hold the
+/// file beside the grid. The system has the pages in its cache still.
+void dropMapped(const std::filesystem::path& file) {
+  std::error_code error;
+  const std::string path = std::filesystem::canonical(file, error).string();
+  std::ifstream maps("/proc/self/maps");
+  for (std::string line; std::getline(maps, line);) {
+    if (line.size() < path.size() || !line.ends_with(path)) continue;
+    std::uintptr_t begin = 0;
+    std::uintptr_t end = 0;
+    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR, &begin, &end) != 2) continue;
+    madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);  // NOLINT: an address
+  }
 }
 
 /// An OpenVDB file, checked; its errors turned into ours.
@@ -230,7 +90,9 @@ class VdbFile {
     }
     guarded([&] {
       checkVdb(path);
-      file_.open(/*delayLoad=*/false);
+      // Nothing is copied: the leaves are read before this ends.
+      file_.setCopyMaxBytes(0);
+      file_.open(/*delayLoad=*/true);
     });
   }
 
@@ -240,7 +102,8 @@ class VdbFile {
     return names;
   }
 
-  /// The grid; of a type that cannot be felt, all but its tree.
+  /// The grid, its leaves still on disk, to be read in parallel; of a type that cannot be felt, all
+  /// but its tree.
   openvdb::GridBase::Ptr read(const std::string& name) {
     openvdb::GridBase::Ptr grid;
     guarded([&] {
@@ -249,6 +112,30 @@ class VdbFile {
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
     return grid;
+  }
+
+  /// A grid, or a vector of three, ready to be felt or with its refusal.
+  Prepared prepared(const std::string& name, const LoadOptions& options) {
+    Prepared out;
+    const std::vector<std::string> all = names();
+    LoadOptions watched = options;
+    watched.progress = [&](double done) {
+      dropMapped(path_);
+      if (options.progress) options.progress(done);
+    };
+    guarded([&] {
+      if (std::find(all.begin(), all.end(), name) != all.end()) {
+        out = prepare(name, read(name), watched);
+      } else {
+        std::array<Prepared, 3> parts;
+        for (std::size_t c = 0; c < 3; ++c) {
+          const std::string part = componentsOf(name)[c];
+          parts[c] = prepare(part, read(part), watched);
+        }
+        out = join(name, std::move(parts));
+      }
+    });
+    return out;
   }
 
  private:
@@ -278,6 +165,17 @@ Volume::Volume(GridInfo info, std::unique_ptr<const Grid> grid)
 
 Volume::~Volume() = default;
 
+std::uint64_t Volume::memory() const {
+  std::uint64_t sum = info_.memory;
+  for (const Grid::Coefficients& made : grid_->coefficients) {
+    const std::lock_guard lock(made.mutex);
+    for (const GridData& part : made.parts) {
+      sum += std::visit([](const auto& grid) { return grid->memUsage(); }, part);
+    }
+  }
+  return sum;
+}
+
 bool isVdb(const std::filesystem::path& file) noexcept {
   std::ifstream stream(file, std::ios::binary);
   std::uint32_t magic = 0;
@@ -286,33 +184,43 @@ bool isVdb(const std::filesystem::path& file) noexcept {
 }
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {
-  return VdbFile(file).names();
+  std::vector<std::string> names = VdbFile(file).names();
+  for (const std::string& joined : joinedNames(names)) {
+    const auto parts = componentsOf(joined);
+    *std::find(names.begin(), names.end(), parts[0]) = joined;
+    for (const std::string& part : {parts[1], parts[2]}) {
+      names.erase(std::find(names.begin(), names.end(), part));
+    }
+  }
+  return names;
 }
 
 std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
   VdbFile vdb(file);
+  std::vector<std::string> names = vdb.names();
+  if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  const std::vector<std::string> joined = joinedNames(names);
+  names.insert(names.end(), joined.begin(), joined.end());
   std::vector<GridInfo> infos;
-  for (const std::string& name : vdb.names()) {
-    infos.push_back(examine(name, vdb.read(name)).first);
-  }
-  if (infos.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  for (const std::string& name : names) infos.push_back(vdb.prepared(name, {}).info);
   return infos;
 }
 
-std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
-                                         const std::string& grid) {
+std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, const std::string& grid,
+                                         const LoadOptions& options) {
   VdbFile vdb(file);
-  const std::vector<std::string> names = vdb.names();
+  std::vector<std::string> names = vdb.names();
   if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
+  const std::vector<std::string> joined = joinedNames(names);
 
+  std::string wanted = grid;
+  if (wanted.empty() && names.size() == 1) wanted = names.front();
+  if (wanted.empty() && names.size() == 3 && joined.size() == 1) wanted = joined.front();
+  names.insert(names.begin(), joined.begin(), joined.end());
   std::string all;
   for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
-  std::string wanted = grid;
-  if (wanted.empty()) {
-    if (names.size() > 1) {
-      throw VolumeError(file.string(), "it holds more than one grid", "name one of " + all);
-    }
-    wanted = names.front();
+  if (wanted.empty() && names.size() > 1) {
+    throw VolumeError(file.string(), "it holds more than one grid", "name one of " + all);
   }
   if (std::find(names.begin(), names.end(), wanted) == names.end()) {
     const std::string near = nearestName(wanted, names);
@@ -320,13 +228,48 @@ std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
                       near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
   }
 
-  auto [info, data] = examine(wanted, vdb.read(wanted));
+  auto [info, data] = vdb.prepared(wanted, options);
   if (!info.refusal.empty()) {
     const auto colon = info.refusal.find(": ");
     throw VolumeError(file.string() + ": grid \"" + wanted + "\"", info.refusal.substr(0, colon),
                       info.refusal.substr(colon + 2));
   }
   return std::make_shared<Volume>(std::move(info), std::move(data));
+}
+
+std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
+                                    const std::function<void(double)>& progress) {
+  std::vector<LoadResult> results(requests.size());
+  std::vector<double> done(requests.size(), 0.0);
+  std::mutex telling;
+  // What is asked for twice is loaded once.
+  const auto firstLike = [&](std::size_t i) {
+    return static_cast<std::size_t>(std::find(requests.begin(), requests.end(), requests[i]) -
+                                    requests.begin());
+  };
+  tbb::parallel_for(std::size_t{0}, requests.size(), [&](std::size_t i) {
+    const VolumeRequest& request = requests[i];
+    const auto tell = [&](double part) {
+      if (!progress) return;
+      const std::lock_guard lock(telling);
+      done[i] = part;
+      progress(std::accumulate(done.begin(), done.end(), 0.0) /
+               static_cast<double>(requests.size()));
+    };
+    try {
+      if (firstLike(i) == i) {
+        results[i].volume =
+            loadVolume(request.file, request.grid, {request.non_finite, request.smooth, tell});
+      }
+      tell(1.0);
+    } catch (...) {
+      results[i].error = std::current_exception();
+    }
+  });
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    if (firstLike(i) != i) results[i] = results[firstLike(i)];
+  }
+  return results;
 }
 
 const char* wordFor(GridClass grid_class) noexcept {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <exception>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -15,10 +17,20 @@ namespace palpate {
 /// What the values of a grid mean, as its metadata say.
 enum class GridClass : std::uint8_t { kUnknown, kLevelSet, kFog, kStaggered };
 
+/// What smoothing at load took away.
+struct Smoothing {
+  int width = 0;                    ///< Of the filter's boxes, voxels to each side; 0: none.
+  double rms_change = 0.0;          ///< Of the active values.
+  double largest_change = 0.0;      ///< Of the active values.
+  double half_height_voxels = 0.0;  ///< Waves of this length keep half of their height, shorter
+                                    ///< ones less.
+};
+
 /// One grid of a file, as `palpate info` prints it. "File" means the file's own world space.
 struct GridInfo {
   std::string name;  ///< Unique in the file: grids of equal name are density[0], density[1].
-  std::string type;  ///< OpenVDB's: float, double, vec3s, vec3d, ...
+  std::string
+      type;  ///< OpenVDB's: float, double, vec3s, ...; "3 x float" for a vector by component.
   GridClass grid_class = GridClass::kUnknown;
   bool vector = false;
   bool half = false;                ///< Stored in 16 bits, read as 32.
@@ -31,7 +43,10 @@ struct GridInfo {
   double mean = 0.0;
   double background = 0.0;       ///< Magnitude for a vector grid.
   std::uint64_t non_finite = 0;  ///< NaN, infinite or above 1e100: voxels, tiles, background.
-  std::string refusal;           ///< "why: remedy" if it cannot be felt, else empty.
+  std::uint64_t filled = 0;      ///< Of these, made the background and inactive at load.
+  Smoothing smoothing;
+  bool was_local = false;  ///< Vectors stored in the grid's own index space, turned at load.
+  std::string refusal;     ///< "why: remedy" if it cannot be felt, else empty.
 };
 
 /// One grid in memory, const after loading, shared by its placements and by all threads.
@@ -47,6 +62,8 @@ class Volume {
 
   [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
   [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }
+  /// Of the grid, and of the B-spline coefficients made so far [bytes].
+  [[nodiscard]] std::uint64_t memory() const;
 
  private:
   GridInfo info_;
@@ -56,20 +73,68 @@ class Volume {
 /// True for a readable file that begins as a .vdb does.
 [[nodiscard]] bool isVdb(const std::filesystem::path& file) noexcept;
 
-/// The names of a file's grids, in the file's order. Throws as describeGrids.
+/// What to do with values that are no numbers.
+enum class NonFinite : std::uint8_t {
+  kRefuse,  ///< The grid cannot be felt.
+  kFill,    ///< They become the background and inactive: no data. A background that is none
+            ///< becomes zero.
+};
+
+struct LoadOptions {
+  NonFinite non_finite = NonFinite::kRefuse;
+  /// OpenVDB's Gaussian at load: four box filters of so many voxels to each side; 0 for none. For a
+  /// level set its LevelSetFilter, else its Filter; active voxels only. Takes twice the grid's
+  /// memory more while it works.
+  int smooth = 0;
+  /// Told how far it is, from 0 to 1, on long loads; an Error from it ends them.
+  std::function<void(double done)> progress;
+};
+
+/// The names of what a file holds, in its order: vel.x, vel.y and vel.z together are vel. Throws as
+/// describeGrids.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
-/// Reads all grids of a file and describes each. Throws VolumeError for a file that is missing,
-/// truncated, damaged or not .vdb. Grids of types that cannot be felt are described by their
-/// metadata, their trees are not read. Slow: reads everything else, nothing is delayed.
+/// Reads all grids of a file and describes each, then each vector that is kept by component. Throws
+/// VolumeError for a file that is missing, truncated, damaged or not .vdb. Grids of types that
+/// cannot be felt are described by their metadata, their trees are not read. Slow: reads everything
+/// else, nothing is delayed.
 [[nodiscard]] std::vector<GridInfo> describeGrids(const std::filesystem::path& file);
 
-/// Loads one grid. Throws VolumeError for what describeGrids refuses, for a name that is not there
-/// (the nearest is suggested) and for a grid that cannot be felt: points and other types than
-/// scalar and vector floats, frustum or singular maps, no active voxel, non-finite values.
+/// Loads one grid, compressed leaves in parallel, and looks at every value. Throws VolumeError for
+/// what describeGrids refuses, for a name that is not there (the nearest is suggested) and for a
+/// grid that cannot be felt: points and other types than scalar and vector floats, frustum or
+/// singular maps, no active voxel, values that are no numbers.
+///
+/// Vectors: a staggered grid is taken apart, each component keeps its place on the face of its
+/// voxel (twice the grid's memory for a moment); vel.x, vel.y and vel.z, three scalars of one type,
+/// are read as "vel"; vectors that the file has in its own index space (isInWorldSpace) are turned
+/// into world space by the rule of their VecType.
 /// @param grid  Its name; empty takes the only grid of the file.
 [[nodiscard]] std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file,
-                                                       const std::string& grid);
+                                                       const std::string& grid,
+                                                       const LoadOptions& options = {});
+
+/// One of several volumes to be loaded together.
+struct VolumeRequest {
+  std::filesystem::path file;
+  std::string grid;
+  NonFinite non_finite = NonFinite::kRefuse;
+  int smooth = 0;
+
+  [[nodiscard]] bool operator==(const VolumeRequest&) const = default;
+};
+
+/// The volume, or what loadVolume threw.
+struct LoadResult {
+  std::shared_ptr<const Volume> volume;
+  std::exception_ptr error;
+};
+
+/// Loads in parallel, equal requests once. `progress` is told of all together, from any thread but
+/// one at a time.
+[[nodiscard]] std::vector<LoadResult> loadVolumes(
+    const std::vector<VolumeRequest>& requests,
+    const std::function<void(double done)>& progress = nullptr);
 
 /// "level set", "fog volume", "staggered" or "unknown".
 [[nodiscard]] const char* wordFor(GridClass grid_class) noexcept;

@@ -29,7 +29,7 @@ struct Volume::Grid {
 
   /// B-spline coefficients of degree 2 and 3, part by part; made once, when first asked for.
   struct Coefficients {
-    std::once_flag once;
+    mutable std::mutex mutex;
     std::vector<GridData> parts;
   };
   mutable std::array<Coefficients, 2> coefficients;

@@ -89,32 +89,66 @@ class Placer {
   std::set<std::string> open_;
 };
 
+/// What was done to a grid at load that its user must know.
+std::vector<std::string> remarks(const GridInfo& info) {
+  std::vector<std::string> out;
+  if (info.filled > 0) {
+    out.push_back(fmt::format("{} values were NaN or infinite: now the background {}, no data",
+                              info.filled, info.background));
+  }
+  if (info.was_local) out.emplace_back("its vectors were in index space: now in world space");
+  if (info.smoothing.width > 0) {
+    const Smoothing& s = info.smoothing;
+    out.push_back(fmt::format(
+        "smoothed over {} voxels: values moved by {:.3g} rms, {:.3g} at most; waves shorter than "
+        "{:.1f} voxels keep less than half their height",
+        s.width, s.rms_change, s.largest_change, s.half_height_voxels));
+  }
+  return out;
+}
+
 bool given(const FieldPtr& field) {
   return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
 }
 
 }  // namespace
 
-BuiltScene buildScene(const SceneSpec& spec) {
+BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
   BuiltScene built;
+  std::vector<std::string> wanted;
+  std::vector<VolumeRequest> requests;
   for (const auto& [name, volume] : spec.volumes) {
     if (given(volume.field)) {
       built.fields[name] = volume.field;
     } else if (volume.volume != nullptr) {
       built.volumes[name] = volume.volume;
     } else {
-      try {
-        built.volumes[name] = loadVolume(volume.file, volume.grid);
-      } catch (const VolumeError& e) {
-        throw SceneError::within(at(spec, "/volumes/" + name), e);
-      }
+      wanted.push_back(name);
+      requests.push_back({volume.file, volume.grid, volume.non_finite, volume.smooth});
+    }
+  }
+  const std::vector<LoadResult> loaded = loadVolumes(requests, progress);
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    const std::string path = at(spec, "/volumes/" + wanted[i]);
+    try {
+      if (loaded[i].error) std::rethrow_exception(loaded[i].error);
+    } catch (const VolumeError& e) {
+      throw SceneError::within(path, e);
+    }
+    built.volumes[wanted[i]] = loaded[i].volume;
+    for (const std::string& remark : remarks(loaded[i].volume->info())) {
+      built.notes.push_back(path + ": " + remark);
     }
   }
   Placer placer(spec, built.volumes);
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
-    built.fields[name] =
-        makeVdbField(volume, built.placements[name], spec.volumes.at(name).sampling);
+    try {
+      built.fields[name] =
+          makeVdbField(volume, built.placements[name], spec.volumes.at(name).sampling);
+    } catch (const VolumeError& e) {
+      throw SceneError::within(at(spec, "/volumes/" + name), e);
+    }
   }
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -14,6 +15,9 @@
 #include "samplers/volume.h"
 
 namespace palpate {
+
+/// Told how far loading is, from 0 to 1; from any thread, one at a time.
+using Progress = std::function<void(double done)>;
 
 /// Where a volume stands in the hand's world, as the scene file's "place" says.
 struct PlaceSpec {
@@ -35,9 +39,11 @@ struct PlaceSpec {
 struct VolumeSpec {
   std::filesystem::path file;
   std::string grid;  ///< Empty: the only one.
+  NonFinite non_finite = NonFinite::kRefuse;
+  int smooth = 0;  ///< As LoadOptions, voxels.
   PlaceSpec place;
   Sampling sampling;
-  std::shared_ptr<const Volume> volume;  ///< If set, `file` and `grid` are not read.
+  std::shared_ptr<const Volume> volume;  ///< If set, none of the above is read.
   FieldPtr field;                        ///< If set, all of the above is ignored.
 };
 
@@ -58,12 +64,13 @@ struct BuiltScene {
   std::map<std::string, Placement> placements;
   std::map<std::string, FieldPtr> fields;  ///< All volumes, placed.
   Box bounds;                              ///< Of all fields in W [m].
-  std::vector<std::string> notes;  ///< What is valid but can hardly be meant, one line each.
+  std::vector<std::string> notes;  ///< What was filled or smoothed away, and what is valid but can
+                                   ///< hardly be meant, one line each.
 };
 
 /// Loads, places, checks and compiles. Throws SceneError (with the JSON path) or VolumeError;
 /// whatever is running is not touched. Slow.
-[[nodiscard]] BuiltScene buildScene(const SceneSpec& spec);
+[[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr);
 
 /// Throws SceneError where the coupling asks for more stiffness than a device renders stably.
 void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness);

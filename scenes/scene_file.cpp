@@ -87,6 +87,18 @@ class Node {
     if (value.empty()) fail("it is empty", "write a name");
     return value;
   }
+  [[nodiscard]] bool flag() const {
+    if (!json_->is_boolean()) fail(json_->dump() + " is not true or false", "write true or false");
+    return json_->get<bool>();
+  }
+  [[nodiscard]] int whole(int least, int most) const {
+    const double value = number();
+    if (value != std::floor(value) || value < least || value > most) {
+      fail(fmt::format("{} is not a whole number from {} to {}", json_->dump(), least, most),
+           "write one");
+    }
+    return static_cast<int>(value);
+  }
   template <std::size_t N>
   [[nodiscard]] std::array<double, N> numbers() const {
     if (!json_->is_array() || json_->size() != N) {
@@ -96,9 +108,16 @@ class Node {
     for (std::size_t i = 0; i < N; ++i) values[i] = element(i).number();
     return values;
   }
+  /// Of these values the one whose word it is.
+  template <class T>
+  [[nodiscard]] T wordOf(std::initializer_list<T> values) const {
+    std::vector<std::pair<const char*, T>> words;
+    for (const T value : values) words.emplace_back(wordFor(value), value);
+    return word(words);
+  }
   /// The value of a word.
   template <class T>
-  [[nodiscard]] T word(std::initializer_list<std::pair<const char*, T>> words) const {
+  [[nodiscard]] T word(const std::vector<std::pair<const char*, T>>& words) const {
     const std::string value = text();
     std::string all;
     std::vector<std::string> names;
@@ -181,18 +200,25 @@ PlaceSpec readPlace(const Node& node) {
 }
 
 VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
-  node.object({"file", "grid", "place", "interpolation", "description"}, {"instances"});
+  node.object(
+      {"file", "grid", "place", "interpolation", "axial", "non_finite", "smooth", "description"},
+      {"instances"});
   VolumeSpec volume;
   volume.file = folder / node.need("file").name();
   if (node.has("grid")) volume.grid = node.child("grid").name();
   if (node.has("place")) volume.place = readPlace(node.child("place"));
   if (node.has("interpolation")) {
     volume.sampling.interpolation = node.child("interpolation")
-                               .word<Interpolation>({{"trilinear", Interpolation::kTrilinear},
-                                                     {"nearest", Interpolation::kNearest},
-                                                     {"quadratic", Interpolation::kQuadratic},
-                                                     {"cubic", Interpolation::kCubic}});
+                                        .wordOf({Interpolation::kTrilinear, Interpolation::kNearest,
+                                                 Interpolation::kQuadratic, Interpolation::kCubic});
   }
+  if (node.has("axial")) volume.sampling.axial = node.child("axial").flag();
+  if (node.has("non_finite")) {
+    volume.non_finite =
+        node.child("non_finite")
+            .word<NonFinite>({{"refuse", NonFinite::kRefuse}, {"fill", NonFinite::kFill}});
+  }
+  if (node.has("smooth")) volume.smooth = node.child("smooth").whole(0, 16);
   return volume;
 }
 
@@ -219,11 +245,8 @@ ModeSpec readMode(const Node& node) {
       {"name", "description", "mode", "of", "by", "strength", "value", "solid", "depth", "sense"},
       {"friction", "viscosity"});
   ModeSpec mode;
-  mode.kind = node.need("mode").word<ModeKind>({{"force", ModeKind::kForce},
-                                                {"viscosity", ModeKind::kViscosity},
-                                                {"surface", ModeKind::kSurface},
-                                                {"isosurface", ModeKind::kIsosurface},
-                                                {"follow", ModeKind::kFollow}});
+  mode.kind = node.need("mode").wordOf({ModeKind::kForce, ModeKind::kViscosity, ModeKind::kSurface,
+                                        ModeKind::kIsosurface, ModeKind::kFollow});
   const auto only = [&](const char* key, bool allowed) {
     if (node.has(key) && !allowed) {
       node.child(key).fail(std::string("mode ") + wordFor(mode.kind) + " has no such key",
@@ -378,12 +401,7 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
                            "moves the proxy a voxel at a time");
     }
     if (node.has("max_substeps")) {
-      const Node cap = node.child("max_substeps");
-      const double value = cap.number();
-      if (value != std::floor(value) || value < 1 || value > 64) {
-        cap.fail(cap.json().dump() + " is not a whole number from 1 to 64", "write 8");
-      }
-      spec.step.max_substeps = static_cast<int>(value);
+      spec.step.max_substeps = node.child("max_substeps").whole(1, 64);
     }
   }
   const Node volumes = root.need("volumes");
@@ -417,7 +435,7 @@ SceneSpec readSceneFile(const std::filesystem::path& file) {
   return parseScene(text.str(), file.string(), file.parent_path());
 }
 
-SceneSpec sceneFromVdb(const std::filesystem::path& path) {
+SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {
   std::vector<std::filesystem::path> files;
   if (std::filesystem::is_directory(path)) {
     for (const auto& entry : std::filesystem::directory_iterator(path)) {
@@ -433,36 +451,38 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path) {
 
   SceneSpec spec;
   spec.source = path.string();
-  std::string first;
+  std::vector<VolumeRequest> requests;
   for (const std::filesystem::path& file : files) {
-    std::vector<std::string> names;
     try {
-      names = gridNames(file);
+      for (const std::string& grid : gridNames(file)) requests.push_back({file, grid});
     } catch (const VolumeError& e) {
       if (files.size() == 1) throw;
       spec.notes.emplace_back(e.what());
     }
-    for (const std::string& grid : names) {
-      VolumeSpec volume;
-      try {
-        volume.volume = loadVolume(file, grid);
-      } catch (const VolumeError& e) {
-        spec.notes.emplace_back(e.what());
-        continue;
-      }
-      volume.file = file;
-      volume.grid = grid;
-      std::string name = grid.empty() ? "grid" : grid;
-      if (files.size() > 1) name.insert(0, file.stem().string() + ".");
-      if (!first.empty()) {
-        volume.place.kind = PlaceSpec::Kind::kLike;
-        volume.place.like = first;
-      } else {
-        first = name;
-      }
-      addSuitableModes(volume.volume->info(), name, spec.graph.modes);
-      spec.volumes[name] = std::move(volume);
+  }
+  const std::vector<LoadResult> loaded = loadVolumes(requests, progress);
+  std::string first;
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    VolumeSpec volume;
+    volume.file = requests[i].file;
+    volume.grid = requests[i].grid;
+    volume.volume = loaded[i].volume;
+    try {
+      if (loaded[i].error) std::rethrow_exception(loaded[i].error);
+    } catch (const VolumeError& e) {
+      spec.notes.emplace_back(e.what());
+      continue;
     }
+    std::string name = volume.grid.empty() ? "grid" : volume.grid;
+    if (files.size() > 1) name.insert(0, volume.file.stem().string() + ".");
+    if (!first.empty()) {
+      volume.place.kind = PlaceSpec::Kind::kLike;
+      volume.place.like = first;
+    } else {
+      first = name;
+    }
+    addSuitableModes(volume.volume->info(), name, spec.graph.modes);
+    spec.volumes[name] = std::move(volume);
   }
   if (spec.volumes.empty()) {
     // With one grid its own trouble is the message, with several each is one.
@@ -473,13 +493,13 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path) {
   return spec;
 }
 
-SceneSpec openScene(const std::filesystem::path& path) {
+SceneSpec openScene(const std::filesystem::path& path, const Progress& progress) {
   std::error_code error;
   if (!std::filesystem::exists(path, error)) {
     throw SceneError(path.string(), "no such file", "check the path");
   }
   const bool folder = std::filesystem::is_directory(path, error);
-  if (folder || path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path);
+  if (folder || path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);
   return readSceneFile(path);
 }
 

@@ -21,10 +21,12 @@ namespace palpate {
 /// isosurface; other scalars: surface and viscosity; vector: follow). The first fits into 0.1 m at
 /// the workspace's centre, the rest are placed like it. Grids that cannot be felt are named in
 /// SceneSpec::notes; throws VolumeError when none is left.
-[[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path);
+[[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
+                                     const Progress& progress = nullptr);
 
 /// Any of the above, by what the path is.
-[[nodiscard]] SceneSpec openScene(const std::filesystem::path& path);
+[[nodiscard]] SceneSpec openScene(const std::filesystem::path& path,
+                                  const Progress& progress = nullptr);
 
 /// The JSON Schema of scene files.
 [[nodiscard]] const std::string& sceneSchema();

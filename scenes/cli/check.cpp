@@ -92,7 +92,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
       volume["grid"] = info.name;
       volume["type"] = info.type;
       volume["active_voxels"] = info.active_voxels;
-      volume["memory_bytes"] = info.memory;
+      volume["memory_bytes"] = grid->second->memory();
     }
     volume["metres_per_unit"] = frame.metres_per_unit;
     volume["voxel"] = frame.voxel;
@@ -172,9 +172,9 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
   verb->footer("Example:\n  palpate check head.json");
   verb->callback([=, &body] {
     body = [=] {
-      const SceneSpec spec = openScene(*scene);
+      const SceneSpec spec = openScene(*scene, showProgress("loading"));
       for (const std::string& note : spec.notes) complain(note);
-      const BuiltScene built = buildScene(spec);
+      const BuiltScene built = buildScene(spec, showProgress("loading"));
       for (const std::string& note : built.notes) complain(note);
       const OrderedJson out = report(spec, built);
       if (*json) {

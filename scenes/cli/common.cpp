@@ -1,6 +1,7 @@
 #include "scenes/cli/common.h"
 
 #include <cerrno>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -24,6 +25,26 @@ void complain(const std::string& line) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';  // one line, no escapes
   }
   fmt::print(stderr, "palpate: {}\n", clean);
+}
+
+std::function<void(double)> showProgress(const std::string& what) {
+  if (isatty(STDERR_FILENO) == 0) return nullptr;
+  using Clock = std::chrono::steady_clock;
+  struct Line {
+    Clock::time_point begin = Clock::now();
+    int shown = -1;  ///< Percent.
+    ~Line() {
+      if (shown >= 0) fmt::print(stderr, "\r\x1b[K");
+    }
+  };
+  return [what, line = std::make_shared<Line>()](double done) {
+    const int percent = static_cast<int>(100.0 * done);
+    if (percent == line->shown || Clock::now() - line->begin < std::chrono::milliseconds(500))
+      return;
+    line->shown = percent;
+    fmt::print(stderr, "\r{}: {} %", what, percent);
+    std::fflush(stderr);
+  };
 }
 
 std::string number(double value) {

@@ -38,6 +38,10 @@ void addFeel(CLI::App& app, std::function<int()>& body);
 /// One line on stderr: `palpate: ...`.
 void complain(const std::string& line);
 
+/// Shows on a terminal how far long work is, 0 to 1, and clears its line when the last copy goes;
+/// silent in the first half second. Null in a pipe.
+[[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
+
 /// The shortest text that reads back the same double; empty for NaN and infinities.
 [[nodiscard]] std::string number(double value);
 /// For people: a few digits.

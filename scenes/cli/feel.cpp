@@ -174,10 +174,10 @@ int feel(const Options& options) {
   std::signal(SIGHUP, on_signal);
 
   // Everything that can be refused is refused before anything runs.
-  const SceneSpec spec = openScene(options.scene);
+  const SceneSpec spec = openScene(options.scene, showProgress("loading"));
   checkOutputs(options, spec);
   for (const std::string& note : spec.notes) complain(note);
-  const BuiltScene built = buildScene(spec);
+  const BuiltScene built = buildScene(spec, showProgress("loading"));
   for (const std::string& note : built.notes) complain(note);
   const std::unique_ptr<Device> device = makeDevice(options, built.bounds);
   checkDevice(spec, device->info().name, device->info().max_stiffness);

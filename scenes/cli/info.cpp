@@ -55,8 +55,9 @@ void print(const GridInfo& grid) {
              rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean),
              rounded(grid.background));
   if (grid.grid_class == GridClass::kStaggered) {
-    fmt::print("  note      staggered: read as if at the voxels' centres, half a voxel off\n");
+    fmt::print("  note      staggered: each component is read on its face of the voxel\n");
   }
+  if (grid.was_local) fmt::print("  note      vectors in index space: read in world space\n");
   fmt::print("  feel      {}\n", feelOf(grid));
 }
 

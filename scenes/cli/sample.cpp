@@ -85,7 +85,8 @@ int sample(const Options& options) {
     throw Error("--interpolation", "\"" + options.interpolation + "\" is not known",
                 "use trilinear, nearest, quadratic or cubic");
   }
-  const auto volume = loadVolume(options.file, options.grid);
+  const auto volume =
+      loadVolume(options.file, options.grid, {NonFinite::kRefuse, 0, showProgress("loading")});
   const FieldPtr field = makeVdbField(volume, Placement{}, {*interpolation});
   if (field.index() == 0 && !options.derive.empty()) {
     throw Error("--derive", "grid \"" + volume->info().name + "\" is scalar",

@@ -100,6 +100,55 @@ TEST_CASE("a file cut anywhere is refused", "[volume]") {
   CHECK_THAT(refusal(folder / "cut.vdb", "second"), Contains("truncated"));
 }
 
+TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {
+  const TemporaryFolder folder;
+  auto labels = makeGrid<openvdb::Int32Grid>(
+      9, Transform::createLinearTransform(0.5), [](const Vec3d&) { return 3; }, "labels");
+  writeVdb(folder / "a.vdb", {labels, block()});
+  std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
+  const std::string bytes((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  // Its tree begins behind the four numbers of its transform's last row; all of it is overwritten.
+  const auto transform = bytes.find("UniformScaleMap");
+  const auto next = bytes.find("density", transform);
+  REQUIRE(next < bytes.size());
+  const std::size_t begin = transform + 15 + 15 * sizeof(double);
+  file.seekp(static_cast<std::streamoff>(begin));
+  file << std::string(next - 4 - begin, '\xff');
+  file.close();
+  const auto infos = describeGrids(folder / "a.vdb");
+  REQUIRE(infos.size() == 2);
+  for (const GridInfo& info : infos) {
+    if (info.name != "labels") continue;
+    CHECK(info.type == "int32");
+    CHECK(info.active_voxels == 729);
+    CHECK(info.bounds.upper.x() == Approx(4.0));
+    CHECK_THAT(info.refusal, Contains("convert it"));
+  }
+  CHECK(refusal(folder / "a.vdb", "density") == "no error");
+}
+
+TEST_CASE("formats older and newer than what we know are refused by their number", "[volume]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {block()});
+  for (const char version : {'\x20', '\xdd', '\xe1'}) {
+    std::fstream file(folder / "a.vdb", std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(8);
+    file.put(version);
+    file.close();
+    const std::string number = std::to_string(static_cast<unsigned char>(version));
+    CHECK_THAT(refusal(folder / "a.vdb"), Contains("format (" + number + ")") && Contains("again"));
+  }
+}
+
+TEST_CASE("values that overflow what is computed from them are not finite", "[volume]") {
+  const TemporaryFolder folder;
+  auto grid = makeGrid<openvdb::DoubleGrid>(4, Transform::createLinearTransform(0.5),
+                                            [](const Vec3d& p) { return p.x(); });
+  grid->tree().setValue(openvdb::Coord(1, 1, 1), 1e200);
+  writeVdb(folder / "a.vdb", {grid});
+  CHECK_THAT(refusal(folder / "a.vdb"), Contains("1 of its values"));
+}
+
 TEST_CASE("a wrong grid name names the nearest, or all", "[volume]") {
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {block(8, "density"), block(8, "heat")});
