@@ -8,27 +8,20 @@
 #include <type_traits>
 #include <vector>
 
-#include <openvdb/tree/LeafManager.h>
+#include <openvdb/tree/ValueAccessor.h>
+#include <tbb/parallel_for.h>
 
 namespace palpate {
 namespace {
 
 using openvdb::Coord;
 
-/// Taps on each side: |pole|^16 < 1e-9 for the cubic, the slower of the two.
+/// Beyond so many voxels the filter has forgotten: |pole|^16 < 1e-9 for the cubic, the slower one.
 constexpr int kReach = 16;
 
-/// The two-sided exponential that undoes a spline's samples; its taps add up to 1.
-std::array<double, 2 * kReach + 1> inverseTaps(int degree) {
-  const double pole = degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
-  std::array<double, 2 * kReach + 1> taps{};
-  double sum = 0.0;
-  for (std::size_t i = 0; i < taps.size(); ++i) {
-    taps[i] = std::pow(pole, std::abs(static_cast<int>(i) - kReach));
-    sum += taps[i];
-  }
-  for (double& tap : taps) tap /= sum;
-  return taps;
+/// Of the recursion that undoes a spline's samples.
+double poleOf(int degree) {
+  return degree == 2 ? 2.0 * std::sqrt(2.0) - 3.0 : std::sqrt(3.0) - 2.0;
 }
 
 /// As the grid stores it: beyond its range the largest number, never infinity.
@@ -75,33 +68,94 @@ void addLeavesAround(TreeT& tree) {
   }
 }
 
-/// Filters along one axis, from `in` to `out` of equal topology.
+/// Leaves in lines along one axis, in order; a line ends at a gap that the filter does not reach
+/// across.
 template <class TreeT>
-void filter(const TreeT& in, int axis, const std::array<double, 2 * kReach + 1>& taps, TreeT& out) {
+std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, int axis) {
+  using Leaf = typename TreeT::LeafNodeType;
+  std::vector<Leaf*> leaves;
+  tree.getNodes(leaves);
+  const auto key = [axis](const Leaf* leaf) {
+    const Coord& o = leaf->origin();
+    return std::array<int, 3>{o[(axis + 1) % 3], o[(axis + 2) % 3], o[axis]};
+  };
+  std::sort(leaves.begin(), leaves.end(),
+            [&](const Leaf* a, const Leaf* b) { return key(a) < key(b); });
+  std::vector<std::vector<Leaf*>> runs;
+  std::array<int, 3> last{};
+  for (Leaf* leaf : leaves) {
+    const std::array<int, 3> here = key(leaf);
+    const bool goes_on = !runs.empty() && here[0] == last[0] && here[1] == last[1] &&
+                         here[2] - last[2] <= static_cast<int>(Leaf::DIM) + kReach;
+    if (!goes_on) runs.emplace_back();
+    runs.back().push_back(leaf);
+    last = here;
+  }
+  return runs;
+}
+
+/// Turns samples into coefficients along one axis, in place: forward and back with one pole each
+/// way. Outside the leaves of a run the values go on as the tile there.
+template <class TreeT>
+void filterAlong(TreeT& tree, int axis, double pole) {
   using Leaf = typename TreeT::LeafNodeType;
   using Value = typename TreeT::ValueType;
   using Sum = std::conditional_t<std::is_arithmetic_v<Value>, double, openvdb::Vec3d>;
-  constexpr int kSize = static_cast<int>(Leaf::DIM);
-  openvdb::tree::LeafManager<TreeT> leaves(out);
-  leaves.foreach ([&](Leaf& leaf, std::size_t) {
-    openvdb::tree::ValueAccessor<const TreeT, false> accessor(in);
-    std::array<Sum, kSize + 2 * kReach> line;
-    for (int u = 0; u < kSize; ++u) {
-      for (int v = 0; v < kSize; ++v) {
-        Coord at = leaf.origin();
-        at[(axis + 1) % 3] += u;
-        at[(axis + 2) % 3] += v;
-        Coord from = at;
-        from[axis] -= kReach;
-        for (Sum& value : line) {
-          value = Sum(accessor.getValue(from));
-          ++from[axis];
+  constexpr std::size_t kSize = Leaf::DIM;
+  constexpr std::array<std::size_t, 3> kStride{kSize * kSize, kSize, 1};
+  const auto along = static_cast<std::size_t>(axis);
+  const std::size_t stride = kStride[along];
+  const std::size_t across = kStride[(along + 1) % 3];
+  const std::size_t lines = kStride[(along + 2) % 3];
+  const std::vector<std::vector<Leaf*>> runs = runsAlong(tree, axis);
+  tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
+    const std::vector<Leaf*>& leaves = runs[r];
+    openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
+    const int first = leaves.front()->origin()[axis];
+    const auto length = static_cast<std::size_t>(leaves.back()->origin()[axis] - first) + kSize;
+    const auto valueAt = [&](int position) {
+      Coord at = leaves.front()->origin();
+      at[axis] = position;
+      return Sum(accessor.getValue(at));
+    };
+    // Tiles before, after and in the gaps, which are as long as a leaf or a few.
+    const Sum before = valueAt(first - 1) * (1.0 / (1.0 - pole));
+    const Sum after = valueAt(first + static_cast<int>(length)) * (1.0 / (1.0 - pole));
+    std::vector<Leaf*> at(length / kSize, nullptr);
+    for (Leaf* leaf : leaves) {
+      at[static_cast<std::size_t>(leaf->origin()[axis] - first) / kSize] = leaf;
+    }
+    std::vector<std::array<Sum, kSize>> c(length);
+    for (std::size_t u = 0; u < kSize; ++u) {
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        const Value* data = at[i] == nullptr ? nullptr : at[i]->buffer().data() + u * across;
+        const Sum tile = data == nullptr ? valueAt(first + static_cast<int>(i * kSize)) : Sum(0.0);
+        for (std::size_t k = 0; k < kSize; ++k) {
+          for (std::size_t v = 0; v < kSize; ++v) {
+            c[i * kSize + k][v] = data == nullptr ? tile : Sum(data[k * stride + v * lines]);
+          }
         }
-        for (std::size_t i = 0; i < kSize; ++i) {
-          Sum sum = openvdb::zeroVal<Sum>();
-          for (std::size_t k = 0; k < taps.size(); ++k) sum += taps[k] * line[i + k];
-          leaf.setValueOnly(at, stored<Value>(sum));
-          ++at[axis];
+      }
+      std::array<Sum, kSize> last;
+      last.fill(before);
+      for (std::array<Sum, kSize>& row : c) {
+        for (std::size_t v = 0; v < kSize; ++v) last[v] = row[v] = row[v] + pole * last[v];
+      }
+      // What the way back would bring from the constant beyond the end.
+      for (Sum& value : last) {
+        value = -pole / (1.0 - pole) * after - pole * pole / (1.0 - pole * pole) * (value - after);
+      }
+      for (std::size_t k = length; k-- > 0;) {
+        for (std::size_t v = 0; v < kSize; ++v) last[v] = c[k][v] = pole * (last[v] - c[k][v]);
+      }
+      const double gain = (1.0 - pole) * (1.0 - 1.0 / pole);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        if (at[i] == nullptr) continue;
+        Value* data = at[i]->buffer().data() + u * across;
+        for (std::size_t k = 0; k < kSize; ++k) {
+          for (std::size_t v = 0; v < kSize; ++v) {
+            data[k * stride + v * lines] = stored<Value>(gain * c[i * kSize + k][v]);
+          }
         }
       }
     }
@@ -113,11 +167,7 @@ typename GridT::Ptr coefficientsOf(const GridT& grid, int degree) {
   typename GridT::Ptr coefficients = grid.deepCopy();
   auto& tree = coefficients->tree();
   addLeavesAround(tree);
-  const auto taps = inverseTaps(degree);
-  typename GridT::TreeType other(tree);
-  filter(other, 0, taps, tree);
-  filter(tree, 1, taps, other);
-  filter(other, 2, taps, tree);
+  for (int axis = 0; axis < 3; ++axis) filterAlong(tree, axis, poleOf(degree));
   return coefficients;
 }
 
