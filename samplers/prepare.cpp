@@ -342,8 +342,8 @@ void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInf
     info.vector = true;
     if (!grid.isInWorldSpace() && affine) {
       // Vectors of the grid's own index space, each kind by its own rule.
+      grid.setIsInWorldSpace(true);  // else nothing is turned
       openvdb::tools::transformVectors(grid, grid.transform().baseMap()->getAffineMap()->getMat4());
-      grid.setIsInWorldSpace(true);
       info.was_local = true;
       range = rangeOf(grid);
     }

@@ -1,0 +1,316 @@
+// Grids as files keep them: staggered, by component, in index space, axial, with holes and noise.
+#include <cmath>
+#include <limits>
+
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/Filter.h>
+
+#include "engine/error.h"
+#include "samplers/vdb_field.h"
+#include "samplers/volume.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+using openvdb::Coord;
+using openvdb::Vec3d;
+using openvdb::Vec3s;
+using openvdb::math::Transform;
+
+namespace {
+
+constexpr std::array kSmooth{Interpolation::kTrilinear, Interpolation::kQuadratic,
+                             Interpolation::kCubic};
+
+Vec3 eigen(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// An oblong, moved lattice, as solvers write them.
+Transform::Ptr oblong() {
+  auto transform = Transform::createLinearTransform(1.0);
+  transform->postScale(Vec3d(0.5, 0.25, 0.4));
+  transform->postTranslate(Vec3d(3.0, -2.0, 1.0));
+  return transform;
+}
+
+const Mat3 kSlope = (Mat3() << 0.5, -1.0, 2.0, 0.25, 0.75, -0.5, 1.5, 0.0, -1.25).finished();
+const Vec3 kOffset(0.1, -0.2, 0.3);
+
+Vec3 linear(const Vec3& p) {
+  return kSlope * p + kOffset;
+}
+
+std::shared_ptr<const Volume> reload(const openvdb::GridPtrVec& grids, const std::string& name,
+                                     const LoadOptions& options = {}) {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", grids);
+  return loadVolume(folder / "a.vdb", name, options);
+}
+
+/// The field's value and Jacobian at random places of the lattice's middle.
+void requireLinear(const std::shared_ptr<const Volume>& volume) {
+  const auto transform = oblong();
+  for (const Interpolation order : kSmooth) {
+    const auto field = std::get<1>(makeVdbField(volume, {}, {order}));
+    FieldCache cache;
+    field->reset(cache);
+    Random random(3);
+    for (int i = 0; i < 500; ++i) {
+      const Vec3d index(random.uniform(11, 13), random.uniform(11, 13), random.uniform(11, 13));
+      const Vec3 p = eigen(transform->indexToWorld(index));
+      VectorSample s;
+      {
+        const CountScope scope;
+        s = field->sample(p, cache);
+        const Counts counts = CountScope::counts();
+        REQUIRE(counts.allocations + counts.locks + counts.exceptions == 0);
+      }
+      CAPTURE(wordFor(order), p.transpose());
+      REQUIRE(s.inside);
+      REQUIRE((s.value - linear(p)).norm() < 1e-4);  // the edge rings, eleven voxels on
+      REQUIRE((s.jacobian - kSlope).norm() < 1e-3);
+    }
+  }
+}
+
+/// Component c of `linear`, on the face of each voxel that a staggered grid keeps it on.
+double onFace(int c, const Vec3d& centre) {
+  Vec3d p = centre;
+  p[c] -= 0.5 * oblong()->voxelSize()[c];
+  return linear(eigen(p))[c];
+}
+
+openvdb::FloatGrid::Ptr component(int c, const Transform::Ptr& transform) {
+  return makeGrid<openvdb::FloatGrid>(
+      24, transform, [=](const Vec3d& p) { return static_cast<float>(linear(eigen(p))[c]); },
+      std::string("vel.") + "xyz"[c]);
+}
+
+}  // namespace
+
+TEST_CASE("a staggered grid is read with each component on its face", "[samplers][kinds]") {
+  auto grid = makeGrid<openvdb::Vec3SGrid>(
+      24, oblong(),
+      [](const Vec3d& p) { return Vec3s(Vec3d(onFace(0, p), onFace(1, p), onFace(2, p))); }, "vel");
+  grid->setGridClass(openvdb::GRID_STAGGERED);
+  const auto volume = reload({grid}, "");
+  CHECK(volume->info().grid_class == GridClass::kStaggered);
+  CHECK(volume->info().vector);
+  requireLinear(volume);
+}
+
+TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kinds]") {
+  openvdb::GridPtrVec grids;
+  for (int c = 0; c < 3; ++c) {
+    auto transform = oblong();
+    Vec3d half(0.0);
+    half[c] = -0.5 * transform->voxelSize()[c];
+    transform->postTranslate(half);
+    grids.push_back(component(c, transform));
+  }
+  grids.push_back(makeGrid<openvdb::FloatGrid>(4, oblong(), [](const Vec3d&) { return 1.0F; }));
+  requireLinear(reload(grids, "vel"));
+  CHECK(reload(grids, "vel.y")->info().vector == false);
+
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", grids);
+  const std::vector<std::string> names = gridNames(folder / "a.vdb");
+  REQUIRE(names.size() == 2);
+  CHECK(std::count(names.begin(), names.end(), "vel") == 1);
+  const auto infos = describeGrids(folder / "a.vdb");
+  REQUIRE(infos.size() == 5);
+  CHECK(infos.back().name == "vel");
+  CHECK(infos.back().type == "3 x float");
+  std::uint64_t parts = 0;
+  for (const GridInfo& info : infos) parts += info.name.rfind("vel.", 0) == 0 ? info.memory : 0;
+  CHECK(infos.back().memory == parts);
+
+  // Of other types or places they are no vector.
+  grids[1] = makeGrid<openvdb::DoubleGrid>(
+      24, oblong(), [](const Vec3d&) { return 1.0; }, "vel.y");
+  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("different types"));
+  auto apart = Transform::createLinearTransform(1.0);
+  apart->postTranslate(Vec3d(1e4, 0, 0));
+  grids[1] = component(1, apart);
+  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("lie apart"));
+}
+
+TEST_CASE("vectors of index space are turned by the rule of their kind", "[samplers][kinds]") {
+  const auto kind =
+      GENERATE(openvdb::VEC_INVARIANT, openvdb::VEC_COVARIANT, openvdb::VEC_CONTRAVARIANT_RELATIVE);
+  auto grid = makeGrid<openvdb::Vec3SGrid>(
+      8, oblong(), [](const Vec3d&) { return Vec3s(1, 2, 4); }, "v");
+  grid->setVectorType(kind);
+  const auto read = [&] {
+    const auto volume = reload({grid}, "v");
+    const auto field = std::get<1>(makeVdbField(volume, {}));
+    FieldCache cache;
+    field->reset(cache);
+    return field->sample(volume->info().bounds.centre(), cache).value;
+  };
+  CHECK((read() - Vec3(1, 2, 4)).norm() < 1e-6);
+  grid->setIsInWorldSpace(false);
+  Vec3 expected(1, 2, 4);
+  const Vec3 voxel(0.5, 0.25, 0.4);
+  if (kind == openvdb::VEC_COVARIANT) expected = expected.cwiseQuotient(voxel);
+  if (kind == openvdb::VEC_CONTRAVARIANT_RELATIVE) expected = expected.cwiseProduct(voxel);
+  CHECK((read() - expected).norm() < 1e-5);
+}
+
+TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kinds]") {
+  // Fibres that turn by some 3 degrees a voxel, each voxel with a sign of its own.
+  Random random(5);
+  const auto direction = [](const Vec3d& p) {
+    const double a = 0.05 * p.x() + 0.03 * p.y();
+    return Vec3d(std::cos(a), std::sin(a), 0.2).unit();
+  };
+  auto grid = makeGrid<openvdb::Vec3SGrid>(
+      24, Transform::createLinearTransform(1.0),
+      [&](const Vec3d& p) {
+        return Vec3s(direction(p) * (random.uniform(-1, 1) < 0.0 ? -1.0 : 1.0));
+      },
+      "fibres");
+  const auto volume = reload({grid}, "");
+  const auto worstAngle = [&](bool axial) {
+    const auto field = std::get<1>(makeVdbField(volume, {}, {Interpolation::kTrilinear, axial}));
+    FieldCache cache;
+    field->reset(cache);
+    Random places(6);
+    double worst = 0.0;
+    for (int i = 0; i < 2000; ++i) {
+      const Vec3 p = Vec3::Constant(12) + places.inCube(9.0);
+      const Vec3 v = field->sample(p, cache).value;
+      const double cosine = std::abs(v.dot(eigen(direction({p.x(), p.y(), p.z()})))) / v.norm();
+      worst = std::max(worst, std::acos(std::min(1.0, cosine)));
+    }
+    return worst * 180.0 / M_PI;
+  };
+  CHECK(worstAngle(true) < 0.1);
+  CHECK(worstAngle(false) > 45.0);
+  CHECK_THROWS_WITH(makeVdbField(volume, {}, {Interpolation::kCubic, true}),
+                    Contains("no cubic interpolation"));
+  CHECK_THROWS_WITH(makeVdbField(reload({makeBall(1.0, 0.1)}, ""), {}, {{}, true}),
+                    Contains("only a vector"));
+}
+
+TEST_CASE("values that are no numbers are refused, or filled by choice", "[samplers][kinds]") {
+  auto grid =
+      makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
+                                   [](const Vec3d& p) { return static_cast<float>(p.x()); });
+  grid->tree().setValue(Coord(5, 5, 5), std::numeric_limits<float>::quiet_NaN());
+  grid->tree().setValue(Coord(2, 2, 2), std::numeric_limits<float>::infinity());
+  grid->tree().addTile(1, Coord(64, 0, 0), std::numeric_limits<float>::quiet_NaN(), true);
+  CHECK_THROWS_WITH(reload({grid}, ""), Contains("3 of its values") && Contains("fill"));
+  const LoadOptions fill{NonFinite::kFill, 0, nullptr};
+  const auto volume = reload({grid}, "", fill);
+  CHECK(volume->info().filled == 3);
+  CHECK(volume->info().non_finite == 0);
+  CHECK(volume->info().active_voxels == 998);
+  CHECK(volume->info().highest == 9.0);
+  for (const Interpolation order : kSmooth) {
+    const auto field = std::get<0>(makeVdbField(volume, {}, {order}));
+    FieldCache cache;
+    field->reset(cache);
+    CHECK(field->sample({5, 5, 5}, cache).value == Approx(0.0).margin(1e-5));
+    CHECK(std::isfinite(field->sample({2.5, 2.5, 2.5}, cache).value));
+    CHECK_FALSE(field->sample({68, 4, 4}, cache).inside);
+  }
+  grid->tree().root().setBackground(std::numeric_limits<float>::quiet_NaN(), false);
+  CHECK(reload({grid}, "", fill)->info().background == 0.0);
+}
+
+TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][kinds]") {
+  const int width = GENERATE(1, 2);
+  Random random(8);
+  auto noise = makeGrid<openvdb::FloatGrid>(
+      30, Transform::createLinearTransform(1.0),
+      [&](const Vec3d&) { return static_cast<float>(random.uniform(-1, 1)); });
+  const auto volume = reload({noise}, "", {NonFinite::kRefuse, width, nullptr});
+  const Smoothing said = volume->info().smoothing;
+  CHECK(said.width == width);
+  CHECK(said.rms_change > 0.4);  // nearly all of noise of 0.58 rms
+  CHECK(said.largest_change > said.rms_change);
+  auto theirs = noise->deepCopy();
+  openvdb::tools::Filter<openvdb::FloatGrid>(*theirs).gaussian(width);
+  const auto field = std::get<0>(makeVdbField(volume, {}));
+  FieldCache cache;
+  field->reset(cache);
+  CHECK(field->sample({15, 14, 13}, cache).value ==
+        Approx(theirs->tree().getValue(Coord(15, 14, 13))));
+
+  // A wave of the length that it names keeps half of its height.
+  const double k = 2.0 * M_PI / said.half_height_voxels;
+  auto wave = makeGrid<openvdb::FloatGrid>(
+      64, Transform::createLinearTransform(1.0),
+      [&](const Vec3d& p) { return static_cast<float>(std::cos(k * (p.x() - 32.0))); });
+  const auto left = std::get<0>(makeVdbField(reload({wave}, "", {{}, width, nullptr}), {}));
+  left->reset(cache);
+  CHECK(left->sample({32, 32, 32}, cache).value == Approx(0.5).epsilon(0.05));
+
+  const auto ball = reload({makeBall(2.0, 0.1)}, "", {{}, width, nullptr});
+  CHECK(ball->info().smoothing.largest_change > 0.0);
+  CHECK(ball->info().smoothing.largest_change < 0.1);
+}
+
+TEST_CASE("several volumes load together, equal ones once, and say how far they are",
+          "[samplers][kinds]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {makeBall(2.0, 0.1)});
+  writeVdb(folder / "b.vdb", {makeBall(1.0, 0.1)});
+  double last = 0.0;
+  bool forward = true;
+  const auto results = loadVolumes({{folder / "a.vdb", "ball"},
+                                    {folder / "none.vdb", ""},
+                                    {folder / "b.vdb", ""},
+                                    {folder / "a.vdb", "ball"},
+                                    {folder / "a.vdb", "ball", NonFinite::kRefuse, 1}},
+                                   [&](double done) {
+                                     forward = forward && done >= last && done <= 1.0;
+                                     last = done;
+                                   });
+  REQUIRE(results.size() == 5);
+  CHECK(results[0].volume == results[3].volume);
+  CHECK(results[0].volume != results[4].volume);
+  CHECK(results[2].volume->info().active_voxels < results[0].volume->info().active_voxels);
+  CHECK_THROWS_AS(std::rethrow_exception(results[1].error), VolumeError);
+  CHECK(forward);
+}
+
+TEST_CASE("spline coefficients are made once for a volume", "[samplers][kinds][spline]") {
+  const auto volume = reload({makeBall(2.0, 0.1)}, "");
+  const std::uint64_t grid = volume->memory();
+  CHECK(grid == volume->info().memory);
+  (void)makeVdbField(volume, {}, {Interpolation::kCubic});
+  const std::uint64_t one = volume->memory();
+  CHECK(one > grid);
+  (void)makeVdbField(volume, {2.0, Mat3::Identity(), Vec3::Zero()}, {Interpolation::kCubic});
+  CHECK(volume->memory() == one);
+  (void)makeVdbField(volume, {}, {Interpolation::kQuadratic});
+  CHECK(volume->memory() > one);
+}
+
+TEST_CASE("a spline passes through the faces of large tiles", "[samplers][kinds][spline]") {
+  auto grid = openvdb::FloatGrid::create(0.0F);
+  grid->tree().addTile(2, Coord(0, 0, 0), 1.0F, true);  // 128^3
+  grid->setName("tile");
+  const auto volume = reload({grid}, "");
+  for (const Interpolation order : {Interpolation::kQuadratic, Interpolation::kCubic}) {
+    const auto field = std::get<0>(makeVdbField(volume, {}, {order}));
+    FieldCache cache;
+    field->reset(cache);
+    Random random(9);
+    for (int i = 0; i < 300; ++i) {
+      const Coord at(static_cast<int>(random.uniform(-4, 132)),
+                     static_cast<int>(random.uniform(-4, 132)),
+                     static_cast<int>(random.uniform(-4, 4)));
+      CAPTURE(wordFor(order), at.x(), at.y(), at.z());
+      REQUIRE(field->sample(eigen(at.asVec3d()), cache).value ==
+              Approx(grid->tree().getValue(at)).margin(2e-5));
+    }
+  }
+}
