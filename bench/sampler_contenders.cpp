@@ -132,6 +132,15 @@ auto openVdb(const typename GridT::Ptr& grid) {
   };
 }
 
+/// As openvdb::tools::GridSampler, from world space; that itself wants an accessor with a lock.
+template <class Read>
+auto fromWorld(const FloatGrid::Ptr& grid, Read read) {
+  return [grid, read](const Vec3& p) {
+    const Vec3d q = grid->transform().worldToIndex(asVec3d(p));
+    return read(Vec3(q.x(), q.y(), q.z()));
+  };
+}
+
 /// OpenVDB's stencil of a cell's eight voxels: value and slope of their polynomial.
 auto boxStencil(const FloatGrid::Ptr& grid) {
   using Stencil = openvdb::math::BoxStencil<FloatGrid, false>;
@@ -209,6 +218,8 @@ Contest contestOver(const FloatGrid::Ptr& grid) {
   const auto quadratic = openVdb<QuadraticSampler, FloatGrid>(grid);
   all.push_back(contender("PointSampler", kV, openVdb<PointSampler, FloatGrid>(grid)));
   all.push_back(contender("BoxSampler", kV, box));
+  all.push_back(contender("GridSampler", kV, fromWorld(grid, box),
+                          "BoxSampler behind the grid's own map from world space"));
   all.push_back(contender("7x BoxSampler", kVG, differencesOf(box),
                           "differences over half a voxel to either side"));
   all.push_back(contender("BoxStencil", kVG, boxStencil(grid), "the cell polynomial's slope"));

@@ -44,7 +44,7 @@ template <int C>
 class TrilinearKernel {
  public:
   static constexpr int kWidth = 4;         ///< Voxels along an edge of the block it is made of.
-  static constexpr int kBefore = 1;        ///< Of these, before `place`'s cell.
+  static constexpr int kBefore = 1;        ///< Of these, before the cell or the nearest voxel.
   static constexpr bool kNearest = false;  ///< Centred on the nearest voxel, not on the cell.
   static constexpr bool kBlendsRows = true;
   static constexpr bool kNeedsEdges = false;  ///< Voxels at the rim of two axes of the block.

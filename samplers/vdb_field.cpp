@@ -148,7 +148,7 @@ void alignSigns(Block<3, W>& block, int cell) noexcept {
   }
 }
 
-/// M v, and A B for columns of three, written out: see cell.h.
+/// M v, written out: see cell.h.
 [[gnu::always_inline]] inline Vec3 times(const Mat3& M, double x, double y, double z) noexcept {
   const double* m = M.data();
   return {m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z,
@@ -320,6 +320,7 @@ class GridReader {
 
   [[gnu::noinline]] void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
     Block<kComponents, kWidth> block;
+    if (axial_) block.values.fill(0.0);  // all are looked at, the rims that nobody needs as well
     constexpr int kBefore = Kernel::kBefore;
     copyBlock<Kernel::kNeedsEdges>(
         cache.accessor, Coord(cell[0] - kBefore, cell[1] - kBefore, cell[2] - kBefore), block);

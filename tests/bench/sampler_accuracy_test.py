@@ -11,7 +11,7 @@ from pathlib import Path
 PROGRAM = sys.argv[1]
 CHART = sys.argv[2]
 
-VALUES = {"palpate nearest", "PointSampler", "BoxSampler", "QuadraticSampler"}
+VALUES = {"palpate nearest", "PointSampler", "BoxSampler", "GridSampler", "QuadraticSampler"}
 GRADIENTS = {"palpate trilinear", "palpate quadratic", "palpate cubic", "7x BoxSampler",
              "BoxStencil", "7x QuadraticSampler"}
 VOXELS = (4, 8, 16, 32)
