@@ -8,7 +8,6 @@
 #include <type_traits>
 #include <utility>
 
-#include <openvdb/tools/ChangeBackground.h>
 #include <openvdb/tools/Filter.h>
 #include <openvdb/tools/LevelSetFilter.h>
 #include <openvdb/tools/VectorTransformer.h>
@@ -18,7 +17,6 @@
 #include <tbb/parallel_reduce.h>
 
 #include "engine/error.h"
-#include "samplers/vdb_check.h"
 
 namespace palpate {
 namespace {
@@ -110,6 +108,7 @@ template <class Leaf>
 void readLeaf(Leaf& leaf) {
   using Buffer = typename Leaf::Buffer;
   using Value = typename Leaf::ValueType;
+  static_assert(OPENVDB_LIBRARY_MAJOR_VERSION_NUMBER == 10, "see whether this is still so");
   try {
     (void)leaf.buffer().data();
   } catch (...) {
@@ -149,7 +148,7 @@ Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   for (std::size_t part = 0; part < parts; ++part) {
     const tbb::blocked_range<std::size_t> here(leaves.leafCount() * part / parts,
                                                leaves.leafCount() * (part + 1) / parts, 64);
-    range.join(tbb::parallel_reduce(
+    range.join(tbb::parallel_deterministic_reduce(
         here, Range{},
         [&](const tbb::blocked_range<std::size_t>& some, Range sum) {
           for (std::size_t i = some.begin(); i < some.end(); ++i) {
@@ -179,7 +178,7 @@ void fillUnusable(GridT& grid) {
   using Value = typename GridT::ValueType;
   using Tree = typename GridT::TreeType;
   if (!isUsable(sizeOf(grid.background()))) {
-    openvdb::tools::changeBackground(grid.tree(), openvdb::zeroVal<Value>());
+    grid.tree().root().setBackground(openvdb::zeroVal<Value>(), /*updateChildNodes=*/false);
   }
   const Value background = grid.background();
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
@@ -318,17 +317,33 @@ Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
   return bounds;
 }
 
+/// From the grid's index space to the file's world space, each kind of vector by its own rule.
+template <class GridT>
+void turnVectors(GridT& grid) {
+  const openvdb::Mat4d map = grid.transform().baseMap()->getAffineMap()->getMat4();
+  grid.setIsInWorldSpace(true);  // else nothing is turned
+  // OpenVDB leaves the background as it is.
+  auto one = GridT::create();
+  one->setVectorType(grid.getVectorType());
+  one->tree().setValue(Coord(0, 0, 0), grid.background());
+  openvdb::tools::transformVectors(*one, map);
+  openvdb::tools::transformVectors(grid, map);
+  grid.tree().root().setBackground(one->tree().getValue(Coord(0, 0, 0)),
+                                   /*updateChildNodes=*/false);
+}
+
 /// The values of a grid of a type that can be felt: looked at, filled, smoothed, turned.
 template <class GridT>
 void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInfo& info) {
   Range range = rangeOf(grid, options.progress);
-  info.non_finite = range.unusable;
-  if (range.unusable > 0 && options.non_finite == NonFinite::kFill) {
+  const auto fill = [&] {
+    if (range.unusable == 0 || options.non_finite == NonFinite::kRefuse) return;
+    info.filled += range.unusable;
     fillUnusable(grid);
-    info.filled = std::exchange(info.non_finite, 0);
     range = rangeOf(grid);
-  }
-  if (options.smooth > 0 && info.non_finite == 0) {
+  };
+  fill();
+  if (options.smooth > 0 && range.unusable == 0) {
     try {
       info.smoothing = smooth(grid, options.smooth);
     } catch (const openvdb::Exception& e) {
@@ -337,23 +352,96 @@ void prepareValues(GridT& grid, const LoadOptions& options, bool affine, GridInf
                         "remove \"smooth\"");
     }
     range = rangeOf(grid);
+    fill();
   }
   if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
     info.vector = true;
-    if (!grid.isInWorldSpace() && affine) {
-      // Vectors of the grid's own index space, each kind by its own rule.
-      grid.setIsInWorldSpace(true);  // else nothing is turned
-      openvdb::tools::transformVectors(grid, grid.transform().baseMap()->getAffineMap()->getMat4());
-      info.was_local = true;
+    info.was_local = !grid.isInWorldSpace() && grid.getVectorType() != openvdb::VEC_INVARIANT;
+    if (info.was_local && affine) {
+      turnVectors(grid);
       range = rangeOf(grid);
+      fill();
     }
   }
+  info.non_finite = range.unusable;
   info.background = sizeOf(grid.background());
   if (range.lowest <= range.highest) {
     info.lowest = range.lowest;
     info.highest = range.highest;
     info.mean = range.sum / range.count;
   }
+}
+
+/// "why: remedy" where a grid cannot be felt.
+std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool affine,
+                      const std::vector<Volume::Grid::Part>& parts) {
+  if (parts.empty()) {
+    return "it is of type " + info.type +
+           ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
+  }
+  if (!grid.transform().isLinear()) {
+    return "it has a frustum transform: resample it to an affine grid";
+  }
+  if (!affine) {
+    return "its transform is singular or not finite: write it with a valid voxel size";
+  }
+  if (info.non_finite > 0) {
+    return std::to_string(info.non_finite) +
+           " of its values are NaN, infinite or above 1e100: replace them before writing the file "
+           "(a scene may say \"non_finite\": \"fill\")";
+  }
+  if (info.active_voxels == 0) {
+    return "it has no active voxel: write the grid with its values active";
+  }
+  const Mat3 size = parts.front().linear.colwise().norm().asDiagonal();
+  if (info.was_local && parts.size() == 3 && !parts.front().linear.cwiseAbs().isApprox(size)) {
+    return "its staggered vectors are in a rotated index space: write them in world space";
+  }
+  return "";
+}
+
+std::uint64_t memoryOf(const std::vector<Volume::Grid::Part>& parts) {
+  std::uint64_t sum = 0;
+  for (const Volume::Grid::Part& part : parts) {
+    sum += std::visit([](const auto& grid) { return grid->memUsage(); }, part.data);
+  }
+  return sum;
+}
+
+/// Of a vector by component: at the active voxels of the first, the others' nearest.
+template <class GridT>
+Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
+  using Tree = typename GridT::TreeType;
+  const auto grid = [&](std::size_t c) -> const GridT& {
+    return *std::get<typename GridT::ConstPtr>(parts[c].data);
+  };
+  const Mat3 y_from_file = parts[1].linear.inverse();
+  const Mat3 z_from_file = parts[2].linear.inverse();
+  const auto nearest = [](const Vec3& p_I) {
+    return Coord::round(openvdb::Vec3d(p_I.x(), p_I.y(), p_I.z()));
+  };
+  const openvdb::tree::LeafManager<const Tree> leaves(grid(0).tree());
+  return tbb::parallel_deterministic_reduce(
+      leaves.leafRange(), Range{},
+      [&](const auto& some, Range range) {
+        const openvdb::tree::ValueAccessor<const Tree, false> y(grid(1).tree());
+        const openvdb::tree::ValueAccessor<const Tree, false> z(grid(2).tree());
+        for (auto leaf = some.begin(); leaf; ++leaf) {
+          for (auto value = leaf->cbeginValueOn(); value; ++value) {
+            const Coord c = value.getCoord();
+            const Vec3 p_F = parts[0].linear * Vec3(c.x(), c.y(), c.z()) + parts[0].origin;
+            const openvdb::Vec3d v(*value,
+                                   y.getValue(nearest(y_from_file * (p_F - parts[1].origin))),
+                                   z.getValue(nearest(z_from_file * (p_F - parts[2].origin))));
+            range.add(v.length(), true);
+          }
+        }
+        return range;
+      },
+      [](Range a, const Range& b) {
+        a.join(b);
+        return a;
+      });
 }
 
 template <class GridT>
@@ -402,25 +490,12 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   info.memory = base->memUsage();
   openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
   if (parts.empty()) takeStatistics(*base, info, active);
+  if (parts.size() == 3) info.memory = memoryOf(parts);
   if (affine) {
     info.voxel = part.linear.colwise().norm().transpose();
     if (info.active_voxels > 0) info.bounds = boundsOf(active, part);
   }
-
-  if (parts.empty()) {
-    info.refusal = "it is of type " + info.type +
-                   ": convert it to a float, half, double or vec3 grid (points: rasterise them)";
-  } else if (!base->transform().isLinear()) {
-    info.refusal = "it has a frustum transform: resample it to an affine grid";
-  } else if (!affine) {
-    info.refusal = "its transform is singular or not finite: write it with a valid voxel size";
-  } else if (info.non_finite > 0) {
-    info.refusal = std::to_string(info.non_finite) +
-                   " of its values are NaN or infinite: replace them before writing the file, or "
-                   "say \"non_finite\": \"fill\" in the scene";
-  } else if (info.active_voxels == 0) {
-    info.refusal = "it has no active voxel: write the grid with its values active";
-  }
+  info.refusal = refusalOf(*base, info, affine, parts);
   out.grid = std::make_unique<Volume::Grid>();
   out.grid->parts = std::move(parts);
   return out;
@@ -433,59 +508,51 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
   info.name = name;
   info.type = "3 x " + info.type;
   info.vector = true;
+  info.refusal.clear();
+  info.filled = info.non_finite = 0;
   out.grid = std::make_unique<Volume::Grid>();
   double squares = 0.0;
-  info.filled = info.non_finite = info.memory = 0;
   for (Prepared& component : components) {
     const GridInfo& one = component.info;
     if (info.refusal.empty() && !one.refusal.empty()) {
       info.refusal = "its component \"" + one.name + "\" cannot be felt, " + one.refusal;
     }
-    if (one.vector || one.type != components[0].info.type) {
-      info.refusal = "its components are of different types: write three float grids";
-    }
     info.filled += one.filled;
     info.non_finite += one.non_finite;
-    info.memory += one.memory;
     info.active_voxels = std::min(info.active_voxels, one.active_voxels);
     info.voxel = info.voxel.cwiseMin(one.voxel);
     info.smoothing.rms_change = std::max(info.smoothing.rms_change, one.smoothing.rms_change);
     info.smoothing.largest_change =
         std::max(info.smoothing.largest_change, one.smoothing.largest_change);
-    // Where all three have data.
-    info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower);
-    info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper);
+    // Where all three have data, which reach half a voxel beyond the centres.
+    info.bounds.lower = info.bounds.lower.cwiseMax(one.bounds.lower - 0.5 * one.voxel);
+    info.bounds.upper = info.bounds.upper.cwiseMin(one.bounds.upper + 0.5 * one.voxel);
     squares += one.background * one.background;
     for (Volume::Grid::Part& part : component.grid->parts) {
       out.grid->parts.push_back(std::move(part));
     }
   }
   info.background = std::sqrt(squares);
+  info.memory = memoryOf(out.grid->parts);
   if (info.refusal.empty() && info.bounds.empty()) {
     info.refusal = "its components lie apart: write them over the same place";
   }
   if (!info.refusal.empty()) return out;
-
-  // The magnitudes, voxel by voxel of the first.
-  std::visit(
-      [&](const auto& x) {
-        using GridPtr = std::decay_t<decltype(x)>;
-        using GridT = std::remove_const_t<typename GridPtr::element_type>;
+  const Range range = std::visit(
+      [&](const auto& x) -> Range {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(x)>::element_type>;
         if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
-          const auto y = std::get<GridPtr>(out.grid->parts[1].data)->getConstUnsafeAccessor();
-          const auto z = std::get<GridPtr>(out.grid->parts[2].data)->getConstUnsafeAccessor();
-          Range range;
-          for (auto value = x->cbeginValueOn(); value; ++value) {
-            const Coord at = value.getCoord();
-            const openvdb::Vec3d v(*value, y.getValue(at), z.getValue(at));
-            range.add(v.length(), true, static_cast<double>(value.getVoxelCount()));
-          }
-          info.lowest = range.lowest;
-          info.highest = range.highest;
-          info.mean = range.sum / range.count;
+          return magnitudesOf<GridT>(out.grid->parts);
+        } else {
+          return {};
         }
       },
       out.grid->parts[0].data);
+  if (range.lowest <= range.highest) {
+    info.lowest = range.lowest;
+    info.highest = range.highest;
+    info.mean = range.sum / range.count;
+  }
   return out;
 }
 

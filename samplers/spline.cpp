@@ -10,6 +10,7 @@
 
 #include <openvdb/tree/ValueAccessor.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 namespace palpate {
 namespace {
@@ -37,7 +38,7 @@ Value stored(const Sum& sum) {
 }
 
 /// Leaves wherever the filter reaches: about the grid's own, in place of its small tiles, and along
-/// both sides of the faces of larger ones.
+/// the faces of larger ones where something else begins.
 template <class TreeT>
 void addLeavesAround(TreeT& tree) {
   using Leaf = typename TreeT::LeafNodeType;
@@ -45,17 +46,28 @@ void addLeavesAround(TreeT& tree) {
   constexpr int kLargest = 128;
   std::vector<Coord> origins;
   for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) origins.push_back(leaf->origin());
+  const openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
   auto tile = tree.cbeginValueOn();
   tile.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
   for (; tile; ++tile) {
     const openvdb::CoordBBox box = tile.getBoundingBox();
-    if (box.dim().x() > kLargest) continue;
-    const int last = box.dim().x() - kSize;
-    for (int i = 0; i <= last; i += kSize) {
-      for (int j = 0; j <= last; j += kSize) {
-        const bool edge = i == 0 || i == last || j == 0 || j == last;
-        for (int k = 0; k <= last; k += edge || last == 0 ? kSize : last) {
-          origins.push_back(box.min().offsetBy(i, j, k));
+    const int size = box.dim().x();
+    if (size > kLargest) continue;
+    const auto value = *tile;
+    for (int face = 0; face < 6; ++face) {
+      const int axis = face / 2;
+      const bool upper = face % 2 == 1;
+      for (int i = 0; i < size; i += kSize) {
+        for (int j = 0; j < size; j += kSize) {
+          Coord within = box.min();
+          within[axis] += upper ? size - kSize : 0;
+          within[(axis + 1) % 3] += i;
+          within[(axis + 2) % 3] += j;
+          Coord beyond = within;
+          beyond[axis] += upper ? kSize : -kSize;
+          const bool goes_on =
+              accessor.probeConstLeaf(beyond) == nullptr && accessor.getValue(beyond) == value;
+          if (!goes_on) origins.push_back(within);
         }
       }
     }
@@ -179,14 +191,17 @@ const std::vector<GridData>& splineCoefficients(const Volume& volume, int degree
   const std::lock_guard lock(made.mutex);
   if (!made.parts.empty()) return made.parts;
   std::vector<GridData> parts;
-  for (const Volume::Grid::Part& part : grid.parts) {
-    parts.push_back(std::visit(
-        [&](const auto& data) -> GridData {
-          using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
-          return typename GridT::ConstPtr(coefficientsOf(*data, degree));
-        },
-        part.data));
-  }
+  // Isolated: a thread that waits in there may not take up other work that wants the same lock.
+  tbb::this_task_arena::isolate([&] {
+    for (const Volume::Grid::Part& part : grid.parts) {
+      parts.push_back(std::visit(
+          [&](const auto& data) -> GridData {
+            using GridT = std::remove_const_t<typename std::decay_t<decltype(data)>::element_type>;
+            return typename GridT::ConstPtr(coefficientsOf(*data, degree));
+          },
+          part.data));
+    }
+  });
   made.parts = std::move(parts);
   return made.parts;
 }

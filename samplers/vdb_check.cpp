@@ -9,6 +9,7 @@
 #include <fstream>
 #include <limits>
 #include <numeric>
+#include <optional>
 #include <set>
 #include <sstream>
 #include <string_view>
@@ -59,13 +60,18 @@ using Origin = std::array<std::int32_t, 3>;
 /// Walks a file from front to back.
 class Walk {
  public:
-  explicit Walk(const std::filesystem::path& file)
-      : path_(file.string()), stream_(file, std::ios::binary), buffer_(kBuffer) {
+  /// Of the trees only that of `grid` is walked, where the file says where each begins.
+  Walk(const std::filesystem::path& file, std::optional<std::string> grid)
+      : path_(file.string()),
+        stream_(file, std::ios::binary),
+        buffer_(kBuffer),
+        wanted_(std::move(grid)) {
     size_ = std::filesystem::file_size(file);
     limit_ = size_;
   }
 
-  void file() {
+  /// Returns whose tree the wanted grid shares, if it does.
+  std::optional<std::string> file() {
     header();
     (void)metadata();
     const auto count = take<std::int32_t>();
@@ -78,6 +84,7 @@ class Walk {
       if (!names.insert(grids.back().name).second) damaged("two of its grids have one name");
       grid(grids.back());
     }
+    std::optional<std::string> shared;
     for (const Descriptor& instance : grids) {
       if (instance.parent.empty()) continue;
       const bool known = std::any_of(grids.begin(), grids.end(), [&](const Descriptor& parent) {
@@ -85,11 +92,21 @@ class Walk {
                parent.type == instance.type;
       });
       if (!known) damaged("a grid shares the tree of one that is not there");
+      if (isWanted(instance)) shared = nameOf(instance.parent);
     }
+    return shared;
   }
 
  private:
   static constexpr std::size_t kBuffer = 1U << 18U;
+
+  /// As users call it: density[1].
+  static std::string nameOf(const std::string& unique) {
+    return openvdb::io::GridDescriptor::nameAsString(unique);
+  }
+  [[nodiscard]] bool isWanted(const Descriptor& d) const {
+    return wanted_.has_value() && nameOf(d.name) == *wanted_;
+  }
 
   [[noreturn]] void damaged(const std::string& why) const {
     throw VolumeError(path_, "it is damaged (" + why + ")", "copy or write it again");
@@ -196,10 +213,8 @@ class Walk {
       need(bytes);
       const std::uint64_t end = position() + bytes;
       const bool saved_as_half = name == openvdb::GridBase::META_SAVE_HALF_FLOAT;
-      if (type == openvdb::io::DelayedLoadMetadata::staticTypeName()) {
-        delayedLoad(bytes);
-      } else if (type != openvdb::StringMetadata::staticTypeName() &&
-                 openvdb::Metadata::isRegisteredType(type)) {
+      if (type != openvdb::StringMetadata::staticTypeName() &&
+          openvdb::Metadata::isRegisteredType(type)) {
         // OpenVDB reads as many bytes as its own type has.
         if (openvdb::Metadata::createMetadata(type)->size() != bytes) {
           damaged("metadata of fixed size have another");
@@ -215,30 +230,6 @@ class Walk {
       skip(end - position());
     }
     return half;
-  }
-
-  /// What OpenVDB keeps to load leaves later; read, though we load at once.
-  void delayedLoad(std::uint32_t bytes) {
-    if (bytes == 0) return;
-    const std::uint64_t end = position() + bytes;
-    const auto fits = [&](std::uint64_t size) {
-      if (size > end - position()) damaged("its table of leaves is larger than its place");
-    };
-    fits(8);
-    const auto count = take<std::uint32_t>();
-    if (count > size_ / 128) damaged("its table of leaves has more than the file can hold");
-    for (const std::uint64_t item : {1U, 8U}) {
-      fits(4);
-      const auto packed = take<std::uint32_t>();
-      if (item == 8 && packed == std::numeric_limits<std::uint32_t>::max()) break;  // no table
-      const std::uint64_t table = count * item;
-      const std::uint64_t stored = packed > 0 ? packed : table;
-      fits(stored);
-      const std::uint64_t next = position() + stored;
-      // Small tables are padded to 128 bytes before they are packed.
-      if (packed > 0) (void)bloscHeader(packed, table, table <= 128 ? 128 : table);
-      skip(next - position());
-    }
   }
 
   Descriptor descriptor() {
@@ -284,11 +275,12 @@ class Walk {
     if (compression > 7) damaged("a grid is compressed in an unknown way");
     const bool half = metadata();
     transform();
-    if (kind != nullptr && !instance) tree(*kind, compression, half, d);
+    const bool walk = kind != nullptr && (!has_offsets_ || isWanted(d));
+    if (walk && !instance) tree(*kind, compression, half, d);
 
     if (has_offsets_) {
-      // The trees of other types are not read: whatever is in them does no harm.
-      if (kind == nullptr) skip(left());
+      // The trees of other grids and types are not read: whatever is in them does no harm.
+      if (!walk) skip(left());
       if (left() > 0) damaged("a grid does not end where it should");
       limit_ = size_;
       bounded_ = false;
@@ -327,7 +319,7 @@ class Walk {
     for (std::size_t i = 0; i < count; ++i) {
       values[i] = take<double>();
       const double size = std::abs(values[i]);
-      if (std::isfinite(size) && size > 0.0 && (size > 1e30 || size < 1e-30)) {
+      if (std::isfinite(size) && size > 1e30) {
         damaged("a transform holds a number of impossible size");
       }
     }
@@ -468,7 +460,7 @@ class Walk {
     std::uint64_t rest = packed;
     std::string data(reinterpret_cast<const char*>(&size), sizeof size);
     if (storage.blosc) {
-      const unsigned char* header = bloscHeader(packed, bytes, bytes);
+      const unsigned char* header = bloscHeader(packed, bytes);
       if (unpack) data.append(reinterpret_cast<const char*>(header), 16);
       rest -= 16;
     } else if (packed > bytes + bytes / 1000 + 64) {
@@ -495,8 +487,7 @@ class Walk {
 
   /// Takes the first 16 bytes of a blosc chunk, which say again how large it is packed and
   /// unpacked.
-  const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes,
-                                   std::uint64_t or_bytes) {
+  const unsigned char* bloscHeader(std::uint64_t packed, std::uint64_t bytes) {
     if (packed < 16) damaged("a packed part is too small");
     const unsigned char* header = take(16);
     const unsigned flags = header[2];
@@ -505,7 +496,7 @@ class Walk {
     std::memcpy(sizes.data(), header + 4, sizeof sizes);
     const std::uint64_t unpacked = sizes[0];
     const std::uint64_t block = sizes[1];
-    if ((unpacked != bytes && unpacked != or_bytes) || sizes[2] != packed) {
+    if (unpacked != bytes || sizes[2] != packed) {
       damaged("a packed part is not of the size that it should be");
     }
     if (unpacked == 0) return header;
@@ -531,6 +522,7 @@ class Walk {
   std::uint64_t limit_ = 0;  ///< End of the section that is being walked.
   bool bounded_ = false;     ///< The section ends where the file says, not where it ends.
   bool has_offsets_ = true;  ///< The file says where its grids begin and end.
+  std::optional<std::string> wanted_;
   std::vector<LeafMask> leaves_;
 };
 
@@ -540,8 +532,9 @@ bool isFeltType(const std::string& tree_type) {
   return kindOf(tree_type) != nullptr;
 }
 
-void checkVdb(const std::filesystem::path& file) {
-  Walk(file).file();
+void checkVdb(const std::filesystem::path& file, const std::optional<std::string>& grid) {
+  const std::optional<std::string> shared = Walk(file, grid).file();
+  if (shared) (void)Walk(file, shared).file();
 }
 
 }  // namespace palpate

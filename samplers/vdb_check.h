@@ -3,6 +3,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 
 namespace palpate {
@@ -15,8 +16,11 @@ namespace palpate {
 /// size and position must fit, every node must end where the next begins. OpenVDB believes what it
 /// reads: a cut file is full of zeros to it, a flipped bit asks for gigabytes or crashes it. What
 /// passes can be read; its values may still be anything, the format has no checksum. Throws
-/// VolumeError: truncated, damaged, or written by an OpenVDB too old or too new. Reads the file
-/// once, in pieces: some 64 bytes of memory a leaf. Call openvdb::initialize() before.
-void checkVdb(const std::filesystem::path& file);
+/// VolumeError: truncated, damaged, or written by an OpenVDB too old or too new. Reads what it
+/// walks once, in pieces: some 64 bytes of memory a leaf. Call openvdb::initialize() before.
+/// @param grid  Whose tree is to be read, as users call it; none: only what stands before the
+/// trees.
+///              A file without a table of contents is walked from end to end.
+void checkVdb(const std::filesystem::path& file, const std::optional<std::string>& grid);
 
 }  // namespace palpate

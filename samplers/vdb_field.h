@@ -72,7 +72,8 @@ struct Sampling {
 /// with it. Where the eight directions of a cell span more than 90 degrees there is none to follow.
 ///
 /// Throws VolumeError for `axial` where the volume is no vector in one grid, or not trilinear. RT:
-/// sample() reads at most eight leaves when the cell changes, none otherwise; no allocation.
+/// sample() reads at most eight leaves of each grid when the cell changes, none otherwise; no
+/// allocation.
 [[nodiscard]] FieldPtr makeVdbField(const std::shared_ptr<const Volume>& volume,
                                     const Placement& placement, const Sampling& sampling = {});
 

@@ -38,32 +38,25 @@ std::array<std::string, 3> componentsOf(const std::string& name) {
   return {name + ".x", name + ".y", name + ".z"};
 }
 
-/// The vectors that a file keeps by component.
-std::vector<std::string> joinedNames(const std::vector<std::string>& names) {
-  const auto has = [&](const std::string& name) {
-    return std::find(names.begin(), names.end(), name) != names.end();
-  };
-  std::vector<std::string> joined;
-  for (const std::string& name : names) {
-    if (name.size() < 3 || name.compare(name.size() - 2, 2, ".x") != 0) continue;
-    const std::string stem = name.substr(0, name.size() - 2);
-    const auto parts = componentsOf(stem);
-    if (has(parts[1]) && has(parts[2]) && !has(stem)) joined.push_back(stem);
-  }
-  return joined;
-}
-
 /// Gives back what has been read of a file in memory maps, OpenVDB's: else a load would hold the
-/// file beside the grid. The system has the pages in its cache still.
-void dropMapped(const std::filesystem::path& file) {
-  std::error_code error;
-  const std::string path = std::filesystem::canonical(file, error).string();
+/// file beside the grid. The system has the pages in its cache still. Maps that somebody could have
+/// written to are left alone.
+/// @param path  Absolute; empty does nothing.
+void dropMapped(const std::string& path) {
+  if (path.empty()) return;
   std::ifstream maps("/proc/self/maps");
   for (std::string line; std::getline(maps, line);) {
-    if (line.size() < path.size() || !line.ends_with(path)) continue;
+    // begin-end permissions offset device inode path
+    const std::size_t slash = line.find('/');
+    if (slash == std::string::npos || line.compare(slash, std::string::npos, path) != 0) continue;
     std::uintptr_t begin = 0;
     std::uintptr_t end = 0;
-    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR, &begin, &end) != 2) continue;
+    std::array<char, 5> permissions{};
+    if (std::sscanf(line.c_str(), "%" SCNxPTR "-%" SCNxPTR " %4s", &begin, &end,
+                    permissions.data()) != 3 ||
+        permissions[1] == 'w') {
+      continue;
+    }
     madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);  // NOLINT: an address
   }
 }
@@ -88,8 +81,9 @@ class VdbFile {
       throw VolumeError(path.string(), "it is not a .vdb file",
                         "convert it, e.g. with palpate import");
     }
+    canonical_ = std::filesystem::canonical(path, error).string();
     guarded([&] {
-      checkVdb(path);
+      checkVdb(path, std::nullopt);
       // Nothing is copied: the leaves are read before this ends.
       file_.setCopyMaxBytes(0);
       file_.open(/*delayLoad=*/true);
@@ -108,27 +102,55 @@ class VdbFile {
     openvdb::GridBase::Ptr grid;
     guarded([&] {
       grid = file_.readGridMetadata(name);
-      if (isFeltType(grid->type())) grid = file_.readGrid(name);
+      if (!isFeltType(grid->type())) return;
+      checkVdb(path_, name);
+      grid = file_.readGrid(name);
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
     return grid;
+  }
+
+  /// The vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of one type.
+  [[nodiscard]] std::vector<std::string> joinedNames() {
+    const std::vector<std::string> all = names();
+    const auto has = [&](const std::string& name) {
+      return std::find(all.begin(), all.end(), name) != all.end();
+    };
+    std::vector<std::string> joined;
+    guarded([&] {
+      for (const std::string& name : all) {
+        if (name.size() < 3 || !name.ends_with(".x")) continue;
+        const std::string stem = name.substr(0, name.size() - 2);
+        const auto parts = componentsOf(stem);
+        if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
+        const auto type = [&](std::size_t c) { return file_.readGridMetadata(parts[c])->type(); };
+        const bool scalar =
+            type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
+        if (scalar && type(1) == type(0) && type(2) == type(0)) joined.push_back(stem);
+      }
+    });
+    return joined;
   }
 
   /// A grid, or a vector of three, ready to be felt or with its refusal.
   Prepared prepared(const std::string& name, const LoadOptions& options) {
     Prepared out;
     const std::vector<std::string> all = names();
+    double begun = 0.0;  // of the parts, all of them 1
+    double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      dropMapped(path_);
-      if (options.progress) options.progress(done);
+      dropMapped(canonical_);
+      if (options.progress) options.progress(begun + share * done);
     };
     guarded([&] {
       if (std::find(all.begin(), all.end(), name) != all.end()) {
         out = prepare(name, read(name), watched);
       } else {
         std::array<Prepared, 3> parts;
+        share = 1.0 / 3.0;
         for (std::size_t c = 0; c < 3; ++c) {
+          begun = static_cast<double>(c) * share;
           const std::string part = componentsOf(name)[c];
           parts[c] = prepare(part, read(part), watched);
         }
@@ -155,6 +177,7 @@ class VdbFile {
   }
 
   std::filesystem::path path_;
+  std::string canonical_;  ///< As the system's list of maps has it; empty if it cannot be known.
   openvdb::io::File file_;
 };
 
@@ -184,8 +207,9 @@ bool isVdb(const std::filesystem::path& file) noexcept {
 }
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {
-  std::vector<std::string> names = VdbFile(file).names();
-  for (const std::string& joined : joinedNames(names)) {
+  VdbFile vdb(file);
+  std::vector<std::string> names = vdb.names();
+  for (const std::string& joined : vdb.joinedNames()) {
     const auto parts = componentsOf(joined);
     *std::find(names.begin(), names.end(), parts[0]) = joined;
     for (const std::string& part : {parts[1], parts[2]}) {
@@ -199,7 +223,7 @@ std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
   VdbFile vdb(file);
   std::vector<std::string> names = vdb.names();
   if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
-  const std::vector<std::string> joined = joinedNames(names);
+  const std::vector<std::string> joined = vdb.joinedNames();
   names.insert(names.end(), joined.begin(), joined.end());
   std::vector<GridInfo> infos;
   for (const std::string& name : names) infos.push_back(vdb.prepared(name, {}).info);
@@ -211,7 +235,7 @@ std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, cons
   VdbFile vdb(file);
   std::vector<std::string> names = vdb.names();
   if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
-  const std::vector<std::string> joined = joinedNames(names);
+  const std::vector<std::string> joined = vdb.joinedNames();
 
   std::string wanted = grid;
   if (wanted.empty() && names.size() == 1) wanted = names.front();
@@ -261,10 +285,10 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
         results[i].volume =
             loadVolume(request.file, request.grid, {request.non_finite, request.smooth, tell});
       }
-      tell(1.0);
     } catch (...) {
       results[i].error = std::current_exception();
     }
+    tell(1.0);
   });
   for (std::size_t i = 0; i < requests.size(); ++i) {
     if (firstLike(i) != i) results[i] = results[firstLike(i)];

@@ -52,7 +52,7 @@ struct GridInfo {
 /// One grid in memory, const after loading, shared by its placements and by all threads.
 class Volume {
  public:
-  struct Grid;  ///< OpenVDB's; see samplers/vdb_field.cpp.
+  struct Grid;  ///< OpenVDB's; see samplers/volume_grid.h.
 
   Volume(GridInfo info, std::unique_ptr<const Grid> grid);
   Volume(const Volume&) = delete;
@@ -86,12 +86,12 @@ struct LoadOptions {
   /// level set its LevelSetFilter, else its Filter; active voxels only. Takes twice the grid's
   /// memory more while it works.
   int smooth = 0;
-  /// Told how far it is, from 0 to 1, on long loads; an Error from it ends them.
+  /// Told how far reading is, from 0 to 1; an Error from it ends the load.
   std::function<void(double done)> progress;
 };
 
-/// The names of what a file holds, in its order: vel.x, vel.y and vel.z together are vel. Throws as
-/// describeGrids.
+/// The names of what a file holds, in its order: vel.x, vel.y and vel.z, scalars of one type,
+/// together are vel. Throws as describeGrids.
 [[nodiscard]] std::vector<std::string> gridNames(const std::filesystem::path& file);
 
 /// Reads all grids of a file and describes each, then each vector that is kept by component. Throws
@@ -103,7 +103,8 @@ struct LoadOptions {
 /// Loads one grid, compressed leaves in parallel, and looks at every value. Throws VolumeError for
 /// what describeGrids refuses, for a name that is not there (the nearest is suggested) and for a
 /// grid that cannot be felt: points and other types than scalar and vector floats, frustum or
-/// singular maps, no active voxel, values that are no numbers.
+/// singular maps, no active voxel, values that are no numbers. The file must not change meanwhile:
+/// it is mapped, and a file cut while it is read kills the process.
 ///
 /// Vectors: a staggered grid is taken apart, each component keeps its place on the face of its
 /// voxel (twice the grid's memory for a moment); vel.x, vel.y and vel.z, three scalars of one type,
@@ -131,7 +132,7 @@ struct LoadResult {
 };
 
 /// Loads in parallel, equal requests once. `progress` is told of all together, from any thread but
-/// one at a time.
+/// one at a time; it may not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
     const std::function<void(double done)>& progress = nullptr);

@@ -136,13 +136,13 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
       throw SceneError::within(path, e);
     }
     built.volumes[wanted[i]] = loaded[i].volume;
-    for (const std::string& remark : remarks(loaded[i].volume->info())) {
-      built.notes.push_back(path + ": " + remark);
-    }
   }
   Placer placer(spec, built.volumes);
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
+    for (const std::string& remark : remarks(volume->info())) {
+      built.notes.push_back(at(spec, "/volumes/" + name) + ": " + remark);
+    }
     try {
       built.fields[name] =
           makeVdbField(volume, built.placements[name], spec.volumes.at(name).sampling);

@@ -43,7 +43,7 @@ struct VolumeSpec {
   int smooth = 0;  ///< As LoadOptions, voxels.
   PlaceSpec place;
   Sampling sampling;
-  std::shared_ptr<const Volume> volume;  ///< If set, none of the above is read.
+  std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
   FieldPtr field;                        ///< If set, all of the above is ignored.
 };
 

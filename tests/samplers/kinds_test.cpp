@@ -1,7 +1,10 @@
 // Grids as files keep them: staggered, by component, in index space, axial, with holes and noise.
+#include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 
+#include <Eigen/LU>
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Filter.h>
@@ -30,12 +33,21 @@ Vec3 eigen(const Vec3d& v) {
   return {v.x(), v.y(), v.z()};
 }
 
-/// An oblong, moved lattice, as solvers write them.
+/// An oblong, sheared and moved lattice.
 Transform::Ptr oblong() {
   auto transform = Transform::createLinearTransform(1.0);
   transform->postScale(Vec3d(0.5, 0.25, 0.4));
+  transform->postShear(0.3, openvdb::math::X_AXIS, openvdb::math::Y_AXIS);
   transform->postTranslate(Vec3d(3.0, -2.0, 1.0));
   return transform;
+}
+
+/// From a voxel's centre to its face below, along one index axis.
+Vec3d toFace(int axis) {
+  const auto transform = oblong();
+  Vec3d index(0.0);
+  index[axis] = -0.5;
+  return transform->indexToWorld(index) - transform->indexToWorld(Vec3d(0.0));
 }
 
 const Mat3 kSlope = (Mat3() << 0.5, -1.0, 2.0, 0.25, 0.75, -0.5, 1.5, 0.0, -1.25).finished();
@@ -80,9 +92,7 @@ void requireLinear(const std::shared_ptr<const Volume>& volume) {
 
 /// Component c of `linear`, on the face of each voxel that a staggered grid keeps it on.
 double onFace(int c, const Vec3d& centre) {
-  Vec3d p = centre;
-  p[c] -= 0.5 * oblong()->voxelSize()[c];
-  return linear(eigen(p))[c];
+  return linear(eigen(centre + toFace(c)))[c];
 }
 
 openvdb::FloatGrid::Ptr component(int c, const Transform::Ptr& transform) {
@@ -108,9 +118,7 @@ TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kin
   openvdb::GridPtrVec grids;
   for (int c = 0; c < 3; ++c) {
     auto transform = oblong();
-    Vec3d half(0.0);
-    half[c] = -0.5 * transform->voxelSize()[c];
-    transform->postTranslate(half);
+    transform->postTranslate(toFace(c));
     grids.push_back(component(c, transform));
   }
   grids.push_back(makeGrid<openvdb::FloatGrid>(4, oblong(), [](const Vec3d&) { return 1.0F; }));
@@ -133,7 +141,7 @@ TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kin
   // Of other types or places they are no vector.
   grids[1] = makeGrid<openvdb::DoubleGrid>(
       24, oblong(), [](const Vec3d&) { return 1.0; }, "vel.y");
-  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("different types"));
+  CHECK_THROWS_WITH(reload(grids, "vel"), Contains("no grid"));
   auto apart = Transform::createLinearTransform(1.0);
   apart->postTranslate(Vec3d(1e4, 0, 0));
   grids[1] = component(1, apart);
@@ -143,9 +151,11 @@ TEST_CASE("three scalars are one vector, each at its own place", "[samplers][kin
 TEST_CASE("vectors of index space are turned by the rule of their kind", "[samplers][kinds]") {
   const auto kind =
       GENERATE(openvdb::VEC_INVARIANT, openvdb::VEC_COVARIANT, openvdb::VEC_CONTRAVARIANT_RELATIVE);
+  const auto transform = oblong();
   auto grid = makeGrid<openvdb::Vec3SGrid>(
-      8, oblong(), [](const Vec3d&) { return Vec3s(1, 2, 4); }, "v");
+      8, transform, [](const Vec3d&) { return Vec3s(1, 2, 4); }, "v");
   grid->setVectorType(kind);
+  grid->tree().root().setBackground(Vec3s(1, 2, 4), false);
   const auto read = [&] {
     const auto volume = reload({grid}, "v");
     const auto field = std::get<1>(makeVdbField(volume, {}));
@@ -155,10 +165,20 @@ TEST_CASE("vectors of index space are turned by the rule of their kind", "[sampl
   };
   CHECK((read() - Vec3(1, 2, 4)).norm() < 1e-6);
   grid->setIsInWorldSpace(false);
+  Mat3 linear_map;
+  for (int a = 0; a < 3; ++a) {
+    linear_map.col(a) = eigen(transform->indexToWorld(Vec3d(a == 0, a == 1, a == 2)) -
+                              transform->indexToWorld(Vec3d(0.0)));
+  }
   Vec3 expected(1, 2, 4);
-  const Vec3 voxel(0.5, 0.25, 0.4);
-  if (kind == openvdb::VEC_COVARIANT) expected = expected.cwiseQuotient(voxel);
-  if (kind == openvdb::VEC_CONTRAVARIANT_RELATIVE) expected = expected.cwiseProduct(voxel);
+  if (kind == openvdb::VEC_COVARIANT || kind == openvdb::VEC_COVARIANT_NORMALIZE) {
+    expected = linear_map.inverse().transpose() * expected;
+  }
+  if (kind == openvdb::VEC_COVARIANT_NORMALIZE) expected.normalize();
+  if (kind == openvdb::VEC_CONTRAVARIANT_RELATIVE) expected = linear_map * expected;
+  const auto volume = reload({grid}, "v");
+  CHECK(volume->info().was_local == (kind != openvdb::VEC_INVARIANT));
+  CHECK(volume->info().background == Approx(expected.norm()));
   CHECK((read() - expected).norm() < 1e-5);
 }
 
@@ -191,6 +211,18 @@ TEST_CASE("axial vectors are blended with their signs aligned", "[samplers][kind
     return worst * 180.0 / M_PI;
   };
   CHECK(worstAngle(true) < 0.1);
+  const auto field = std::get<1>(makeVdbField(volume, {}, {Interpolation::kTrilinear, true}));
+  FieldCache cache;
+  field->reset(cache);
+  for (double x = 5.0; x < 15.0; x += 0.1) {
+    const CountScope scope;
+    const VectorSample s = field->sample({x, 12.3, 11.7}, cache);
+    const Counts counts = CountScope::counts();
+    REQUIRE(counts.allocations + counts.locks + counts.exceptions == 0);
+    // The Jacobian goes with the value's sign: |d v| = |d angle|, 0.05 and 0.03 a voxel.
+    REQUIRE(s.jacobian.col(0).norm() == Approx(0.05 / std::sqrt(1.04)).epsilon(0.01));
+    REQUIRE(s.jacobian.col(0).dot(s.value) == Approx(0.0).margin(1e-4));
+  }
   CHECK(worstAngle(false) > 45.0);
   CHECK_THROWS_WITH(makeVdbField(volume, {}, {Interpolation::kCubic, true}),
                     Contains("no cubic interpolation"));
@@ -221,7 +253,18 @@ TEST_CASE("values that are no numbers are refused, or filled by choice", "[sampl
     CHECK_FALSE(field->sample({68, 4, 4}, cache).inside);
   }
   grid->tree().root().setBackground(std::numeric_limits<float>::quiet_NaN(), false);
-  CHECK(reload({grid}, "", fill)->info().background == 0.0);
+  grid->tree().setValueOff(Coord(7, 7, 7), -0.25F);
+  const auto zeroed = reload({grid}, "", fill);
+  CHECK(zeroed->info().background == 0.0);
+  const auto field = std::get<0>(makeVdbField(zeroed, {}));
+  FieldCache cache;
+  field->reset(cache);
+  CHECK(field->sample({7, 7, 7}, cache).value == -0.25);  // what was finite stays
+
+  // What a filter or a map makes infinite is no number either.
+  auto steep = makeGrid<openvdb::FloatGrid>(10, Transform::createLinearTransform(1.0),
+                                            [](const Vec3d&) { return 2e38F; });
+  CHECK_THROWS_WITH(reload({steep}, "", {NonFinite::kRefuse, 1, nullptr}), Contains("infinite"));
 }
 
 TEST_CASE("smoothing is OpenVDB's own and says what it takes away", "[samplers][kinds]") {
@@ -274,11 +317,60 @@ TEST_CASE("several volumes load together, equal ones once, and say how far they 
                                      last = done;
                                    });
   REQUIRE(results.size() == 5);
+  CHECK(last == Approx(1.0));
   CHECK(results[0].volume == results[3].volume);
   CHECK(results[0].volume != results[4].volume);
   CHECK(results[2].volume->info().active_voxels < results[0].volume->info().active_voxels);
   CHECK_THROWS_AS(std::rethrow_exception(results[1].error), VolumeError);
   CHECK(forward);
+}
+
+TEST_CASE("a long load says how far it is, and can be ended", "[samplers][kinds]") {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {makeBall(24.0, 0.1)});
+  std::vector<double> said;
+  const auto volume = loadVolume(folder / "a.vdb", "",
+                                 {NonFinite::kRefuse, 0, [&](double d) { said.push_back(d); }});
+  CHECK(said.size() > 10);
+  CHECK(std::is_sorted(said.begin(), said.end()));
+  CHECK(said.back() == 1.0);
+  const auto stop = [](double done) {
+    if (done > 0.3) throw Error("loading", "it was stopped", "none");
+  };
+  CHECK_THROWS_WITH(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, stop}),
+                    Contains("it was stopped"));
+  // A file that goes away meanwhile is still read to its end.
+  const auto gone = [&](double) { std::filesystem::remove(folder / "a.vdb"); };
+  CHECK(loadVolume(folder / "a.vdb", "", {NonFinite::kRefuse, 0, gone})->info().mean ==
+        volume->info().mean);
+}
+
+TEST_CASE("inside is the same for every order but the nearest", "[samplers][kinds]") {
+  const bool level_set = GENERATE(true, false);
+  auto grid = makeBall(1.0, 0.1);
+  if (!level_set) grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  const auto volume = reload({grid}, "");
+  Random random(12);
+  for (const Interpolation order : {Interpolation::kTrilinear, Interpolation::kQuadratic,
+                                    Interpolation::kCubic, Interpolation::kNearest}) {
+    const auto field = std::get<0>(makeVdbField(volume, {}, {order}));
+    FieldCache cache;
+    field->reset(cache);
+    for (int i = 0; i < 3000; ++i) {
+      const Vec3 p = random.inCube(1.5);
+      const Vec3d index = grid->transform().worldToIndex(Vec3d(p.x(), p.y(), p.z()));
+      int active = 0;
+      for (int n = 0; n < 8; ++n) {
+        const Coord corner = Coord::floor(index).offsetBy(n >> 2, (n >> 1) & 1, n & 1);
+        active += static_cast<int>(grid->tree().isValueOn(corner));
+      }
+      const bool expected = order == Interpolation::kNearest
+                                ? grid->tree().isValueOn(Coord::round(index))
+                                : active >= (level_set ? 8 : 1);
+      CAPTURE(wordFor(order), p.transpose());
+      REQUIRE(field->sample(p, cache).inside == expected);
+    }
+  }
 }
 
 TEST_CASE("spline coefficients are made once for a volume", "[samplers][kinds][spline]") {

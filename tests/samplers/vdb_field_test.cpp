@@ -220,6 +220,28 @@ long checkAgainstVoxels(const GridT& grid, const FieldPtr& field, Random& random
 
 }  // namespace
 
+namespace {
+
+/// At active voxels of the grid a spline is the voxel's value, to 1e-5 of the largest.
+void checkSplinesThroughVoxels(const openvdb::FloatGrid& grid,
+                               const std::shared_ptr<const Volume>& volume) {
+  const double largest = std::max(std::abs(volume->info().lowest), volume->info().highest);
+  for (const auto order : {Interpolation::kQuadratic, Interpolation::kCubic}) {
+    Probe probe(makeVdbField(volume, {}, {order}));
+    double worst = 0.0;
+    std::uint64_t n = 0;
+    const std::uint64_t step = grid.activeVoxelCount() / 2000 + 1;
+    for (auto voxel = grid.cbeginValueOn(); voxel; ++voxel) {
+      if (n++ % step != 0 || !voxel.isVoxelValue()) continue;
+      const Vec3 p = eigen(grid.transform().indexToWorld(voxel.getCoord()));
+      worst = std::max(worst, std::abs(probe.scalar(p).value - static_cast<double>(*voxel)));
+    }
+    CHECK(worst < 1e-5 * largest);
+  }
+}
+
+}  // namespace
+
 TEST_CASE("every grid of the data is read as its voxels say, seams and outside included",
           "[.][data]") {
   const std::filesystem::path folder = std::filesystem::path(std::getenv("PALPATE_DATA")) / "vdb";
@@ -244,6 +266,9 @@ TEST_CASE("every grid of the data is read as its voxels say, seams and outside i
       check(openvdb::gridPtrCast<openvdb::Vec3SGrid>(base));
       check(openvdb::gridPtrCast<openvdb::Vec3DGrid>(base));
       CHECK(points > 0);
+      if (const auto scalar = openvdb::gridPtrCast<openvdb::FloatGrid>(base)) {
+        checkSplinesThroughVoxels(*scalar, loadVolume(entry.path(), info.name));
+      }
       ++grids;
     }
   }

@@ -194,10 +194,10 @@ TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
     grid->tree().setValue(openvdb::Coord(3, 3, 3), bad);
     grid->tree().setValueOff(openvdb::Coord(4, 3, 3), bad);  // inactive ones are read as well
     writeVdb(folder / "bad.vdb", {grid});
-    CHECK_THAT(refusal(folder / "bad.vdb"), Contains("2 of its values are NaN or infinite"));
+    CHECK_THAT(refusal(folder / "bad.vdb"), Contains("2 of its values are NaN, infinite"));
   }
   auto background = openvdb::FloatGrid::create(std::numeric_limits<float>::quiet_NaN());
   background->tree().setValue(openvdb::Coord(0, 0, 0), 1.0F);
   writeVdb(folder / "background.vdb", {background});
-  CHECK_THAT(refusal(folder / "background.vdb"), Contains("NaN or infinite"));
+  CHECK_THAT(refusal(folder / "background.vdb"), Contains("NaN, infinite"));
 }

@@ -103,6 +103,9 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/head/file", 3, "/volumes/head/file: 3 is not a text"},
       {"/volumes/head/file", "", "/volumes/head/file: it is empty"},
       {"/volumes/head/interpolation", "quintic", "cubic"},
+      {"/volumes/head/axial", 1, "/volumes/head/axial: 1 is not true or false"},
+      {"/volumes/head/non_finite", "ignore", "use one of refuse, fill"},
+      {"/volumes/head/smooth", 1.5, "not a whole number from 0 to 16"},
       {"/volumes/head/instances", Json::array(), "this version does not have it yet"},
       {"/volumes/head/place/fit", -1, "/volumes/head/place/fit: -1 is not > 0"},
       {"/volumes/head/place/unit", "mm", "none or several of its kinds"},
@@ -181,12 +184,27 @@ TEST_CASE("what only loading can see is named by file and path too", "[scene]") 
              Contains("s.json: /volumes/head: ") && Contains("no such file"));
   CHECK_THAT(error("/volumes/head/grid", "dense"),
              Contains("/volumes/head") && Contains("there is no grid \"dense\""));
+  CHECK_THAT(error("/volumes/head/axial", true),
+             Contains("s.json: /volumes/head: ") && Contains("only a vector"));
   CHECK_THAT(error("/volumes/flow/place/like", "haed"),
              Contains("/volumes/flow/place/like") && Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/volumes/head/place", {{"like", "flow"}}), Contains("in a circle"));
   CHECK_THAT(error("/modes/0/of", "flow"), Contains("s.json: /modes/0/of"));
   CHECK_THAT(error("/modes/0/of", "heads"), Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/fields/swirl/magnitude", "swirl"), Contains("derived from itself"));
+}
+
+TEST_CASE("what smoothing takes away is noted, and changes what is felt", "[scene]") {
+  const TemporaryFolder folder;
+  writeTestVolumes(folder.path());
+  Json scene = fullScene();
+  CHECK(buildScene(parseScene(scene.dump(), "s.json", folder.path())).notes.empty());
+  scene["volumes"]["head"]["smooth"] = 2;
+  scene["volumes"]["head"]["non_finite"] = "fill";
+  const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+  REQUIRE(built.notes.size() == 1);
+  CHECK_THAT(built.notes.front(), Contains("s.json: /volumes/head: smoothed over 2 voxels"));
+  CHECK(built.volumes.at("head")->info().smoothing.width == 2);
 }
 
 TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]") {
