@@ -6,6 +6,7 @@
 #include <memory>
 #include <variant>
 
+#include "engine/flow.h"
 #include "engine/types.h"
 
 namespace palpate {
@@ -24,16 +25,6 @@ struct VectorSample {
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
   bool inside = false;           ///< As in ScalarSample.
 };
-
-/// curl v = (dvz/dy - dvy/dz, dvx/dz - dvz/dx, dvy/dx - dvx/dy), from J(i, j) = d v_i / d x_j.
-[[nodiscard]] inline Vec3 curl(const Mat3& J) noexcept {
-  return {J(2, 1) - J(1, 2), J(0, 2) - J(2, 0), J(1, 0) - J(0, 1)};
-}
-
-/// div v, the trace of the Jacobian.
-[[nodiscard]] inline double divergence(const Mat3& J) noexcept {
-  return J.trace();
-}
 
 /// What one thread's reads of one field change: its accessor and its last cell. Plain memory that
 /// the field lays out as it likes; a Reader owns one for every field.

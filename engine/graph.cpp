@@ -92,25 +92,25 @@ class Compiler {
     const bool of_volume = fields_.count(derived.of) != 0;
     const std::string operand = "\"" + derived.of + "\"";
     const char* word = wordFor(derived.derivation);
-    if (derived.derivation == Derivation::kMagnitude) {
+    const DerivationKind kind = kindOf(derived.derivation);
+    if (!kind.of_volume) {
       if (!of_vector) {
         throw SceneError(path, std::string(word) + " of " + operand + ", which is a scalar",
-                         "give a vector, or use the scalar itself");
+                         kind.vector ? "give a vector" : "give a vector, or use the scalar itself");
       }
-      return false;
+      return kind.vector;
     }
     if (!of_volume) {
       throw SceneError(path, std::string(word) + " of " + operand + ", which is derived",
                        "give a volume; a derived field has no stored derivatives");
     }
-    const bool wants_vector = derived.derivation != Derivation::kGradient;
-    if (of_vector != wants_vector) {
+    if (of_vector != kind.of_vector) {
       throw SceneError(path,
                        std::string(word) + " of " + operand + ", which is a " +
                            (of_vector ? "vector" : "scalar") + " volume",
-                       std::string("give a ") + (wants_vector ? "vector" : "scalar") + " volume");
+                       std::string("give a ") + (kind.of_vector ? "vector" : "scalar") + " volume");
     }
-    return derived.derivation != Derivation::kDivergence;
+    return kind.vector;
   }
 
   int newScalar(const std::string& name) { return newProperty(name, graph_.scalar_properties); }
@@ -174,6 +174,16 @@ class Compiler {
     return graph_.magnitudes.back().to;
   }
 
+  /// Of vectors[from].
+  int unitOf(int from) {
+    for (const UnitStep& step : graph_.units) {
+      if (step.from == from) return step.to;
+    }
+    const std::string name = "unit of " + graph_.vector_properties[static_cast<std::size_t>(from)];
+    graph_.units.push_back({from, newVector(name)});
+    return graph_.units.back().to;
+  }
+
   /// The property that a checked name stands for.
   Slot resolve(const std::string& path, const std::string& name) {
     const auto field = fields_.find(name);
@@ -194,6 +204,12 @@ class Compiler {
         return {true, once(vectorRead(of).curl, true, "curl of " + of)};
       case Derivation::kDivergence:
         return {false, once(vectorRead(of).divergence, false, "divergence of " + of)};
+      case Derivation::kUnit:
+        return {true, unitOf(resolve(path, of).index)};
+      case Derivation::kQ:
+        return {false, once(vectorRead(of).q, false, "q of " + of)};
+      case Derivation::kLambda2:
+        return {false, once(vectorRead(of).lambda2, false, "lambda2 of " + of)};
     }
     return {};
   }
@@ -357,6 +373,12 @@ const char* wordFor(Derivation derivation) noexcept {
       return "curl";
     case Derivation::kDivergence:
       return "divergence";
+    case Derivation::kUnit:
+      return "unit";
+    case Derivation::kQ:
+      return "q";
+    case Derivation::kLambda2:
+      return "lambda2";
   }
   return "";
 }

@@ -1,6 +1,7 @@
 /// The primitive graph: which property feeds which mode. Names at load, indices in the tick.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -20,7 +21,39 @@ enum class Derivation : std::uint8_t {
   kGradient,    ///< Of a scalar volume.
   kCurl,        ///< Of a vector volume.
   kDivergence,  ///< Of a vector volume.
+  kUnit,        ///< v / |v| of any vector; zero where it has no direction, see flow.h.
+  kQ,           ///< The Q criterion of a vector volume: > 0 in a vortex.
+  kLambda2,     ///< Of a vector volume: < 0 in a vortex.
 };
+
+/// All of them, in the order of the enumerators.
+inline constexpr std::array kDerivations{
+    Derivation::kMagnitude, Derivation::kGradient, Derivation::kCurl,   Derivation::kDivergence,
+    Derivation::kUnit,      Derivation::kQ,        Derivation::kLambda2};
+
+/// What a derivation is made of, and what it gives.
+struct DerivationKind {
+  bool of_vector = true;  ///< Else of a scalar.
+  bool vector = false;    ///< What it gives; else a scalar.
+  bool of_volume = true;  ///< Needs its operand's derivatives, hence a volume.
+};
+[[nodiscard]] constexpr DerivationKind kindOf(Derivation derivation) noexcept {
+  switch (derivation) {
+    case Derivation::kMagnitude:
+      return {true, false, false};
+    case Derivation::kUnit:
+      return {true, true, false};
+    case Derivation::kGradient:
+      return {false, true, true};
+    case Derivation::kCurl:
+      return {true, true, true};
+    case Derivation::kDivergence:
+    case Derivation::kQ:
+    case Derivation::kLambda2:
+      break;
+  }
+  return {true, false, true};
+}
 
 struct DerivedSpec {
   Derivation derivation = Derivation::kMagnitude;
@@ -68,6 +101,14 @@ struct VectorRead {
   int value = -1;       ///< -> Properties::vectors
   int curl = -1;        ///< -> Properties::vectors
   int divergence = -1;  ///< -> Properties::scalars
+  int q = -1;           ///< -> Properties::scalars
+  int lambda2 = -1;     ///< -> Properties::scalars
+};
+
+/// The direction of vectors[from] -> vectors[to].
+struct UnitStep {
+  int from = 0;
+  int to = 0;
 };
 
 /// |vectors[from]| -> scalars[to].
@@ -86,6 +127,7 @@ struct Graph {
   std::vector<std::string> vector_properties;
   std::vector<ScalarRead> scalar_reads;
   std::vector<VectorRead> vector_reads;
+  std::vector<UnitStep> units;  ///< Each after the one that it is made of.
   std::vector<MagnitudeStep> magnitudes;
   std::vector<Mode> modes;
   std::vector<std::string> mode_names;

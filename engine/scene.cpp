@@ -62,6 +62,12 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     vector(read.value, s.value, s.inside);
     vector(read.curl, curl(s.jacobian), s.inside);
     scalar(read.divergence, divergence(s.jacobian), s.inside);
+    scalar(read.q, qCriterion(s.jacobian), s.inside);
+    if (read.lambda2 >= 0) scalar(read.lambda2, lambda2(s.jacobian), s.inside);
+  }
+  for (const UnitStep& step : graph.units) {
+    const Properties::Vector& v = out.vectors[static_cast<std::size_t>(step.from)];
+    vector(step.to, unit(v.value), v.inside);
   }
   for (const MagnitudeStep& magnitude : graph.magnitudes) {
     const Properties::Vector& v = out.vectors[static_cast<std::size_t>(magnitude.from)];

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "engine/error.h"
+#include "samplers/derive.h"
 
 namespace palpate {
 namespace {
@@ -107,6 +108,97 @@ std::vector<std::string> remarks(const GridInfo& info) {
   return out;
 }
 
+/// Computes those derived fields whose own derivatives something needs.
+class FieldComputer {
+ public:
+  FieldComputer(const SceneSpec& spec, BuiltScene& built) : spec_(spec), built_(built) {}
+
+  /// Adds them to the volumes; what is left to be derived on the fly. What is wrong with a field is
+  /// left to be said by the graph.
+  GraphSpec compute() {
+    GraphSpec graph = spec_.graph;
+    for (const auto& [name, why] : wanted()) {
+      const Made* made = make(name);
+      if (made == nullptr) continue;
+      Sampling sampling = spec_.volumes.at(made->from).sampling;
+      sampling.axial = made->axial;
+      const DerivedSpec& derived = spec_.graph.fields.at(name);
+      built_.computed[name] = {std::string(wordFor(derived.derivation)) + " of " + derived.of,
+                               made->from, why};
+      built_.volumes[name] = made->volume;
+      built_.placements[name] = built_.placements.at(made->from);
+      built_.fields[name] = makeVdbField(made->volume, built_.placements.at(name), sampling);
+      graph.fields.erase(name);
+    }
+    return graph;
+  }
+
+ private:
+  struct Made {
+    std::shared_ptr<const Volume> volume;
+    std::string from;
+    bool axial = false;
+  };
+
+  /// Names, and why.
+  [[nodiscard]] std::map<std::string, std::string> wanted() const {
+    const auto& fields = spec_.graph.fields;
+    std::map<std::string, std::string> names;
+    for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
+      const ModeSpec& mode = spec_.graph.modes[i];
+      const auto field = fields.find(mode.of);
+      if (field == fields.end() || kindOf(field->second.derivation).vector) continue;
+      if (mode.kind != ModeKind::kSurface && mode.kind != ModeKind::kIsosurface &&
+          mode.kind != ModeKind::kForce) {
+        continue;
+      }
+      names.emplace(mode.of, mode.name.empty()
+                                 ? fmt::format("mode /modes/{} needs its gradient", i)
+                                 : fmt::format("mode \"{}\" needs its gradient", mode.name));
+    }
+    for (const auto& [name, field] : fields) {
+      if (kindOf(field.derivation).of_volume && fields.count(field.of) != 0) {
+        names.emplace(field.of, fmt::format("field \"{}\" needs its derivatives", name));
+      }
+    }
+    for (const auto& [name, volume] : spec_.volumes) names.erase(name);  // refused by the graph
+    return names;
+  }
+
+  /// The volume of a name; none where it comes from none, or is not what its derivation needs.
+  const Made* make(const std::string& name) {
+    const auto known = made_.find(name);
+    if (known != made_.end()) return known->second.volume != nullptr ? &known->second : nullptr;
+    // Until it is made it is none: that ends circles.
+    Made& made = made_[name];
+    const auto volume = built_.volumes.find(name);
+    if (volume != built_.volumes.end()) {
+      made = {volume->second, name, spec_.volumes.at(name).sampling.axial};
+      return &made;
+    }
+    const auto field = spec_.graph.fields.find(name);
+    if (field == spec_.graph.fields.end()) return nullptr;
+    const Derivation what = field->second.derivation;
+    const Made* of = make(field->second.of);
+    if (of == nullptr || of->volume->info().vector != kindOf(what).of_vector) return nullptr;
+    const std::string path = at(spec_, "/fields/" + name);
+    if (of->axial && kindOf(what).of_volume) {
+      throw SceneError(path, "it is to be computed at load, and axial vectors have no derivatives",
+                       "remove \"axial\", or let no mode need its gradient");
+    }
+    try {
+      made = {deriveVolume(of->volume, what), of->from, of->axial && what == Derivation::kUnit};
+    } catch (const VolumeError& e) {
+      throw SceneError::within(path, e);
+    }
+    return &made;
+  }
+
+  const SceneSpec& spec_;
+  BuiltScene& built_;
+  std::map<std::string, Made> made_;
+};
+
 bool given(const FieldPtr& field) {
   return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
 }
@@ -150,13 +242,14 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
   }
+  const GraphSpec graph = FieldComputer(spec, built).compute();
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
     built.bounds.extend(box.lower);
     built.bounds.extend(box.upper);
   }
   try {
-    built.scene = makeScene(spec.graph, built.fields, spec.coupling, spec.step);
+    built.scene = makeScene(graph, built.fields, spec.coupling, spec.step);
   } catch (const SceneError& e) {
     if (spec.source.empty()) throw;
     throw SceneError::within(spec.source, e);

@@ -57,19 +57,30 @@ struct SceneSpec {
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 
+/// A derived field that was computed at load, because something needs its derivatives.
+struct ComputedField {
+  std::string as;    ///< "magnitude of spin": as the scene says it.
+  std::string from;  ///< The volume that it comes from in the end.
+  std::string why;   ///< "mode "wall" needs its gradient"
+};
+
 /// A scene and what it was made of.
 struct BuiltScene {
   std::unique_ptr<const Scene> scene;
-  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids.
+  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
+                                                                 ///< the computed fields.
   std::map<std::string, Placement> placements;
   std::map<std::string, FieldPtr> fields;  ///< All volumes, placed.
-  Box bounds;                              ///< Of all fields in W [m].
+  std::map<std::string, ComputedField> computed;
+  Box bounds;                      ///< Of all fields in W [m].
   std::vector<std::string> notes;  ///< What was filled or smoothed away, and what is valid but can
                                    ///< hardly be meant, one line each.
 };
 
-/// Loads, places, checks and compiles. Throws SceneError (with the JSON path) or VolumeError;
-/// whatever is running is not touched. Slow.
+/// Loads, places, checks and compiles. A derived field that a mode needs the gradient of (surface,
+/// isosurface, force by a scalar), or another field the derivatives of, is computed at load and
+/// from there on a volume, placed and interpolated as the one that it comes from. Throws SceneError
+/// (with the JSON path) or VolumeError; whatever is running is not touched. Slow.
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr);
 
 /// Throws SceneError where the coupling asks for more stiffness than a device renders stably.

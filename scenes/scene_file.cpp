@@ -223,11 +223,11 @@ VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
 }
 
 DerivedSpec readField(const Node& node) {
-  node.object({"magnitude", "gradient", "curl", "divergence", "description"});
+  node.object(
+      {"magnitude", "gradient", "curl", "divergence", "unit", "q", "lambda2", "description"});
   DerivedSpec derived;
   int count = 0;
-  for (const Derivation kind : {Derivation::kMagnitude, Derivation::kGradient, Derivation::kCurl,
-                                Derivation::kDivergence}) {
+  for (const Derivation kind : kDerivations) {
     if (!node.has(wordFor(kind))) continue;
     ++count;
     derived.derivation = kind;
@@ -235,7 +235,7 @@ DerivedSpec readField(const Node& node) {
   }
   if (count != 1) {
     node.fail("it has none or several of its kinds",
-              "give one of magnitude, gradient, curl, divergence");
+              "give one of magnitude, gradient, curl, divergence, unit, q, lambda2");
   }
   return derived;
 }

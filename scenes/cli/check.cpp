@@ -45,15 +45,16 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   std::vector<std::string> out;
   if (read.value >= 0) out.emplace_back("value");
   if (read.curl >= 0) out.push_back(graph.vector_properties[static_cast<std::size_t>(read.curl)]);
-  if (read.divergence >= 0) {
-    out.push_back(graph.scalar_properties[static_cast<std::size_t>(read.divergence)]);
+  for (const int i : {read.divergence, read.q, read.lambda2}) {
+    if (i >= 0) out.push_back(graph.scalar_properties[static_cast<std::size_t>(i)]);
   }
   return out;
 }
 
-/// The volume that a name comes from in the end.
-std::string volumeOf(const SceneSpec& spec, std::string name) {
-  for (auto derived = spec.graph.fields.find(name); derived != spec.graph.fields.end();
+/// The volume that a name is read from.
+std::string volumeOf(const SceneSpec& spec, const BuiltScene& built, std::string name) {
+  for (auto derived = spec.graph.fields.find(name);
+       derived != spec.graph.fields.end() && built.volumes.count(name) == 0;
        derived = spec.graph.fields.find(name)) {
     name = derived->second.of;
   }
@@ -61,13 +62,13 @@ std::string volumeOf(const SceneSpec& spec, std::string name) {
 }
 
 /// The modes that read a volume: why it is sampled.
-std::vector<std::string> readersOf(const SceneSpec& spec, const Graph& graph,
+std::vector<std::string> readersOf(const SceneSpec& spec, const BuiltScene& built,
                                    const std::string& volume) {
   std::vector<std::string> names;
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
-    if (volumeOf(spec, mode.of) == volume || volumeOf(spec, mode.by) == volume) {
-      names.push_back(graph.mode_names[i]);
+    if (volumeOf(spec, built, mode.of) == volume || volumeOf(spec, built, mode.by) == volume) {
+      names.push_back(built.scene->graph.mode_names[i]);
     }
   }
   return names;
@@ -88,8 +89,15 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     const auto grid = built.volumes.find(name);
     if (grid != built.volumes.end()) {
       const GridInfo& info = grid->second->info();
-      volume["file"] = spec.volumes.at(name).file.string();
-      volume["grid"] = info.name;
+      const auto computed = built.computed.find(name);
+      if (computed == built.computed.end()) {
+        volume["file"] = spec.volumes.at(name).file.string();
+        volume["grid"] = info.name;
+      } else {
+        volume["computed"] = computed->second.as;
+        volume["from"] = computed->second.from;
+        volume["because"] = computed->second.why;
+      }
       volume["type"] = info.type;
       volume["active_voxels"] = info.active_voxels;
       volume["memory_bytes"] = grid->second->memory();
@@ -103,14 +111,17 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
     json["sampled"].push_back({{"field", graph.scalar_names[i]},
                                {"properties", wanted(graph, graph.scalar_reads[i])},
-                               {"for", readersOf(spec, graph, graph.scalar_names[i])}});
+                               {"for", readersOf(spec, built, graph.scalar_names[i])}});
   }
   for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
     json["sampled"].push_back({{"field", graph.vector_names[i]},
                                {"properties", wanted(graph, graph.vector_reads[i])},
-                               {"for", readersOf(spec, graph, graph.vector_names[i])}});
+                               {"for", readersOf(spec, built, graph.vector_names[i])}});
   }
   json["derived"] = OrderedJson::array();
+  for (const UnitStep& step : graph.units) {
+    json["derived"].push_back(graph.vector_properties[static_cast<std::size_t>(step.to)]);
+  }
   for (const MagnitudeStep& step : graph.magnitudes) {
     json["derived"].push_back(graph.scalar_properties[static_cast<std::size_t>(step.to)]);
   }
@@ -131,9 +142,15 @@ void print(const OrderedJson& json) {
   for (const auto& [name, volume] : json["volumes"].items()) {
     fmt::print("volume    {}: ", name);
     if (volume.contains("file")) {
-      fmt::print("grid \"{}\" of {}, {}, {} active voxels, {} MB; ",
-                 volume["grid"].get<std::string>(), volume["file"].get<std::string>(),
-                 volume["type"].get<std::string>(), volume["active_voxels"].get<std::uint64_t>(),
+      fmt::print("grid \"{}\" of {}", volume["grid"].get<std::string>(),
+                 volume["file"].get<std::string>());
+    } else if (volume.contains("computed")) {
+      fmt::print("{}, computed once at load because {}", volume["computed"].get<std::string>(),
+                 volume["because"].get<std::string>());
+    }
+    if (volume.contains("type")) {
+      fmt::print(", {}, {} active voxels, {} MB; ", volume["type"].get<std::string>(),
+                 volume["active_voxels"].get<std::uint64_t>(),
                  rounded(volume["memory_bytes"].get<double>() / 1e6));
     }
     fmt::print("voxel {} mm, {} mm a unit\n", rounded(1e3 * volume["voxel"].get<double>()),
@@ -156,7 +173,12 @@ void print(const OrderedJson& json) {
                mode["does"].get<std::string>());
   }
   for (const auto& unused : json["left_out"]) {
-    fmt::print("left out  {}: no mode reads it\n", unused.get<std::string>());
+    std::string uses;
+    for (const auto& [name, volume] : json["volumes"].items()) {
+      if (volume.value("from", "") == unused) uses += (uses.empty() ? "" : ", ") + name;
+    }
+    fmt::print("left out  {}: no mode reads it{}\n", unused.get<std::string>(),
+               uses.empty() ? "" : "; at load it made " + uses);
   }
 }
 

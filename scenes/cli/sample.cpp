@@ -1,4 +1,8 @@
 /// palpate sample: a grid's value and derivatives at points of its own space.
+#include <algorithm>
+#include <array>
+#include <string_view>
+
 #include <fmt/format.h>
 
 #include "devices/csv.h"
@@ -8,6 +12,10 @@
 
 namespace palpate::cli {
 namespace {
+
+/// What --derive knows.
+constexpr std::array<std::string_view, 7> kDerived{"curl", "divergence", "jacobian", "magnitude",
+                                                   "unit", "q",          "lambda2"};
 
 struct Options {
   std::string file;
@@ -43,10 +51,10 @@ Table vectorTable(const std::shared_ptr<const VectorField>& field,
   field->reset(*cache);
   Table table{{"inside", "vx", "vy", "vz"}, nullptr};
   for (const std::string& word : derive) {
-    if (word == "curl") {
-      table.columns.insert(table.columns.end(), {"curl_x", "curl_y", "curl_z"});
-    } else if (word == "divergence") {
-      table.columns.emplace_back("divergence");
+    if (word == "curl" || word == "unit") {
+      for (const char i : {'x', 'y', 'z'}) table.columns.push_back(fmt::format("{}_{}", word, i));
+    } else if (word != "jacobian") {
+      table.columns.push_back(word);
     } else {
       for (const char i : {'x', 'y', 'z'}) {
         for (const char j : {'x', 'y', 'z'}) table.columns.push_back(fmt::format("j_{}{}", i, j));
@@ -57,11 +65,17 @@ Table vectorTable(const std::shared_ptr<const VectorField>& field,
     const VectorSample s = field->sample(p, *cache);
     Row row{s.inside ? 1.0 : 0.0, s.value.x(), s.value.y(), s.value.z()};
     for (const std::string& word : derive) {
-      if (word == "curl") {
-        const Vec3 c = curl(s.jacobian);
-        row.insert(row.end(), {c.x(), c.y(), c.z()});
+      if (word == "curl" || word == "unit") {
+        const Vec3 v = word == "curl" ? curl(s.jacobian) : unit(s.value);
+        row.insert(row.end(), {v.x(), v.y(), v.z()});
+      } else if (word == "magnitude") {
+        row.push_back(s.value.norm());
       } else if (word == "divergence") {
         row.push_back(divergence(s.jacobian));
+      } else if (word == "q") {
+        row.push_back(qCriterion(s.jacobian));
+      } else if (word == "lambda2") {
+        row.push_back(lambda2(s.jacobian));
       } else {
         for (int i = 0; i < 3; ++i) {
           for (int j = 0; j < 3; ++j) row.push_back(s.jacobian(i, j));
@@ -75,10 +89,9 @@ Table vectorTable(const std::shared_ptr<const VectorField>& field,
 
 int sample(const Options& options) {
   for (const std::string& word : options.derive) {
-    if (word != "curl" && word != "divergence" && word != "jacobian") {
-      throw Error("--derive", "\"" + word + "\" is not known",
-                  "use curl, divergence, jacobian, with commas between");
-    }
+    if (std::find(kDerived.begin(), kDerived.end(), word) != kDerived.end()) continue;
+    throw Error("--derive", "\"" + word + "\" is not known",
+                fmt::format("use {}, with commas between", fmt::join(kDerived, ", ")));
   }
   const auto interpolation = interpolationNamed(options.interpolation);
   if (!interpolation) {
@@ -140,7 +153,8 @@ void addSample(CLI::App& app, std::function<int()>& body) {
       ->required();
   verb->add_option("--interpolation", options->interpolation,
                    "trilinear (default), nearest, quadratic or cubic");
-  verb->add_option("--derive", options->derive, "curl,divergence,jacobian (vector grids)")
+  verb->add_option("--derive", options->derive,
+                   fmt::format("{} (vector grids)", fmt::join(kDerived, ",")))
       ->delimiter(',');
   verb->add_flag("--json", options->json, "Print JSON Lines");
   verb->footer(

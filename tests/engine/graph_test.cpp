@@ -5,9 +5,11 @@
 #include "engine/error.h"
 #include "engine/scene.h"
 #include "samplers/analytic_field.h"
+#include "tests/support/counters.h"
 
 using namespace palpate;
 using Catch::Contains;
+using palpate::test::CountScope;
 
 namespace {
 
@@ -74,6 +76,52 @@ TEST_CASE("derived fields reach the modes with their values", "[graph]") {
   CHECK(at.vectors[static_cast<std::size_t>(slope.vector)].value.norm() == Approx(1.0));
 }
 
+TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[graph]") {
+  GraphSpec spec;
+  spec.fields = {{"way", {Derivation::kUnit, "flow"}},       {"spin", {Derivation::kCurl, "flow"}},
+                 {"axis", {Derivation::kUnit, "spin"}},      {"again", {Derivation::kUnit, "axis"}},
+                 {"one", {Derivation::kMagnitude, "again"}}, {"q", {Derivation::kQ, "flow"}},
+                 {"core", {Derivation::kLambda2, "flow"}}};
+  spec.modes = {mode(ModeKind::kFollow, "way"),  mode(ModeKind::kForce, "again"),
+                mode(ModeKind::kViscosity, "q"), mode(ModeKind::kViscosity, "core"),
+                mode(ModeKind::kForce, "axis"),  mode(ModeKind::kViscosity, "one")};
+  const auto scene = makeScene(spec, fields());
+  const Graph& graph = scene->graph;
+  REQUIRE(graph.vector_reads.size() == 1);
+  CHECK(graph.scalar_reads.empty());
+  CHECK(graph.units.size() == 3);
+  CHECK(graph.unused == std::vector<std::string>{"head"});
+
+  // The vortex turns by 2 rad/s about z, along which it flows at 0.1.
+  Reader reader;
+  reader.bind(*scene);
+  Properties at;
+  {
+    const CountScope count;
+    const int reads = reader.sample(*scene, {0.01, 0.02, 0}, at);
+    const long allocations = CountScope::counts().allocations;
+    CHECK(reads == 1);
+    CHECK(allocations == 0);
+  }
+  const auto scalar = [&](std::size_t i) {
+    const auto& viscosity = std::get<ViscosityMode>(graph.modes[i]);
+    return at.scalars[static_cast<std::size_t>(viscosity.scalar)];
+  };
+  const auto vector = [&](int index) { return at.vectors[static_cast<std::size_t>(index)]; };
+  const Vec3 way = vector(std::get<FollowMode>(graph.modes[0]).vector).value;
+  CHECK((way - Vec3(-0.04, 0.02, 0.1).normalized()).norm() < 1e-12);
+  CHECK((vector(std::get<ForceMode>(graph.modes[1]).vector).value - Vec3::UnitZ()).norm() < 1e-12);
+  CHECK(scalar(2).value == Approx(4.0));
+  CHECK(scalar(3).value == Approx(-4.0));
+  CHECK(scalar(5).value == Approx(1.0));
+  CHECK(scalar(3).inside);
+
+  // Where the volume is silent, so is what is derived of it.
+  (void)reader.sample(*scene, {9, 9, 9}, at);
+  for (const std::size_t i : {2, 3, 5}) CHECK_FALSE(scalar(i).inside);
+  CHECK_FALSE(vector(std::get<FollowMode>(graph.modes[0]).vector).inside);
+}
+
 TEST_CASE("what is wrong in a graph is named by its JSON path, with a remedy", "[graph]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "heda")};
@@ -103,6 +151,12 @@ TEST_CASE("what is wrong in a graph is named by its JSON path, with a remedy", "
   CHECK_THAT(error(), Contains("/fields/a") && Contains("is a scalar"));
   spec.fields = {{"a", {Derivation::kCurl, "head"}}};
   CHECK_THAT(error(), Contains("give a vector volume"));
+  spec.fields = {{"a", {Derivation::kUnit, "head"}}};
+  CHECK(error() == "/fields/a: unit of \"head\", which is a scalar: give a vector");
+  spec.fields = {{"a", {Derivation::kQ, "head"}}};
+  CHECK_THAT(error(), Contains("/fields/a: q of") && Contains("give a vector volume"));
+  spec.fields = {{"a", {Derivation::kLambda2, "b"}}, {"b", {Derivation::kCurl, "flow"}}};
+  CHECK_THAT(error(), Contains("/fields/a: lambda2 of \"b\", which is derived"));
   spec.fields = {{"head", {Derivation::kMagnitude, "flow"}}};
   CHECK_THAT(error(), Contains("same name"));
 }

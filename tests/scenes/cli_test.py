@@ -121,6 +121,25 @@ class Sample(Case):
         self.assertEqual(float(row["divergence"]), 3)
         self.assertEqual((float(row["j_xy"]), float(row["j_yx"])), (-1, 1))
 
+    def test_derived_of_vortices_and_directions(self):
+        done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
+                   "--derive", "q,lambda2,unit,magnitude", stdin="x,y,z\n1,1,1\n2,1.5,0.5\n")
+        rows = list(csv.DictReader(io.StringIO(done.stdout)))
+        self.assertEqual(list(rows[0])[7:],
+                         ["q", "lambda2", "unit_x", "unit_y", "unit_z", "magnitude"])
+        for row in rows:
+            # v = (-y, x, 3 z): rotation by 1, stretching by 3
+            x, y, z = (float(row[k]) for k in "xyz")
+            speed = math.sqrt(y * y + x * x + 9 * z * z)
+            self.assertAlmostEqual(float(row["q"]), 1 - 4.5, 12)
+            self.assertAlmostEqual(float(row["lambda2"]), -1, 12)
+            self.assertAlmostEqual(float(row["magnitude"]), speed, 12)
+            for k, v in (("unit_x", -y), ("unit_y", x), ("unit_z", 3 * z)):
+                self.assertAlmostEqual(float(row[k]), v / speed, 12)
+        self.refused("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
+                     "--derive", "vorticity", says="lambda2", stdin="x,y,z\n")
+        self.assertIn("lambda2", run("sample", "--help").stdout)
+
     def test_bad_input(self):
         file = self.dir / "linear.vdb"
         self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
@@ -203,6 +222,31 @@ class Check(Case):
         self.assertIn("labels", out.stderr)
         data = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)
         self.assertEqual(data["sampled"][0]["field"], "ball")
+
+    def test_says_what_is_computed_at_load(self):
+        scene = self.dir / "speed.json"
+        scene.write_text(json.dumps({
+            "palpate": 1, "volumes": {"flow": {"file": "linear.vdb", "grid": "velocity"}},
+            "fields": {"speed": {"magnitude": "flow"}, "way": {"unit": "flow"}},
+            "modes": [{"name": "wall", "mode": "isosurface", "of": "speed", "value": 3,
+                       "strength": 1}]}))
+        lines = run("check", scene).stdout.splitlines()
+        line = next(l for l in lines if l.startswith("volume    speed: "))
+        self.assertIn('magnitude of flow, computed once at load because mode "wall" needs its '
+                      "gradient, float, 729 active voxels, ", line)
+        self.assertIn(" MB; ", line)
+        self.assertIn("left out  flow: no mode reads it; at load it made speed", lines)
+        self.assertIn("left out  way: no mode reads it", lines)
+        data = json.loads(run("check", scene, "--json").stdout)
+        self.assertEqual(data["volumes"]["speed"]["from"], "flow")
+        self.assertGreater(data["volumes"]["speed"]["memory_bytes"], 729 * 4)
+        self.assertEqual([s["field"] for s in data["sampled"]], ["speed"])
+        run("feel", scene, "--seconds", "0.1")
+        data = json.loads(scene.read_text())
+        data["modes"][0].update(mode="follow", of="way")
+        del data["modes"][0]["value"]
+        scene.write_text(json.dumps(data))
+        self.assertIn("derives   unit of flow", run("check", scene).stdout)
 
     def test_bad_scenes(self):
         scene = self.dir / "bad.json"

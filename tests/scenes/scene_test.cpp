@@ -1,3 +1,4 @@
+#include <cmath>
 #include <fstream>
 
 #include <catch2/catch.hpp>
@@ -11,7 +12,7 @@
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
 #include "scenes/scene_file.h"
-#include "tests/support/vdb_files.h"
+#include "tests/support/vdb_grids.h"
 
 using namespace palpate;
 using namespace palpate::test;
@@ -35,7 +36,8 @@ Json fullScene() {
     },
     "fields": {
       "speed": {"magnitude": "flow"}, "spin": {"curl": "flow"}, "source": {"divergence": "flow"},
-      "slope": {"gradient": "head"}, "swirl": {"magnitude": "spin"}
+      "slope": {"gradient": "head"}, "swirl": {"magnitude": "spin"}, "way": {"unit": "flow"},
+      "vortex": {"q": "flow"}, "core": {"lambda2": "flow"}
     },
     "modes": [
       {"name": "bone", "mode": "isosurface", "of": "head", "value": 1, "solid": "above", "strength": 3, "depth": 2},
@@ -43,8 +45,40 @@ Json fullScene() {
       {"mode": "viscosity", "of": "head", "strength": 0.1, "by": "swirl"},
       {"name": "stream", "mode": "follow", "of": "flow", "strength": {"piecewise": [[0, 0], [0.3, 1], [1, 2]]}, "by": "speed"},
       {"mode": "force", "of": "spin", "strength": 0.2, "sense": "repel"},
-      {"mode": "force", "of": "slope", "strength": {"window": {"level": 0, "width": 1, "max": 1}}, "by": "source"}
+      {"mode": "force", "of": "slope", "strength": {"window": {"level": 0, "width": 1, "max": 1}}, "by": "source"},
+      {"mode": "follow", "of": "way", "strength": 0.1, "by": "vortex"},
+      {"mode": "viscosity", "of": "core", "strength": 0.1}
     ]})");
+}
+
+/// A vortex about z, speed r exp(-r^2 / 2), 41^3 voxels of 0.1 about the origin, in flow.vdb.
+void writeVortex(const std::filesystem::path& folder) {
+  const auto transform = openvdb::math::Transform::createLinearTransform(0.1);
+  transform->postTranslate(openvdb::Vec3d(-2.0));
+  const auto flow = makeGrid<openvdb::Vec3SGrid>(
+      41, transform,
+      [](const openvdb::Vec3d& p) {
+        const double f = std::exp(-0.5 * (p.x() * p.x() + p.y() * p.y()));
+        return openvdb::Vec3f(-p.y() * f, p.x() * f, 0.0);
+      },
+      "flow");
+  writeVdb(folder / "flow.vdb", {flow});
+}
+
+/// A scene of one isosurface in the vortex; 10 mm to the unit.
+Json vortexScene(const char* of, double value, const char* solid) {
+  Json scene = Json::parse(R"({
+    "palpate": 1, "coupling": {"stiffness": 500},
+    "volumes": {"flow": {"file": "flow.vdb", "place": {"scale": 0.01}}},
+    "fields": {
+      "speed": {"magnitude": "flow"}, "spin": {"curl": "flow"}, "swirl": {"magnitude": "spin"},
+      "core": {"lambda2": "flow"}, "vortex": {"q": "flow"}
+    },
+    "modes": [{"name": "wall", "mode": "isosurface", "strength": 3}]})");
+  scene["modes"][0]["of"] = of;
+  scene["modes"][0]["value"] = value;
+  scene["modes"][0]["solid"] = solid;
+  return scene;
 }
 
 bool schemaAccepts(const Json& json) {
@@ -76,7 +110,7 @@ TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   CHECK(spec.graph.modes[0].depth_voxels == 2);
   CHECK(spec.graph.modes[4].sense == Sense::kRepel);
   const BuiltScene built = buildScene(spec);
-  CHECK(built.scene->graph.modes.size() == 6);
+  CHECK(built.scene->graph.modes.size() == 8);
   CHECK(built.scene->graph.unused == std::vector<std::string>{"true", "turned"});
 
   // fit: 4 units become 0.1 m, centred.
@@ -114,6 +148,9 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/true/place/unit", "inch", "\"inch\" is not known: use one of m, cm, mm, um"},
       {"/fields/speed", Json::object(), "give one of magnitude"},
       {"/fields/speed/curl", "flow", "give one of magnitude"},
+      {"/fields/way/q", "flow", "give one of magnitude"},
+      {"/fields/core/lambda2", 2, "/fields/core/lambda2: 2 is not a text"},
+      {"/fields/core/lamda2", "flow", "did you mean \"lambda2\"?"},
       {"/modes", Json::object(), "/modes: it is not a list"},
       {"/modes/0/mode", "isosurfce", "did you mean \"isosurface\"?"},
       {"/modes/0/strength", -1, "/modes/0/strength: -1 is negative"},
@@ -152,6 +189,111 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
     CHECK_THAT(parseError(scene.dump()), Contains("is missing"));
     CHECK_FALSE(schemaAccepts(scene));
   }
+}
+
+TEST_CASE("isosurfaces of what is derived are felt where the flow has them", "[scene][derive]") {
+  const TemporaryFolder folder;
+  writeVortex(folder.path());
+  struct Wall {
+    const char* of;
+    double value;
+    const char* solid;
+    double (*truth)(double r);
+  };
+  const std::vector<Wall> walls{
+      {"speed", 0.4, "above", [](double r) { return r * std::exp(-0.5 * r * r); }},
+      {"swirl", 1.0, "below", [](double r) { return (2.0 - r * r) * std::exp(-0.5 * r * r); }},
+      {"core", -0.5, "above", [](double r) { return (r * r - 1.0) * std::exp(-r * r); }},
+      {"vortex", 0.5, "below", [](double r) { return (1.0 - r * r) * std::exp(-r * r); }}};
+  for (const Wall& wall : walls) {
+    CAPTURE(wall.of);
+    // All of them are monotonic as far as r = 1.
+    double low = 0.0;
+    double high = 1.0;
+    while (high - low > 1e-9) {
+      const double r = 0.5 * (low + high);
+      const bool beyond = (wall.truth(r) > wall.value) == (wall.truth(1.0) > wall.value);
+      (beyond ? high : low) = r;
+    }
+    const Json scene = vortexScene(wall.of, wall.value, wall.solid);
+    const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+    REQUIRE(built.computed.count(wall.of) == 1);
+    CHECK(built.computed.at(wall.of).from == "flow");
+    CHECK(built.computed.at(wall.of).why == "mode \"wall\" needs its gradient");
+    CHECK(built.volumes.at(wall.of)->info().memory > 41 * 41 * 41 * 4);
+    CHECK(built.scene->graph.scalar_names == std::vector<std::string>{wall.of});
+    CHECK(built.scene->graph.vector_reads.empty());
+
+    // From within the vortex, 0.5 mm through the wall: 0.25 N towards the axis.
+    Reader reader;
+    ProxyState state;
+    const double wall_at = 0.01 * low;
+    StepReport r;
+    for (double x = 0.002; x < wall_at + 5e-4; x += 5e-5) {
+      r = hapticStep(*built.scene, reader, {{x, 0, 1e-4}}, state, 1e-3);
+      if (x < wall_at - 1e-4) CHECK(r.force.norm() < 1e-9);
+    }
+    r = hapticStep(*built.scene, reader, {{wall_at + 5e-4, 0, 1e-4}}, state, 1e-3);
+    // A voxel is 1 mm; the wall is where it should be within a tenth of one.
+    CHECK(r.force.x() == Approx(-0.25).margin(0.05));
+    CHECK(std::abs(r.force.y()) + std::abs(r.force.z()) < 0.02);
+  }
+}
+
+TEST_CASE("fields are computed at load only where a derivative of them is needed",
+          "[scene][derive]") {
+  const TemporaryFolder folder;
+  writeVortex(folder.path());
+  const auto build = [&](const Json& scene) {
+    return buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+  };
+  const auto error = [&](const Json& scene) {
+    try {
+      (void)build(scene);
+    } catch (const SceneError& e) {
+      return std::string(e.what());
+    }
+    return std::string("no error");
+  };
+  Json scene = vortexScene("speed", 0.4, "above");
+  scene["modes"] =
+      Json::parse(R"([{"mode": "viscosity", "of": "swirl", "strength": 1, "by": "core"},
+                                   {"mode": "force", "of": "spin", "strength": 1}])");
+  CHECK(build(scene).computed.empty());
+  scene["modes"].push_back({{"mode", "surface"}, {"of", "speed"}, {"strength", 1}});
+  CHECK(build(scene).computed.at("speed").why == "mode /modes/2 needs its gradient");
+  // What a field needs the derivatives of, and what no volume can give.
+  scene = vortexScene("speed", 0.4, "above");
+  scene["fields"]["slope"] = {{"gradient", "swirl"}};
+  scene["modes"] = Json::parse(R"([{"mode": "force", "of": "slope", "strength": 1}])");
+  const BuiltScene built = build(scene);
+  CHECK(built.computed.at("swirl").why == "field \"slope\" needs its derivatives");
+  CHECK(built.scene->graph.vector_properties == std::vector<std::string>{"gradient of swirl"});
+
+  scene = vortexScene("spin", 0.4, "above");
+  CHECK_THAT(error(scene), Contains("s.json: /modes/0/of"));
+  scene = vortexScene("speed", 0.4, "above");
+  scene["fields"]["speed"] = {{"magnitude", "speed"}};
+  CHECK_THAT(error(scene), Contains("derived from itself"));
+  scene["fields"]["speed"] = {{"magnitude", "flaw"}};
+  CHECK_THAT(error(scene), Contains("did you mean \"flow\"?"));
+  scene["fields"]["speed"] = {{"gradient", "flow"}};
+  CHECK_THAT(error(scene), Contains("/fields/speed: gradient of \"flow\", which is a vector"));
+  scene = vortexScene("core", 0.4, "above");
+  scene["volumes"]["flow"]["axial"] = true;
+  CHECK_THAT(error(scene), Contains("s.json: /fields/core") && Contains("axial"));
+  scene["modes"][0]["of"] = "speed";
+  CHECK(error(scene) == "no error");
+
+  // A field of the user's own has no voxels to compute it at.
+  SceneSpec spec;
+  spec.volumes["flow"].field = makeVortex(Vec3::Zero(), {0, 0, 2}, 0.1, 0.1);
+  spec.graph.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
+  ModeSpec wall;
+  wall.kind = ModeKind::kIsosurface;
+  wall.of = "speed";
+  spec.graph.modes = {wall};
+  CHECK_THROWS_WITH(buildScene(spec), Contains("/modes/0/of") && Contains("is derived"));
 }
 
 TEST_CASE("bad JSON is one line, and no key may stand twice", "[scene]") {

@@ -1,0 +1,48 @@
+/// What a vector field does at a point, from its Jacobian J(i, j) = d v_i / d x_j. With the strain
+/// S = (J + J^T) / 2 and the rotation O = (J - J^T) / 2.
+#pragma once
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// curl v = (dvz/dy - dvy/dz, dvx/dz - dvz/dx, dvy/dx - dvx/dy).
+[[nodiscard]] inline Vec3 curl(const Mat3& J) noexcept {
+  return {J(2, 1) - J(1, 2), J(0, 2) - J(2, 0), J(1, 0) - J(0, 1)};
+}
+
+/// div v, the trace of the Jacobian.
+[[nodiscard]] inline double divergence(const Mat3& J) noexcept {
+  return J.trace();
+}
+
+/// Q = (|O|^2 - |S|^2) / 2, Hunt, Wray and Moin 1988, Frobenius norms: > 0 where rotation prevails,
+/// in a vortex. Departure: also where the flow is not free of divergence it is this difference, not
+/// the second invariant of J.
+[[nodiscard]] inline double qCriterion(const Mat3& J) noexcept {
+  // tr(J J) = |S|^2 - |O|^2.
+  return -0.5 * (J(0, 0) * J(0, 0) + J(1, 1) * J(1, 1) + J(2, 2) * J(2, 2)) -
+         (J(0, 1) * J(1, 0) + J(0, 2) * J(2, 0) + J(1, 2) * J(2, 1));
+}
+
+/// The middle eigenvalue of S^2 + O^2, Jeong and Hussain 1995: < 0 in a vortex.
+///
+/// Right to a few roundings of |J|^2, also where eigenvalues coincide. 0 where |J| < 1e-160; NaN
+/// where J is not finite; infinite where the square overflows.
+///
+/// RT: no allocation. Cost: some 60 ns.
+[[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
+
+/// Shorter vectors have no direction: their reciprocal would be no number by which volumes are read
+/// (see samplers, 1e100).
+inline constexpr double kShortest = 1e-100;
+
+/// v / |v|; zero where |v| < kShortest (in the data's unit) or is not finite.
+[[nodiscard]] inline Vec3 unit(const Vec3& v) noexcept {
+  const double length = v.norm();
+  // False for NaN as well.
+  if (!(length >= kShortest) || !(length * 0.0 == 0.0)) return Vec3::Zero();
+  return v / length;
+}
+
+}  // namespace palpate

@@ -1,0 +1,283 @@
+#include "samplers/derive.h"
+
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+
+#include "engine/error.h"
+#include "samplers/vdb_field.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+using openvdb::Coord;
+using openvdb::Vec3d;
+using openvdb::Vec3f;
+using openvdb::math::Transform;
+
+namespace {
+
+Vec3 eigen(const Vec3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+/// Through a file and the loader, as users have it.
+std::shared_ptr<const Volume> load(const openvdb::GridPtrVec& grids, const std::string& name) {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", grids);
+  return loadVolume(folder / "a.vdb", name);
+}
+
+struct Probe {
+  FieldPtr field;
+  FieldCache cache{};
+
+  explicit Probe(FieldPtr f) : field(std::move(f)) {
+    std::visit([&](const auto& p) { p->reset(cache); }, field);
+  }
+  explicit Probe(const std::shared_ptr<const Volume>& volume)
+      : Probe(makeVdbField(volume, Placement{})) {}
+  ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
+  VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
+};
+
+/// Neither orthogonal nor of equal edges, turned and moved.
+Transform::Ptr skewed(double voxel = 0.1) {
+  openvdb::Mat4R matrix = openvdb::Mat4R::identity();
+  const std::array<std::array<double, 3>, 3> rows{
+      {{1.0, 0.3, -0.2}, {-0.4, 1.5, 0.1}, {0, 0.5, 2}}};
+  for (int a = 0; a < 3; ++a) {
+    for (int i = 0; i < 3; ++i) {
+      matrix(a, i) = voxel * rows[static_cast<std::size_t>(a)][static_cast<std::size_t>(i)];
+    }
+    matrix(3, a) = 0.7 - a;
+  }
+  return Transform::createLinearTransform(matrix);
+}
+
+/// Random vectors with holes, an active tile of a leaf's size and one of a node's.
+template <class GridT>
+typename GridT::Ptr rough(const typename GridT::ValueType& tile) {
+  openvdb::initialize();
+  Random random(1);
+  using Value = typename GridT::ValueType;
+  const auto value = [&]() -> Value {
+    if constexpr (std::is_arithmetic_v<Value>) {
+      return static_cast<Value>(random.uniform(-1, 1));
+    } else {
+      return Value(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+    }
+  };
+  auto grid = GridT::create(value());
+  auto accessor = grid->getAccessor();
+  for (int i = 0; i < 8000; ++i) {
+    const Vec3 p = random.inCube(14.0);
+    accessor.setValue(Coord::round(Vec3d(p.x(), p.y(), p.z())), value());
+  }
+  grid->tree().addTile(1, Coord(16, 16, 16), tile, true);
+  grid->tree().addTile(2, Coord(128, 0, 0), tile, true);
+  accessor.setValue(Coord(127, 3, 3), value());
+  grid->setTransform(skewed());
+  grid->setName("rough");
+  return grid;
+}
+
+/// Arnold, Beltrami and Childress's flow of wave number 1: its curl is itself.
+Vec3d abc(const Vec3d& p) {
+  return {std::sin(p.z()) + 0.5 * std::cos(p.y()), 0.8 * std::sin(p.x()) + std::cos(p.z()),
+          0.5 * std::sin(p.y()) + 0.8 * std::cos(p.x())};
+}
+
+/// What the vector at p gives on the fly.
+Vec3 onTheFly(Derivation what, const VectorSample& s) {
+  switch (what) {
+    case Derivation::kMagnitude:
+      return {s.value.norm(), 0, 0};
+    case Derivation::kDivergence:
+      return {divergence(s.jacobian), 0, 0};
+    case Derivation::kQ:
+      return {qCriterion(s.jacobian), 0, 0};
+    case Derivation::kLambda2:
+      return {lambda2(s.jacobian), 0, 0};
+    case Derivation::kCurl:
+      return curl(s.jacobian);
+    case Derivation::kUnit:
+      return unit(s.value);
+    case Derivation::kGradient:
+      break;
+  }
+  return Vec3::Zero();
+}
+Vec3 stored(Probe& probe, const Vec3& p) {
+  if (probe.field.index() == 0) return {probe.scalar(p).value, 0, 0};
+  return probe.vector(p).value;
+}
+
+constexpr std::array kOfVectors{Derivation::kMagnitude, Derivation::kDivergence, Derivation::kQ,
+                                Derivation::kLambda2,   Derivation::kCurl,       Derivation::kUnit};
+
+}  // namespace
+
+TEST_CASE("a derived grid holds at its voxels what is read there on the fly",
+          "[samplers][derive]") {
+  const auto grid = rough<openvdb::Vec3SGrid>(Vec3f(1, -2, 0.5));
+  const auto volume = load({grid}, "rough");
+  Probe source(volume);
+  for (const Derivation what : kOfVectors) {
+    CAPTURE(wordFor(what));
+    const auto made = deriveVolume(volume, what);
+    CHECK(made->info().name == std::string(wordFor(what)) + " of rough");
+    CHECK(made->info().vector == kindOf(what).vector);
+    CHECK(made->info().active_voxels == volume->info().active_voxels);
+    CHECK((made->info().bounds.lower - volume->info().bounds.lower).norm() < 1e-12);
+    CHECK((made->info().voxel - volume->info().voxel).norm() < 1e-12);
+    CHECK(made->info().memory > 0);
+    Probe probe(made);
+    double worst = 0.0;
+    double largest = 0.0;
+    long count = 0;
+    const auto compare = [&](const Coord& at) {
+      const Vec3 p = eigen(grid->transform().indexToWorld(at));
+      const Vec3 truth = onTheFly(what, source.vector(p));
+      worst = std::max(worst, (stored(probe, p) - truth).norm());
+      largest = std::max(largest, truth.norm());
+      ++count;
+    };
+    for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
+      for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) compare(voxel.getCoord());
+    }
+    // The tiles: faces, edges, corners and within.
+    for (const int x : {16, 17, 20, 23}) {
+      for (const int y : {16, 19, 23}) {
+        for (const int z : {16, 22, 23}) compare({x, y, z});
+      }
+    }
+    for (const int x : {128, 129, 135, 136, 200, 254, 255}) {
+      for (const int y : {0, 3, 60, 127}) {
+        for (const int z : {0, 3, 77, 127}) compare({x, y, z});
+      }
+    }
+    CHECK(count > 5000);
+    // The skew and a position's rounding on the way, and a float's.
+    CHECK(worst < 3e-6 * largest);
+  }
+}
+
+TEST_CASE("the gradient of a scalar grid is the one read on the fly", "[samplers][derive]") {
+  const auto grid = rough<openvdb::DoubleGrid>(2.0);
+  const auto volume = load({grid}, "rough");
+  const auto made = deriveVolume(volume, Derivation::kGradient);
+  const auto steepness = deriveVolume(made, Derivation::kMagnitude);
+  CHECK(made->info().type == "vec3d");
+  CHECK(steepness->info().type == "double");
+  Probe source(volume);
+  Probe gradient(made);
+  Probe magnitude(steepness);
+  double worst = 0.0;
+  for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
+    for (auto voxel = leaf->cbeginValueOn(); voxel; ++voxel) {
+      const Vec3 p = eigen(grid->transform().indexToWorld(voxel.getCoord()));
+      const Vec3 truth = source.scalar(p).gradient;
+      worst = std::max(worst, (gradient.vector(p).value - truth).norm());
+      worst = std::max(worst, std::abs(magnitude.scalar(p).value - truth.norm()));
+    }
+  }
+  CHECK(worst < 1e-10);
+}
+
+TEST_CASE("derived grids converge to the flow's own properties, in the placement's axes",
+          "[samplers][derive]") {
+  std::map<Derivation, std::vector<double>> errors;
+  Placement placement;
+  placement.scale = 0.02;
+  placement.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).matrix();
+  for (const double voxel : {0.2, 0.1}) {
+    const int n = static_cast<int>(4.0 / voxel);
+    const auto volume = load({makeGrid<openvdb::Vec3DGrid>(n, skewed(voxel), abc, "flow")}, "flow");
+    Probe spin(makeVdbField(deriveVolume(volume, Derivation::kCurl), placement));
+    Probe source(makeVdbField(deriveVolume(volume, Derivation::kDivergence), placement));
+    Random random(3);
+    double curl_error = 0.0;
+    double divergence_error = 0.0;
+    for (int i = 0; i < 2000; ++i) {
+      const Vec3 index = Vec3::Constant(0.5 * n) + random.inCube(0.5 * n - 3.0);
+      const Vec3d p_F = skewed(voxel)->indexToWorld(Vec3d(index.x(), index.y(), index.z()));
+      const Vec3 p_W = placement(eigen(p_F));
+      const Vec3 truth = placement.rotation * eigen(abc(p_F));
+      curl_error = std::max(curl_error, (spin.vector(p_W).value - truth).norm());
+      divergence_error = std::max(divergence_error, std::abs(source.scalar(p_W).value));
+    }
+    errors[Derivation::kCurl].push_back(curl_error);
+    errors[Derivation::kDivergence].push_back(divergence_error);
+  }
+  CHECK(errors[Derivation::kCurl][1] < 0.06);
+  CHECK(errors[Derivation::kCurl][0] / errors[Derivation::kCurl][1] > 3.4);
+  CHECK(errors[Derivation::kDivergence][0] / errors[Derivation::kDivergence][1] > 3.0);
+}
+
+TEST_CASE("a vector of three grids is derived where all have data", "[samplers][derive]") {
+  const auto transform = Transform::createLinearTransform(0.1);
+  auto grid = makeGrid<openvdb::Vec3SGrid>(
+      24, transform, [](const Vec3d& p) { return Vec3f(-p.y(), p.x(), 2.0 * p.z()); }, "flow");
+  grid->setGridClass(openvdb::GRID_STAGGERED);
+  const auto volume = load({grid}, "flow");
+  REQUIRE(volume->info().vector);
+  const auto core = deriveVolume(volume, Derivation::kLambda2);
+  const auto spin = deriveVolume(volume, Derivation::kCurl);
+  CHECK(core->info().type == "float");
+  CHECK(core->info().active_voxels <= 24 * 24 * 24);
+  Probe source(volume);
+  Probe lambda(core);
+  Probe curls(spin);
+  const Vec3 p(1.03, 0.98, 1.11);
+  REQUIRE(lambda.scalar(p).inside);
+  CHECK(lambda.scalar(p).value == Approx(lambda2(source.vector(p).jacobian)).epsilon(1e-4));
+  CHECK((curls.vector(p).value - curl(source.vector(p).jacobian)).norm() < 1e-4);
+}
+
+TEST_CASE("what cannot be derived is refused in a line", "[samplers][derive]") {
+  const auto transform = Transform::createLinearTransform(1.0);
+  const auto vectors =
+      load({makeGrid<openvdb::Vec3SGrid>(
+               4, transform, [](const Vec3d& p) { return Vec3f(1e30 * p.y(), 0, 0); }, "flow")},
+           "flow");
+  CHECK_THROWS_WITH(deriveVolume(vectors, Derivation::kGradient),
+                    "grid \"flow\": it is a vector: for gradient give a scalar grid");
+  CHECK_THROWS_WITH(
+      deriveVolume(vectors, Derivation::kQ),
+      Contains("grid \"flow\": its q is beyond the numbers of a float at") && Contains("scale"));
+  CHECK_NOTHROW(deriveVolume(vectors, Derivation::kCurl));
+  const auto scalars = load({makeBall(1.0, 0.1)}, "ball");
+  CHECK_THROWS_AS(deriveVolume(scalars, Derivation::kCurl), VolumeError);
+  CHECK(deriveVolume(scalars, Derivation::kGradient)->info().grid_class == GridClass::kLevelSet);
+}
+
+TEST_CASE("deriving while sampling allocates nothing", "[samplers][derive]") {
+  const auto volume = load({makeGrid<openvdb::Vec3SGrid>(
+                               20, skewed(), [](const Vec3d& p) { return Vec3f(abc(p)); }, "flow")},
+                           "flow");
+  Probe source(volume);
+  Probe made(deriveVolume(volume, Derivation::kLambda2));
+  Random random(5);
+  double sum = 0.0;
+  long allocations = 0;
+  {
+    const CountScope count;
+    for (int i = 0; i < 1000; ++i) {
+      const Vec3 p = random.inCube(3.0);
+      const VectorSample s = source.vector(p);
+      sum += lambda2(s.jacobian) + qCriterion(s.jacobian) + unit(s.value).x();
+      sum += made.scalar(p).value;
+    }
+    allocations = CountScope::counts().allocations;
+  }
+  CHECK(std::isfinite(sum));
+  CHECK(allocations == 0);
+}
