@@ -299,6 +299,7 @@ void printCosts(const Options& options) {
       {"grid of curl: value and Jacobian", timedVector(spin, Interpolation::kTrilinear, useBare),
        static_cast<double>(spin->memory()), ms(spin_ms)}};
   std::vector<Timed> timed;
+  timed.reserve(rows.size());
   for (const Row& row : rows) timed.push_back(row.timed);
   const std::vector<Cost> costs = measureCosts(timed, options);
   std::printf(
@@ -327,7 +328,8 @@ void printErrors(const Options& options) {
   std::printf(
       "| property | voxels to a wavelength | on the fly, trilinear | grid, trilinear | on "
       "the fly, cubic |\n|---|--:|--:|--:|--:|\n");
-  for (const auto& [what, name] : kinds) {
+  for (const auto& kind : kinds) {
+    const Derivation what = kind.first;
     for (const double voxels : kVoxels) {
       const int block = options.quick ? 48 : 96;
       const Flow flow{2.0 * M_PI / voxels};
@@ -335,7 +337,7 @@ void printErrors(const Options& options) {
       const auto error = [&](const Read& read) {
         return 100.0 * errorOf(read, what, flow, block, options.errorPoints());
       };
-      std::printf("| %s | %.0f | %.3g | %.3g | %.3g |\n", name, voxels,
+      std::printf("| %s | %.0f | %.3g | %.3g | %.3g |\n", kind.second, voxels,
                   error(onTheFly(volume, what, Interpolation::kTrilinear)),
                   error(precomputed(deriveVolume(volume, what))),
                   error(onTheFly(volume, what, Interpolation::kCubic)));

@@ -99,11 +99,12 @@ class Neighbourhood {
     };
     own_ = look(origin);
     for (int axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<std::size_t>(axis);
       Coord at = origin;
       at[axis] -= kSize;
-      beyond_[static_cast<std::size_t>(2 * axis)] = look(at);
+      below_[a] = look(at);
       at[axis] += 2 * kSize;
-      beyond_[static_cast<std::size_t>(2 * axis + 1)] = look(at);
+      above_[a] = look(at);
     }
   }
 
@@ -115,9 +116,9 @@ class Neighbourhood {
     const int shift = 6 - 3 * axis;
     const int step = 1 << shift;
     const int at = (n >> shift) & (kSize - 1);
-    const auto face = static_cast<std::size_t>(2 * axis);
-    const Value low = at > 0 ? own_.value(n - step) : beyond_[face].value(n + 7 * step);
-    const Value high = at < 7 ? own_.value(n + step) : beyond_[face + 1].value(n - 7 * step);
+    const auto a = static_cast<std::size_t>(axis);
+    const Value low = at > 0 ? own_.value(n - step) : below_[a].value(n + 7 * step);
+    const Value high = at < 7 ? own_.value(n + step) : above_[a].value(n - 7 * step);
     using Number = decltype(toEngine(low));
     return Number(0.5 * (toEngine(high) - toEngine(low)));
   }
@@ -132,7 +133,8 @@ class Neighbourhood {
     [[nodiscard]] Value value(int n) const noexcept { return data != nullptr ? data[n] : tile; }
   };
   Place own_;
-  std::array<Place, 6> beyond_;
+  std::array<Place, 3> below_;
+  std::array<Place, 3> above_;
 };
 
 /// Which voxels of an active tile get a leaf.

@@ -233,7 +233,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
     for (const std::string& remark : remarks(volume->info())) {
-      built.notes.push_back(at(spec, "/volumes/" + name) + ": " + remark);
+      built.notes.push_back(fmt::format("{}: {}", at(spec, "/volumes/" + name), remark));
     }
     try {
       built.fields[name] =
