@@ -58,9 +58,10 @@ void fill(const std::array<int, 3>& from, const std::array<int, 3>& to, const Va
 
 /// Copies the block whose lowest corner is `low`, leaf by leaf: at most eight look-ups. A kernel
 /// that needs no edges (voxels at the rim of more than one axis) saves those of the leaves there.
-/// First all leaves are found and asked for, then read: out of a cold cache they come together.
+/// First all leaves are found, then read; where the reader has `jumped` their rows are asked for in
+/// between, so that out of a cold cache they come together.
 template <bool Edges, class Accessor, int C, int W>
-void copyBlock(Accessor& accessor, const Coord& low, Block<C, W>& block) noexcept {
+void copyBlock(Accessor& accessor, const Coord& low, bool jumped, Block<C, W>& block) noexcept {
   using Leaf = typename Accessor::TreeType::LeafNodeType;
   using Value = typename Accessor::ValueType;
   // Along each axis the block lies in one leaf or two: [0, split) and [split, W).
@@ -83,8 +84,6 @@ void copyBlock(Accessor& accessor, const Coord& low, Block<C, W>& block) noexcep
           fill({i0, j0, k0}, {i1, j1, k1}, tile, on, block);
           continue;
         }
-        __builtin_prefetch(leaf);
-        __builtin_prefetch(reinterpret_cast<const std::byte*>(leaf) + 64);
         segments[count++] = {{i0, j0, k0}, {i1, j1, k1}, leaf};
       }
     }
@@ -93,7 +92,7 @@ void copyBlock(Accessor& accessor, const Coord& low, Block<C, W>& block) noexcep
   const auto row = [&](const Segment<Leaf>& s, int i, int j) {
     return (((low[0] + i) & 7) << 6) | (((low[1] + j) & 7) << 3) | ((low[2] + s.from[2]) & 7);
   };
-  for (std::size_t n = 0; n < count; ++n) {
+  for (std::size_t n = 0; jumped && n < count; ++n) {
     const Segment<Leaf>& s = segments[n];
     const Value* data = s.leaf->buffer().data();
     for (int i = s.from[0]; i < s.to[0]; ++i) {
@@ -322,8 +321,13 @@ class GridReader {
     Block<kComponents, kWidth> block;
     if (axial_) block.values.fill(0.0);  // all are looked at, the rims that nobody needs as well
     constexpr int kBefore = Kernel::kBefore;
-    copyBlock<Kernel::kNeedsEdges>(
-        cache.accessor, Coord(cell[0] - kBefore, cell[1] - kBefore, cell[2] - kBefore), block);
+    bool jumped = false;
+    for (std::size_t a = 0; a < 3; ++a) {
+      jumped = jumped || std::abs(std::int64_t{cell[a]} - cache.cell[a]) > 1;
+    }
+    copyBlock<Kernel::kNeedsEdges>(cache.accessor,
+                                   Coord(cell[0] - kBefore, cell[1] - kBefore, cell[2] - kBefore),
+                                   jumped, block);
     if constexpr (kComponents == 3 && kWidth == 4) {
       if (axial_) alignSigns(block, Block<3, kWidth>::at(1, 1, 1));
     }
