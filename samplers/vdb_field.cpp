@@ -178,6 +178,7 @@ struct IndexMap {
   Vec3 origin_I;
   Mat3 rotation;             ///< file to W
   Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
+  bool straight;             ///< Index axes are W's: the maps are diagonal.
 
   IndexMap(const Volume::Grid::Part& part, const Placement& placement) {
     const Mat3 index_from_file = part.linear.inverse();
@@ -185,6 +186,18 @@ struct IndexMap {
     origin_I = -index_from_world * placement.translate - index_from_file * part.origin;
     gradient_from_index = placement.rotation * index_from_file.transpose();
     rotation = placement.rotation;
+    straight = index_from_world.isDiagonal(0.0);
+  }
+
+  /// p_I. Most volumes stand straight: that a branch knows costs less than the products.
+  [[gnu::always_inline]] Vec3 operator()(const Vec3& p_W) const noexcept {
+    if (straight) {
+      const double* m = index_from_world.data();
+      return {m[0] * p_W.x() + origin_I.x(), m[4] * p_W.y() + origin_I.y(),
+              m[8] * p_W.z() + origin_I.z()};
+    }
+    const Vec3 p = times(index_from_world, p_W);
+    return {p.x() + origin_I.x(), p.y() + origin_I.y(), p.z() + origin_I.z()};
   }
 };
 
@@ -288,6 +301,13 @@ class GridReader {
     }
   }
   [[gnu::always_inline]] void turn(Row& row) const noexcept {
+    if constexpr (kComponents == 1) {
+      if (map_.straight) {
+        const double* m = map_.gradient_from_index.data();
+        row = {row[0], m[0] * row[1], m[4] * row[2], m[8] * row[3]};
+        return;
+      }
+    }
     auto rows = std::bit_cast<std::array<std::array<double, 1>, 4 * kComponents>>(row);
     turn(rows);
     row = std::bit_cast<Row>(rows);
@@ -295,8 +315,7 @@ class GridReader {
 
   /// Loads the cell about p_W, and gives the position in it; false where it is no place in a grid.
   [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
-    Vec3 p_I = times(map_.index_from_world, p_W);
-    for (int a = 0; a < 3; ++a) p_I[a] += map_.origin_I[a];
+    const Vec3 p_I = map_(p_W);
     // False for NaN as well.
     const bool there =
         std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
