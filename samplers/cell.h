@@ -48,27 +48,29 @@ class TrilinearKernel {
   static constexpr bool kNearest = false;  ///< Centred on the nearest voxel, not on the cell.
   static constexpr bool kBlendsRows = true;
   static constexpr bool kNeedsEdges = false;  ///< Voxels at the rim of two axes of the block.
-  using Row = std::array<double, 4 * C>;
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
 
   template <class Turn>
   void load(const Block<C, kWidth>& block, Turn turn) noexcept {
     // Number by number, the eight corners side by side: two along the last axis at a time.
-    std::array<std::array<double, 8>, 4 * C> at;
+    constexpr std::ptrdiff_t kStep = C;
+    std::array<std::array<double, 8>, 4 * kC> at;
     for (std::size_t n = 0; n < 8; n += 2) {
       const double* v = block.values.data() + C * block.at(1 + static_cast<int>(n / 4),
                                                            1 + static_cast<int>(n / 2 % 2), 1);
-      for (std::size_t c = 0; c < C; ++c) {
+      for (std::size_t c = 0; c < kC; ++c) {
         for (std::size_t k = 0; k < 2; ++k) {
-          const double* w = v + k * C + c;
+          const double* w = v + k * kC + c;
           at[c][n + k] = w[0];
-          at[C + c][n + k] = 0.5 * (w[16 * C] - w[-16 * C]);
-          at[2 * C + c][n + k] = 0.5 * (w[4 * C] - w[-4 * C]);
-          at[3 * C + c][n + k] = 0.5 * (w[C] - w[-C]);
+          at[kC + c][n + k] = 0.5 * (w[16 * kStep] - w[-16 * kStep]);
+          at[2 * kC + c][n + k] = 0.5 * (w[4 * kStep] - w[-4 * kStep]);
+          at[3 * kC + c][n + k] = 0.5 * (w[kStep] - w[-kStep]);
         }
       }
     }
     turn(at);
-    for (std::size_t n = 0; n < 4 * C; ++n) {
+    for (std::size_t n = 0; n < 4 * kC; ++n) {
       const std::array<double, 8>& d = at[n];
       c_[0][n] = d[0];
       c_[1][n] = d[4] - d[0];
@@ -85,7 +87,7 @@ class TrilinearKernel {
     const double x = t.x();
     const double y = t.y();
     const double z = t.z();
-    for (std::size_t n = 0; n < 4 * C; ++n) {
+    for (std::size_t n = 0; n < 4 * kC; ++n) {
       const double uv = c_[4][n] + c_[7][n] * z;
       const double u = c_[1][n] + c_[5][n] * z;
       const double v = c_[2][n] + c_[6][n] * z;
@@ -133,22 +135,23 @@ class SplineKernel {
   static constexpr bool kNearest = Degree == 2;  ///< t from -1/2 to 1/2, else from 0 to 1.
   static constexpr bool kBlendsRows = false;
   static constexpr bool kNeedsEdges = true;
-  using Row = std::array<double, 4 * C>;
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
 
   template <class Turn>
   void load(const Block<C, kWidth>& block, Turn /*turn*/) noexcept {
-    for (std::size_t n = 0; n < kWidth * kWidth; ++n) {
-      std::copy_n(block.values.begin() + n * kWidth * C, kWidth * C, c_.begin() + n * kLine);
+    for (std::size_t n = 0; n < kSide * kSide; ++n) {
+      std::copy_n(block.values.data() + n * kSide * kC, kSide * kC, c_.data() + n * kLine);
     }
     // From spline to polynomial, axis by axis.
     for (std::size_t n = 0; n < kPlane; ++n) toPolynomial(c_.data() + n, kPlane);
-    for (std::size_t i = 0; i < kWidth; ++i) {
+    for (std::size_t i = 0; i < kSide; ++i) {
       double* plane = c_.data() + i * kPlane;
       for (std::size_t n = 0; n < kLine; ++n) toPolynomial(plane + n, kLine);
     }
-    for (std::size_t i = 0; i < kWidth * kWidth; ++i) {
+    for (std::size_t i = 0; i < kSide * kSide; ++i) {
       double* line = c_.data() + i * kLine;
-      for (std::size_t n = 0; n < C; ++n) toPolynomial(line + n, C);
+      for (std::size_t n = 0; n < kC; ++n) toPolynomial(line + n, kC);
     }
   }
 
@@ -169,10 +172,10 @@ class SplineKernel {
       horner<Degree>(plane.data() + n, kLine, y, line[n], line_y[n]);
       line_x[n] = horner<Degree>(plane_x.data() + n, kLine, y);
     }
-    for (std::size_t n = 0; n < C; ++n) {
-      horner<Degree>(line.data() + n, C, z, row[n], row[3 * C + n]);
-      row[C + n] = horner<Degree>(line_x.data() + n, C, z);
-      row[2 * C + n] = horner<Degree>(line_y.data() + n, C, z);
+    for (std::size_t n = 0; n < kC; ++n) {
+      horner<Degree>(line.data() + n, kC, z, row[n], row[3 * kC + n]);
+      row[kC + n] = horner<Degree>(line_x.data() + n, kC, z);
+      row[2 * kC + n] = horner<Degree>(line_y.data() + n, kC, z);
     }
   }
 
@@ -196,9 +199,10 @@ class SplineKernel {
   }
 
   /// Lines of an even length: in pairs from end to end, what is stored is loaded again as it was.
-  static constexpr std::size_t kLine = (kWidth * C + 1) / 2 * 2;
-  static constexpr std::size_t kPlane = kWidth * kLine;
-  std::array<double, kWidth * kPlane> c_{};
+  static constexpr std::size_t kSide = kWidth;
+  static constexpr std::size_t kLine = (kSide * kC + 1) / 2 * 2;
+  static constexpr std::size_t kPlane = kSide * kLine;
+  std::array<double, kSide * kPlane> c_{};
 };
 
 /// The nearest voxel's value, derivatives zero: for labels.
@@ -210,14 +214,15 @@ class NearestKernel {
   static constexpr bool kNearest = true;
   static constexpr bool kBlendsRows = true;
   static constexpr bool kNeedsEdges = true;
-  using Row = std::array<double, 4 * C>;
+  static constexpr std::size_t kC = C;
+  using Row = std::array<double, 4 * kC>;
 
   template <class Turn>
   void load(const Block<C, kWidth>& block, Turn turn) noexcept {
-    std::array<std::array<double, 1>, 4 * C> at{};
-    for (std::size_t c = 0; c < C; ++c) at[c][0] = block.values[c];
+    std::array<std::array<double, 1>, 4 * kC> at{};
+    for (std::size_t c = 0; c < kC; ++c) at[c][0] = block.values[c];
     turn(at);
-    for (std::size_t c = 0; c < 4 * C; ++c) row_[c] = at[c][0];
+    for (std::size_t c = 0; c < 4 * kC; ++c) row_[c] = at[c][0];
   }
   [[gnu::always_inline]] void read(const Vec3& /*t*/, Row& row) const noexcept { row = row_; }
 

@@ -430,10 +430,13 @@ Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
           for (auto value = leaf->cbeginValueOn(); value; ++value) {
             const Coord c = value.getCoord();
             const Vec3 p_F = parts[0].linear * Vec3(c.x(), c.y(), c.z()) + parts[0].origin;
-            const openvdb::Vec3d v(*value,
-                                   y.getValue(nearest(y_from_file * (p_F - parts[1].origin))),
-                                   z.getValue(nearest(z_from_file * (p_F - parts[2].origin))));
-            range.add(v.length(), true);
+            typename GridT::ValueType v{};
+            typename GridT::ValueType w{};
+            // Where one of them has no data there is no vector.
+            if (y.probeValue(nearest(y_from_file * (p_F - parts[1].origin)), v) &&
+                z.probeValue(nearest(z_from_file * (p_F - parts[2].origin)), w)) {
+              range.add(openvdb::Vec3d(*value, v, w).length(), true);
+            }
           }
         }
         return range;
@@ -509,6 +512,8 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
   info.type = "3 x " + info.type;
   info.vector = true;
   info.refusal.clear();
+  info.bounds.lower -= 0.5 * info.voxel;
+  info.bounds.upper += 0.5 * info.voxel;
   info.filled = info.non_finite = 0;
   out.grid = std::make_unique<Volume::Grid>();
   double squares = 0.0;

@@ -125,14 +125,14 @@ void filterAlong(TreeT& tree, int axis, double pole) {
     openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
     const int first = leaves.front()->origin()[axis];
     const auto length = static_cast<std::size_t>(leaves.back()->origin()[axis] - first) + kSize;
-    const auto valueAt = [&](int position) {
+    const auto value_at = [&](int position) {
       Coord at = leaves.front()->origin();
       at[axis] = position;
       return Sum(accessor.getValue(at));
     };
     // Tiles before, after and in the gaps, which are as long as a leaf or a few.
-    const Sum before = valueAt(first - 1) * (1.0 / (1.0 - pole));
-    const Sum after = valueAt(first + static_cast<int>(length)) * (1.0 / (1.0 - pole));
+    const Sum before = value_at(first - 1) * (1.0 / (1.0 - pole));
+    const Sum after = value_at(first + static_cast<int>(length)) * (1.0 / (1.0 - pole));
     std::vector<Leaf*> at(length / kSize, nullptr);
     for (Leaf* leaf : leaves) {
       at[static_cast<std::size_t>(leaf->origin()[axis] - first) / kSize] = leaf;
@@ -141,7 +141,7 @@ void filterAlong(TreeT& tree, int axis, double pole) {
     for (std::size_t u = 0; u < kSize; ++u) {
       for (std::size_t i = 0; i < at.size(); ++i) {
         const Value* data = at[i] == nullptr ? nullptr : at[i]->buffer().data() + u * across;
-        const Sum tile = data == nullptr ? valueAt(first + static_cast<int>(i * kSize)) : Sum(0.0);
+        const Sum tile = data == nullptr ? value_at(first + static_cast<int>(i * kSize)) : Sum(0.0);
         for (std::size_t k = 0; k < kSize; ++k) {
           for (std::size_t v = 0; v < kSize; ++v) {
             c[i * kSize + k][v] = data == nullptr ? tile : Sum(data[k * stride + v * lines]);

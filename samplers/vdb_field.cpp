@@ -48,9 +48,8 @@ void fill(const std::array<int, 3>& from, const std::array<int, 3>& to, const Va
       for (int k = from[2]; k < to[2]; ++k) {
         const int n = Block<C, W>::at(i, j, k);
         block.active |= std::uint64_t{on} << n;
-        for (int c = 0; c < C; ++c) {
-          block.values[static_cast<std::size_t>(n * C + c)] = componentOf(tile, c);
-        }
+        double* out = block.values.data() + static_cast<std::ptrdiff_t>(n) * C;
+        for (int c = 0; c < C; ++c) out[c] = componentOf(tile, c);
       }
     }
   }
@@ -287,7 +286,7 @@ class GridReader {
   /// places at once: rows[r][n]. A lone component has no direction.
   template <std::size_t N>
   [[gnu::always_inline]] void turn(
-      std::array<std::array<double, N>, 4 * kComponents>& rows) const noexcept {
+      std::array<std::array<double, N>, std::tuple_size_v<Row>>& rows) const noexcept {
     if constexpr (kComponents == 1) {
       combine(map_.gradient_from_index, rows[1], rows[2], rows[3]);
     } else {
@@ -308,7 +307,7 @@ class GridReader {
         return;
       }
     }
-    auto rows = std::bit_cast<std::array<std::array<double, 1>, 4 * kComponents>>(row);
+    auto rows = std::bit_cast<std::array<std::array<double, 1>, std::tuple_size_v<Row>>>(row);
     turn(rows);
     row = std::bit_cast<Row>(rows);
   }

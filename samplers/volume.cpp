@@ -226,6 +226,7 @@ std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
   const std::vector<std::string> joined = vdb.joinedNames();
   names.insert(names.end(), joined.begin(), joined.end());
   std::vector<GridInfo> infos;
+  infos.reserve(names.size());
   for (const std::string& name : names) infos.push_back(vdb.prepared(name, {}).info);
   return infos;
 }
@@ -267,7 +268,7 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
   std::vector<double> done(requests.size(), 0.0);
   std::mutex telling;
   // What is asked for twice is loaded once.
-  const auto firstLike = [&](std::size_t i) {
+  const auto first_like = [&](std::size_t i) {
     return static_cast<std::size_t>(std::find(requests.begin(), requests.end(), requests[i]) -
                                     requests.begin());
   };
@@ -281,7 +282,7 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                static_cast<double>(requests.size()));
     };
     try {
-      if (firstLike(i) == i) {
+      if (first_like(i) == i) {
         results[i].volume =
             loadVolume(request.file, request.grid, {request.non_finite, request.smooth, tell});
       }
@@ -291,7 +292,7 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
     tell(1.0);
   });
   for (std::size_t i = 0; i < requests.size(); ++i) {
-    if (firstLike(i) != i) results[i] = results[firstLike(i)];
+    if (first_like(i) != i) results[i] = results[first_like(i)];
   }
   return results;
 }

@@ -90,6 +90,28 @@ class Placer {
   std::set<std::string> open_;
 };
 
+bool given(const FieldPtr& field) {
+  return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
+}
+
+/// Throws where a mode lives from the gradient of a volume that is read without one.
+void checkGradients(const SceneSpec& spec) {
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const ModeSpec& mode = spec.graph.modes[i];
+    const auto volume = spec.volumes.find(mode.of);
+    if (volume == spec.volumes.end() || given(volume->second.field) ||
+        volume->second.sampling.interpolation != Interpolation::kNearest) {
+      continue;
+    }
+    if (mode.kind != ModeKind::kSurface && mode.kind != ModeKind::kIsosurface) continue;
+    throw SceneError(at(spec, fmt::format("/modes/{}/of", i)),
+                     fmt::format("mode {} needs a gradient, and \"{}\" is read by its nearest "
+                                 "voxel, which has none",
+                                 wordFor(mode.kind), mode.of),
+                     "use another interpolation for it");
+  }
+}
+
 /// What was done to a grid at load that its user must know.
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
@@ -199,10 +221,6 @@ class FieldComputer {
   std::map<std::string, Made> made_;
 };
 
-bool given(const FieldPtr& field) {
-  return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
-}
-
 }  // namespace
 
 BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
@@ -215,6 +233,10 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
     } else if (volume.volume != nullptr) {
       built.volumes[name] = volume.volume;
     } else {
+      if (volume.sampling.axial && volume.smooth > 0) {
+        throw SceneError(at(spec, fmt::format("/volumes/{}/smooth", name)),
+                         "axial vectors would cancel in the filter", "remove \"smooth\"");
+      }
       wanted.push_back(name);
       requests.push_back({volume.file, volume.grid, volume.non_finite, volume.smooth});
     }
@@ -254,6 +276,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
     if (spec.source.empty()) throw;
     throw SceneError::within(spec.source, e);
   }
+  checkGradients(spec);
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const ModeSpec& mode = spec.graph.modes[i];
     const auto volume = built.volumes.find(mode.of);

@@ -326,6 +326,11 @@ TEST_CASE("what only loading can see is named by file and path too", "[scene]") 
              Contains("s.json: /volumes/head: ") && Contains("no such file"));
   CHECK_THAT(error("/volumes/head/grid", "dense"),
              Contains("/volumes/head") && Contains("there is no grid \"dense\""));
+  CHECK_THAT(error("/volumes/head/interpolation", "nearest"),
+             Contains("s.json: /modes/0/of: mode isosurface needs a gradient"));
+  CHECK_THAT(error("/volumes/flow",
+                   {{"file", "linear.vdb"}, {"grid", "velocity"}, {"axial", true}, {"smooth", 1}}),
+             Contains("/volumes/flow/smooth") && Contains("cancel"));
   CHECK_THAT(error("/volumes/head/axial", true),
              Contains("s.json: /volumes/head: ") && Contains("only a vector"));
   CHECK_THAT(error("/volumes/flow/place/like", "haed"),
