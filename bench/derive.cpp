@@ -14,6 +14,7 @@
 #include <exception>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -24,6 +25,7 @@
 #include "bench/machine.h"
 #include "bench/percentiles.h"
 #include "samplers/vdb_field.h"
+#include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -79,27 +81,6 @@ std::shared_ptr<const Volume> makeFlow(int block, const Flow& flow) {
   return loadVolume(folder / "flow.vdb", "");
 }
 
-/// What a vector and its Jacobian give; a scalar in the first place.
-Vec3 derive(Derivation what, const VectorSample& s) {
-  switch (what) {
-    case Derivation::kMagnitude:
-      return {s.value.norm(), 0.0, 0.0};
-    case Derivation::kDivergence:
-      return {divergence(s.jacobian), 0.0, 0.0};
-    case Derivation::kQ:
-      return {qCriterion(s.jacobian), 0.0, 0.0};
-    case Derivation::kLambda2:
-      return {lambda2(s.jacobian), 0.0, 0.0};
-    case Derivation::kCurl:
-      return curl(s.jacobian);
-    case Derivation::kUnit:
-      return unit(s.value);
-    case Derivation::kGradient:
-      break;
-  }
-  return Vec3::Zero();
-}
-
 /// Reads at a place what a way of reading gives: its first three numbers.
 using Read = std::function<Vec3(const Vec3&)>;
 
@@ -122,7 +103,7 @@ FieldPtr fieldOf(const std::shared_ptr<const Volume>& volume, Interpolation inte
 Read onTheFly(const std::shared_ptr<const Volume>& volume, Derivation what,
               Interpolation interpolation) {
   const Bound<VectorField> read(std::get<1>(fieldOf(volume, interpolation)));
-  return [read, what](const Vec3& p) { return derive(what, read(p)); };
+  return [read, what](const Vec3& p) { return test::onTheFly(what, read(p)); };
 }
 
 Read precomputed(const std::shared_ptr<const Volume>& made) {
@@ -146,7 +127,7 @@ double errorOf(const Read& read, Derivation what, const Flow& flow, int block, s
   double size = 0.0;
   for (std::size_t i = 0; i < points; ++i) {
     const Vec3 p = anywhere(random, block);
-    const Vec3 truth = derive(what, flow.at(p));
+    const Vec3 truth = test::onTheFly(what, flow.at(p));
     error += (read(p) - truth).squaredNorm();
     size += truth.squaredNorm();
   }
@@ -172,21 +153,18 @@ std::vector<Vec3> makeWalk(int block, std::size_t steps) {
   return walk;
 }
 
-/// By call [ns]: batches, and the middle half of them.
+/// By call [ns].
 template <class Reader>
 double timeCalls(const Reader& read, const std::vector<Vec3>& points) {
-  constexpr std::size_t kBatch = 500;
   static volatile double keep = 0.0;
-  std::vector<double> means;
-  for (std::size_t i = 0; i + kBatch <= points.size(); i += kBatch) {
+  return bench::middleOfBatches(std::span<const Vec3>(points), [&](std::span<const Vec3> batch) {
     double sum = 0.0;
     const auto begin = Clock::now();
-    for (std::size_t n = i; n < i + kBatch; ++n) sum += read(points[n]);
+    for (const Vec3& p : batch) sum += read(p);
     const std::chrono::duration<double, std::nano> took = Clock::now() - begin;
     keep = keep + sum;
-    means.push_back(took.count() / static_cast<double>(kBatch));
-  }
-  return bench::middleHalf(means);
+    return took.count();
+  });
 }
 
 /// Walk and random points, the median of the rounds [ns].

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <numeric>
+#include <span>
 #include <vector>
 
 namespace palpate::bench {
@@ -27,6 +28,18 @@ namespace palpate::bench {
   const auto skip = static_cast<std::ptrdiff_t>(samples.size() / 4);
   return std::accumulate(samples.begin() + skip, samples.end() - skip, 0.0) /
          static_cast<double>(samples.size() - 2 * static_cast<std::size_t>(skip));
+}
+
+/// Time by call, what `timed` tells of 500 of them at once: the middle half of such batches, so
+/// that one in which another program had the core does not count.
+template <class T, class Timed>
+[[nodiscard]] double middleOfBatches(std::span<const T> calls, Timed timed) {
+  constexpr std::size_t kBatch = 500;
+  std::vector<double> means;
+  for (std::size_t i = 0; i + kBatch <= calls.size(); i += kBatch) {
+    means.push_back(timed(calls.subspan(i, kBatch)) / static_cast<double>(kBatch));
+  }
+  return middleHalf(means);
 }
 
 }  // namespace palpate::bench

@@ -263,12 +263,8 @@ ordered_json ofCalls(const std::vector<double>& ns) {
 /// By call [ns]: calls are timed in small batches, and those of the middle half count, so that a
 /// batch in which another program had the core does not.
 double timeCalls(Sampler& sampler, std::span<const Vec3> points) {
-  constexpr std::size_t kBatch = 500;
-  std::vector<double> means;
-  for (std::size_t i = 0; i + kBatch <= points.size(); i += kBatch) {
-    means.push_back(sampler.timeAll(points.subspan(i, kBatch)) / static_cast<double>(kBatch));
-  }
-  return middleHalf(means);
+  return middleOfBatches(points,
+                         [&](std::span<const Vec3> batch) { return sampler.timeAll(batch); });
 }
 
 /// Calls `turn` for every contender in every round, each time begun by another, so that whatever

@@ -62,7 +62,7 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     vector(read.value, s.value, s.inside);
     vector(read.curl, curl(s.jacobian), s.inside);
     scalar(read.divergence, divergence(s.jacobian), s.inside);
-    scalar(read.q, qCriterion(s.jacobian), s.inside);
+    if (read.q >= 0) scalar(read.q, qCriterion(s.jacobian), s.inside);
     if (read.lambda2 >= 0) scalar(read.lambda2, lambda2(s.jacobian), s.inside);
   }
   for (const UnitStep& step : graph.units) {

@@ -31,13 +31,6 @@ template <class Real>
 struct RealOf<openvdb::math::Vec3<Real>> {
   using Type = Real;
 };
-template <class Real>
-using ScalarGrid =
-    std::conditional_t<std::is_same_v<Real, double>, openvdb::DoubleGrid, openvdb::FloatGrid>;
-template <class Real>
-using VectorGrid =
-    std::conditional_t<std::is_same_v<Real, double>, openvdb::Vec3DGrid, openvdb::Vec3SGrid>;
-
 template <class Value>
 auto toEngine(const Value& value) noexcept {
   if constexpr (kIsVector<Value>) {
@@ -234,8 +227,7 @@ typename OutGrid::Ptr ofComponents(const std::shared_ptr<const Volume>& volume, 
     field->reset(cache);
     for (auto voxel = leaf.beginValueOn(); voxel; ++voxel) {
       const Coord at = voxel.getCoord();
-      const VectorSample s =
-          field->sample(part.linear * Vec3(at.x(), at.y(), at.z()) + part.origin, cache);
+      const VectorSample s = field->sample(part.toFile(Vec3(at.x(), at.y(), at.z())), cache);
       if (s.inside) {
         voxel.setValue(derived<Out>(what, s.value, s.jacobian));
       } else {
@@ -267,16 +259,8 @@ openvdb::GridBase::Ptr derivedGrid(const std::shared_ptr<const Volume>& volume, 
 
 /// Puts what was prepared in index space where a part is.
 void place(const Volume::Grid::Part& part, Prepared& prepared) {
-  const Box bounds_I = prepared.info.bounds;
-  Box bounds;
-  for (int corner = 0; corner < 8; ++corner) {
-    Vec3 p_I;
-    for (int a = 0; a < 3; ++a) {
-      p_I[a] = ((corner >> a) & 1) != 0 ? bounds_I.upper[a] : bounds_I.lower[a];
-    }
-    bounds.extend(part.linear * p_I + part.origin);
-  }
-  prepared.info.bounds = bounds;
+  prepared.info.bounds =
+      boxAbout(prepared.info.bounds, [&](const Vec3& p_I) { return part.toFile(p_I); });
   prepared.info.voxel = part.linear.colwise().norm().transpose();
   prepared.grid->parts.front().linear = part.linear;
   prepared.grid->parts.front().origin = part.origin;

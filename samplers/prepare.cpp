@@ -306,15 +306,9 @@ void takeStatistics(const openvdb::GridBase& grid, GridInfo& info, openvdb::Coor
 
 /// Of the active voxels' centres, in the file's world space.
 Box boundsOf(const openvdb::CoordBBox& active, const Volume::Grid::Part& part) {
-  Box bounds;
-  for (int corner = 0; corner < 8; ++corner) {
-    Vec3 p_I;
-    for (int a = 0; a < 3; ++a) {
-      p_I[a] = (((corner >> a) & 1) != 0) ? active.max()[a] : active.min()[a];
-    }
-    bounds.extend(part.linear * p_I + part.origin);
-  }
-  return bounds;
+  const auto vec3 = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
+  return boxAbout({vec3(active.min()), vec3(active.max())},
+                  [&](const Vec3& p_I) { return part.toFile(p_I); });
 }
 
 /// From the grid's index space to the file's world space, each kind of vector by its own rule.
@@ -400,10 +394,10 @@ std::string refusalOf(const openvdb::GridBase& grid, const GridInfo& info, bool 
   return "";
 }
 
-std::uint64_t memoryOf(const std::vector<Volume::Grid::Part>& parts) {
+std::uint64_t memoryOfAll(const std::vector<Volume::Grid::Part>& parts) {
   std::uint64_t sum = 0;
   for (const Volume::Grid::Part& part : parts) {
-    sum += std::visit([](const auto& grid) { return grid->memUsage(); }, part.data);
+    sum += memoryOf(part.data);
   }
   return sum;
 }
@@ -429,7 +423,7 @@ Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
         for (auto leaf = some.begin(); leaf; ++leaf) {
           for (auto value = leaf->cbeginValueOn(); value; ++value) {
             const Coord c = value.getCoord();
-            const Vec3 p_F = parts[0].linear * Vec3(c.x(), c.y(), c.z()) + parts[0].origin;
+            const Vec3 p_F = parts[0].toFile(Vec3(c.x(), c.y(), c.z()));
             typename GridT::ValueType v{};
             typename GridT::ValueType w{};
             // Where one of them has no data there is no vector.
@@ -446,10 +440,6 @@ Range magnitudesOf(const std::vector<Volume::Grid::Part>& parts) {
         return a;
       });
 }
-
-template <class GridT>
-using ScalarOf = std::conditional_t<std::is_same_v<typename GridT::ValueType, openvdb::Vec3d>,
-                                    openvdb::DoubleGrid, openvdb::FloatGrid>;
 
 }  // namespace
 
@@ -471,11 +461,12 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
     prepareValues(*grid, options, affine, info);
     if constexpr (!std::is_arithmetic_v<typename GridT::ValueType>) {
       if (info.grid_class == GridClass::kStaggered) {
+        using Scalars = ScalarGrid<typename GridT::ValueType::ValueType>;
         // Each component stands on a face of its voxel, half a voxel below the centre.
         for (int c = 0; c < 3; ++c) {
           Volume::Grid::Part face = part;
           face.origin -= 0.5 * part.linear.col(c);
-          face.data = typename ScalarOf<GridT>::ConstPtr(componentGrid<ScalarOf<GridT>>(*grid, c));
+          face.data = typename Scalars::ConstPtr(componentGrid<Scalars>(*grid, c));
           parts.push_back(std::move(face));
         }
         return;
@@ -493,7 +484,7 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
   info.memory = base->memUsage();
   openvdb::CoordBBox active = base->evalActiveVoxelBoundingBox();
   if (parts.empty()) takeStatistics(*base, info, active);
-  if (parts.size() == 3) info.memory = memoryOf(parts);
+  if (parts.size() == 3) info.memory = memoryOfAll(parts);
   if (affine) {
     info.voxel = part.linear.colwise().norm().transpose();
     if (info.active_voxels > 0) info.bounds = boundsOf(active, part);
@@ -538,7 +529,7 @@ Prepared join(const std::string& name, std::array<Prepared, 3> components) {
     }
   }
   info.background = std::sqrt(squares);
-  info.memory = memoryOf(out.grid->parts);
+  info.memory = memoryOfAll(out.grid->parts);
   if (info.refusal.empty() && info.bounds.empty()) {
     info.refusal = "its components lie apart: write them over the same place";
   }

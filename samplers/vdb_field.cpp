@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <new>
+#include <tuple>
+#include <utility>
 
 #include <Eigen/Eigenvalues>
 #include <openvdb/openvdb.h>
@@ -147,13 +149,10 @@ void alignSigns(Block<3, W>& block, int cell) noexcept {
 }
 
 /// M v, written out: see cell.h.
-[[gnu::always_inline]] inline Vec3 times(const Mat3& M, double x, double y, double z) noexcept {
-  const double* m = M.data();
-  return {m[0] * x + m[3] * y + m[6] * z, m[1] * x + m[4] * y + m[7] * z,
-          m[2] * x + m[5] * y + m[8] * z};
-}
 [[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
-  return times(M, v.x(), v.y(), v.z());
+  const double* m = M.data();
+  return {m[0] * v.x() + m[3] * v.y() + m[6] * v.z(), m[1] * v.x() + m[4] * v.y() + m[7] * v.z(),
+          m[2] * v.x() + m[5] * v.y() + m[8] * v.z()};
 }
 /// (x, y, z) = M (x, y, z), at N places.
 template <std::size_t N>
@@ -207,14 +206,7 @@ FieldFrame frameOf(const Volume& volume, const Placement& placement) {
   FieldFrame frame;
   frame.voxel = volume.info().voxel.minCoeff() * placement.scale;
   frame.metres_per_unit = placement.scale;
-  for (int corner = 0; corner < 8; ++corner) {
-    Vec3 p_F;
-    for (int a = 0; a < 3; ++a) {
-      const bool upper = ((corner >> a) & 1) != 0;
-      p_F[a] = upper ? file.upper[a] + margin[a] : file.lower[a] - margin[a];
-    }
-    frame.bounds.extend(placement(p_F));
-  }
+  frame.bounds = boxAbout({file.lower - margin, file.upper + margin}, placement);
   return frame;
 }
 
@@ -381,107 +373,105 @@ class GridReader {
   bool axial_;
 };
 
-/// N caches of type T, as a field lays them into its memory.
-template <class T, std::size_t N>
-std::array<T, N>& cachesIn(FieldCache& memory) noexcept {
-  static_assert(sizeof(std::array<T, N>) <= sizeof(FieldCache::bytes));
-  return *std::launder(reinterpret_cast<std::array<T, N>*>(memory.bytes.data()));
-}
-
-template <class GridT, class Kernel>
-class VdbScalarField final : public ScalarField {
+/// A field over N grids of a volume: what scalars and vectors share.
+template <class Base, class GridT, class Kernel, std::size_t N>
+class GridField : public Base {
   using Reader = GridReader<GridT, Kernel>;
-  using Cache = typename Reader::Cache;
+  using Caches = std::array<typename Reader::Cache, N>;
+  static_assert(sizeof(Caches) <= sizeof(FieldCache::bytes));
 
  public:
-  VdbScalarField(std::shared_ptr<const Volume> volume, const Placement& placement,
-                 const Sampling& sampling)
-      : ScalarField(frameOf(*volume, placement)),
-        volume_(std::move(volume)),
-        reader_(*volume_, 0, placement, sampling) {}
+  GridField(std::shared_ptr<const Volume> volume, const Placement& placement,
+            const Sampling& sampling)
+      : GridField(std::move(volume), placement, sampling, std::make_index_sequence<N>()) {}
 
-  void reset(FieldCache& memory) const noexcept override {
-    ::new (memory.bytes.data()) std::array<Cache, 1>{Cache(reader_.grid())};
+  void reset(FieldCache& memory) const noexcept final {
+    std::apply(
+        [&](const auto&... reader) {
+          ::new (memory.bytes.data()) Caches{typename Reader::Cache(reader.grid())...};
+        },
+        readers_);
   }
 
+ protected:
+  using Row = typename Reader::Row;
+
+  /// As a field lays them into its memory.
+  static Caches& cachesIn(FieldCache& memory) noexcept {
+    return *std::launder(reinterpret_cast<Caches*>(memory.bytes.data()));
+  }
+  [[nodiscard]] const std::array<Reader, N>& readers() const noexcept { return readers_; }
+
+ private:
+  template <std::size_t... Part>
+  GridField(std::shared_ptr<const Volume> volume, const Placement& placement,
+            const Sampling& sampling, std::index_sequence<Part...> /*parts*/)
+      : Base(frameOf(*volume, placement)),
+        volume_(std::move(volume)),
+        readers_{Reader(*volume_, Part, placement, sampling)...} {}
+
+  std::shared_ptr<const Volume> volume_;
+  std::array<Reader, N> readers_;
+};
+
+template <class GridT, class Kernel>
+class VdbScalarField final : public GridField<ScalarField, GridT, Kernel, 1> {
+  using Base = GridField<ScalarField, GridT, Kernel, 1>;
+
+ public:
+  using Base::Base;
+
   [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    typename Reader::Row row;
-    const bool inside = reader_.read(p_W, cachesIn<Cache, 1>(memory)[0], row);
+    typename Base::Row row;
+    const bool inside = this->readers()[0].read(p_W, Base::cachesIn(memory)[0], row);
     return {row[0], Vec3(row[1], row[2], row[3]), inside};
   }
 
   [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
     if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
-      return reader_.slope(p_W, cachesIn<Cache, 1>(memory)[0]);
+      return this->readers()[0].slope(p_W, Base::cachesIn(memory)[0]);
     } else {
       return sample(p_W, memory).gradient;
     }
   }
-
- private:
-  std::shared_ptr<const Volume> volume_;
-  Reader reader_;
 };
 
 template <class GridT, class Kernel>
-class VdbVectorField final : public VectorField {
-  using Reader = GridReader<GridT, Kernel>;
-  using Cache = typename Reader::Cache;
+class VdbVectorField final : public GridField<VectorField, GridT, Kernel, 1> {
+  using Base = GridField<VectorField, GridT, Kernel, 1>;
 
  public:
-  VdbVectorField(std::shared_ptr<const Volume> volume, const Placement& placement,
-                 const Sampling& sampling)
-      : VectorField(frameOf(*volume, placement)),
-        volume_(std::move(volume)),
-        reader_(*volume_, 0, placement, sampling) {}
-
-  void reset(FieldCache& memory) const noexcept override {
-    ::new (memory.bytes.data()) std::array<Cache, 1>{Cache(reader_.grid())};
-  }
+  using Base::Base;
 
   [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
     VectorSample out;
-    typename Reader::Row row;
-    out.inside = reader_.read(p_W, cachesIn<Cache, 1>(memory)[0], row);
+    typename Base::Row row;
+    out.inside = this->readers()[0].read(p_W, Base::cachesIn(memory)[0], row);
     out.value = Vec3(row[0], row[1], row[2]);
     std::copy_n(row.begin() + 3, 9, out.jacobian.data());
     return out;
   }
-
- private:
-  std::shared_ptr<const Volume> volume_;
-  Reader reader_;
 };
 
 /// A vector whose components are grids of their own, each at its own place.
 template <class GridT, class Kernel>
-class ComponentField final : public VectorField {
-  using Reader = GridReader<GridT, Kernel>;
-  using Cache = typename Reader::Cache;
+class ComponentField final : public GridField<VectorField, GridT, Kernel, 3> {
+  using Base = GridField<VectorField, GridT, Kernel, 3>;
 
  public:
   ComponentField(std::shared_ptr<const Volume> volume, const Placement& placement,
                  const Sampling& sampling)
-      : VectorField(frameOf(*volume, placement)),
-        volume_(std::move(volume)),
-        rotation_(placement.rotation),
-        readers_{Reader(*volume_, 0, placement, sampling), Reader(*volume_, 1, placement, sampling),
-                 Reader(*volume_, 2, placement, sampling)} {}
-
-  void reset(FieldCache& memory) const noexcept override {
-    ::new (memory.bytes.data()) std::array<Cache, 3>{
-        Cache(readers_[0].grid()), Cache(readers_[1].grid()), Cache(readers_[2].grid())};
-  }
+      : Base(std::move(volume), placement, sampling), rotation_(placement.rotation) {}
 
   [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    auto& caches = cachesIn<Cache, 3>(memory);
+    auto& caches = Base::cachesIn(memory);
     VectorSample out;
     out.inside = true;
     Vec3 v;
     Mat3 J;
     for (std::size_t c = 0; c < 3; ++c) {
-      typename Reader::Row row;
-      const bool inside = readers_[c].read(p_W, caches[c], row);
+      typename Base::Row row;
+      const bool inside = this->readers()[c].read(p_W, caches[c], row);
       const auto r = static_cast<Eigen::Index>(c);
       v[r] = row[0];
       for (Eigen::Index a = 0; a < 3; ++a) J(r, a) = row[static_cast<std::size_t>(a) + 1];
@@ -493,9 +483,7 @@ class ComponentField final : public VectorField {
   }
 
  private:
-  std::shared_ptr<const Volume> volume_;
   Mat3 rotation_;
-  std::array<Reader, 3> readers_;
 };
 
 template <class GridT, template <class, class> class Field, int C>

@@ -193,7 +193,7 @@ std::uint64_t Volume::memory() const {
   for (const Grid::Coefficients& made : grid_->coefficients) {
     const std::lock_guard lock(made.mutex);
     for (const GridData& part : made.parts) {
-      sum += std::visit([](const auto& grid) { return grid->memUsage(); }, part);
+      sum += memoryOf(part);
     }
   }
   return sum;

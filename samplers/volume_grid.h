@@ -2,7 +2,9 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <mutex>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -17,12 +19,39 @@ namespace palpate {
 using GridData = std::variant<openvdb::FloatGrid::ConstPtr, openvdb::DoubleGrid::ConstPtr,
                               openvdb::Vec3SGrid::ConstPtr, openvdb::Vec3DGrid::ConstPtr>;
 
+/// Scalars and vectors of a precision.
+template <class Real>
+using ScalarGrid =
+    std::conditional_t<std::is_same_v<Real, double>, openvdb::DoubleGrid, openvdb::FloatGrid>;
+template <class Real>
+using VectorGrid =
+    std::conditional_t<std::is_same_v<Real, double>, openvdb::Vec3DGrid, openvdb::Vec3SGrid>;
+
+inline std::uint64_t memoryOf(const GridData& data) {
+  return std::visit([](const auto& grid) { return grid->memUsage(); }, data);
+}
+
+/// The box about a box that a map has moved.
+template <class Map>
+Box boxAbout(const Box& box, Map map) {
+  Box about;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) p[a] = (((corner >> a) & 1) != 0) ? box.upper[a] : box.lower[a];
+    about.extend(map(p));
+  }
+  return about;
+}
+
 struct Volume::Grid {
   /// A typed grid and its affine map, file = linear * index + origin.
   struct Part {
     GridData data;
     Mat3 linear = Mat3::Identity();
     Vec3 origin = Vec3::Zero();
+
+    /// Of a place in index space.
+    [[nodiscard]] Vec3 toFile(const Vec3& p_I) const { return linear * p_I + origin; }
   };
   /// One, or the x, y and z of a vector: scalars of one type, each at its own place.
   std::vector<Part> parts;

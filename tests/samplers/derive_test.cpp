@@ -11,6 +11,7 @@
 #include "engine/error.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -34,19 +35,6 @@ std::shared_ptr<const Volume> load(const openvdb::GridPtrVec& grids, const std::
   writeVdb(folder / "a.vdb", grids);
   return loadVolume(folder / "a.vdb", name);
 }
-
-struct Probe {
-  FieldPtr field;
-  FieldCache cache{};
-
-  explicit Probe(FieldPtr f) : field(std::move(f)) {
-    std::visit([&](const auto& p) { p->reset(cache); }, field);
-  }
-  explicit Probe(const std::shared_ptr<const Volume>& volume)
-      : Probe(makeVdbField(volume, Placement{})) {}
-  ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
-  VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
-};
 
 /// Neither orthogonal nor of equal edges, turned and moved.
 Transform::Ptr skewed(double voxel = 0.1) {
@@ -95,26 +83,6 @@ Vec3d abc(const Vec3d& p) {
           0.5 * std::sin(p.y()) + 0.8 * std::cos(p.x())};
 }
 
-/// What the vector at p gives on the fly.
-Vec3 onTheFly(Derivation what, const VectorSample& s) {
-  switch (what) {
-    case Derivation::kMagnitude:
-      return {s.value.norm(), 0, 0};
-    case Derivation::kDivergence:
-      return {divergence(s.jacobian), 0, 0};
-    case Derivation::kQ:
-      return {qCriterion(s.jacobian), 0, 0};
-    case Derivation::kLambda2:
-      return {lambda2(s.jacobian), 0, 0};
-    case Derivation::kCurl:
-      return curl(s.jacobian);
-    case Derivation::kUnit:
-      return unit(s.value);
-    case Derivation::kGradient:
-      break;
-  }
-  return Vec3::Zero();
-}
 Vec3 stored(Probe& probe, const Vec3& p) {
   if (probe.field.index() == 0) return {probe.scalar(p).value, 0, 0};
   return probe.vector(p).value;

@@ -14,6 +14,7 @@
 
 #include "samplers/volume.h"
 #include "tests/support/counters.h"
+#include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -39,18 +40,6 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   writeVdb(folder / "a.vdb", {grid});
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, {interpolation});
 }
-
-struct Probe {
-  FieldPtr field;
-  FieldCache cache{};
-
-  explicit Probe(FieldPtr f) : field(std::move(f)) {
-    std::visit([&](const auto& p) { p->reset(cache); }, field);
-  }
-  ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
-  Vec3 cellGradient(const Vec3& p) { return std::get<0>(field)->cellGradient(p, cache); }
-  VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
-};
 
 /// Random values in a ball with holes, tiles and several leaves.
 openvdb::FloatGrid::Ptr roughGrid() {

@@ -1,0 +1,51 @@
+/// What tests and benchmarks read a field through.
+#pragma once
+
+#include <memory>
+#include <utility>
+#include <variant>
+
+#include "engine/field.h"
+#include "engine/flow.h"
+#include "engine/graph.h"
+#include "samplers/vdb_field.h"
+
+namespace palpate::test {
+
+/// A field and a cache of its own.
+struct Probe {
+  FieldPtr field;
+  FieldCache cache{};
+
+  explicit Probe(FieldPtr f) : field(std::move(f)) {
+    std::visit([&](const auto& p) { p->reset(cache); }, field);
+  }
+  explicit Probe(const std::shared_ptr<const Volume>& volume)
+      : Probe(makeVdbField(volume, Placement{})) {}
+  ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
+  Vec3 cellGradient(const Vec3& p) { return std::get<0>(field)->cellGradient(p, cache); }
+  VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
+};
+
+/// What a vector and its Jacobian give on the fly; a scalar in the first place.
+inline Vec3 onTheFly(Derivation what, const VectorSample& s) {
+  switch (what) {
+    case Derivation::kMagnitude:
+      return {s.value.norm(), 0.0, 0.0};
+    case Derivation::kDivergence:
+      return {divergence(s.jacobian), 0.0, 0.0};
+    case Derivation::kQ:
+      return {qCriterion(s.jacobian), 0.0, 0.0};
+    case Derivation::kLambda2:
+      return {lambda2(s.jacobian), 0.0, 0.0};
+    case Derivation::kCurl:
+      return curl(s.jacobian);
+    case Derivation::kUnit:
+      return unit(s.value);
+    case Derivation::kGradient:
+      break;
+  }
+  return Vec3::Zero();
+}
+
+}  // namespace palpate::test
