@@ -489,6 +489,9 @@ Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& base,
     info.voxel = part.linear.colwise().norm().transpose();
     if (info.active_voxels > 0) info.bounds = boundsOf(active, part);
   }
+  if (const auto source = base->getMetadata<openvdb::StringMetadata>("source")) {
+    info.source = source->value();
+  }
   info.refusal = refusalOf(*base, info, affine, parts);
   out.grid = std::make_unique<Volume::Grid>();
   out.grid->parts = std::move(parts);

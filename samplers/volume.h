@@ -46,6 +46,7 @@ struct GridInfo {
   std::uint64_t filled = 0;      ///< Of these, made the background and inactive at load.
   Smoothing smoothing;
   bool was_local = false;  ///< Vectors stored in the grid's own index space, turned at load.
+  std::string source;      ///< The file that it was imported from, as its metadata say.
   std::string refusal;     ///< "why: remedy" if it cannot be felt, else empty.
 };
 

@@ -30,6 +30,7 @@ OrderedJson describe(const GridInfo& grid) {
   json["mean"] = grid.mean;
   json["background"] = grid.background;
   json["non_finite"] = grid.non_finite;
+  if (!grid.source.empty()) json["source"] = grid.source;
   json["can_be_felt"] = grid.refusal.empty();
   json["feel"] = feelOf(grid);
   return json;
@@ -58,6 +59,7 @@ void print(const GridInfo& grid) {
     fmt::print("  note      staggered: each component is read on its face of the voxel\n");
   }
   if (grid.was_local) fmt::print("  note      vectors in index space: read in world space\n");
+  if (!grid.source.empty()) fmt::print("  from      {}\n", grid.source);
   fmt::print("  feel      {}\n", feelOf(grid));
 }
 

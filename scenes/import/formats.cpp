@@ -1,0 +1,145 @@
+/// Which reader suits a file: by its first bytes, and only where they say nothing by its name.
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <fstream>
+#include <string_view>
+#include <zlib.h>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+#include "scenes/import/reader.h"
+
+namespace palpate::importer {
+namespace {
+
+/// The first bytes of a file, unpacked if it is gzipped.
+std::string beginningOf(const std::filesystem::path& file) {
+  constexpr unsigned kBytes = 4096;
+  std::string text(kBytes, '\0');
+  gzFile in = gzopen(file.c_str(), "rb");
+  if (in == nullptr) {
+    throw VolumeError(file.string(), "it cannot be read", "check its permissions");
+  }
+  const int count = gzread(in, text.data(), kBytes);
+  gzclose(in);
+  text.resize(static_cast<std::size_t>(std::max(count, 0)));
+  return text;
+}
+
+bool has(const std::string& text, std::size_t at, std::string_view what) {
+  return text.size() >= at + what.size() && text.compare(at, what.size(), what) == 0;
+}
+
+struct Format {
+  const char* name;
+  bool (*begins)(const std::string& bytes);
+  std::unique_ptr<Reader> (*open)(const Request& request);  ///< Null: known, but not imported.
+  const char* remedy = nullptr;                             ///< Where it is not.
+};
+
+bool isExodus(const std::string& b) {
+  return has(b, 0, "CDF\1") || has(b, 0, "CDF\2") || has(b, 0, "CDF\5") || has(b, 0, "\x89HDF");
+}
+bool isNifti(const std::string& b) {
+  using namespace std::string_view_literals;
+  return has(b, 344, "n+1\0"sv) || has(b, 344, "ni1\0"sv) || has(b, 4, "n+2\0"sv) ||
+         has(b, 4, "ni2\0"sv);
+}
+bool isVtkLegacy(const std::string& b) {
+  return has(b, 0, "# vtk DataFile");
+}
+bool isVtkXml(const std::string& b) {
+  return b.find("<VTKFile") != std::string::npos;
+}
+
+/// In the order in which they are tried.
+const std::array kFormats = {
+    Format{"NIfTI", isNifti, openNifti},
+    Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
+    Format{"VTK (XML)", isVtkXml, openVtkXml},
+    Format{"Exodus II", isExodus, openExodus},
+    // What people have at hand besides.
+    Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
+           "it can be felt as it is: palpate feel"},
+    Format{"OpenDX",
+           [](const std::string& b) { return b.find("class gridpositions") != std::string::npos; },
+           nullptr, "state the layout of its data with --raw, see docs/import.md"},
+    Format{"Analyze 7.5 (an old header, without magic)",
+           [](const std::string& b) {
+             return has(b, 0, {"\x5c\x01\0\0", 4}) && b.size() >= 348;
+           },
+           nullptr, "convert it to NIfTI, as with nifti_tool"},
+    Format{"an STL, OBJ or PLY surface",
+           [](const std::string& b) {
+             return has(b, 0, "solid ") || has(b, 0, "ply\n") || has(b, 0, "ply\r");
+           },
+           nullptr, "a surface has no volume: make a level set of it, as with OpenVDB's tools"},
+    Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
+           "give a volume; a stack of slices can be stated with --raw"},
+    Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
+           nullptr, "give a volume; a stack of slices can be stated with --raw"},
+    Format{"a TIFF picture",
+           [](const std::string& b) {
+             return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4});
+           },
+           nullptr, "give a volume; a stack of slices can be stated with --raw"},
+    Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
+           "unpack it"},
+    Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
+           "unpack it"},
+    Format{"a PDF", [](const std::string& b) { return has(b, 0, "%PDF"); }, nullptr,
+           "give a volume"},
+};
+
+/// PLOT3D has nothing to be known by but its name.
+bool isPlot3d(const Request& request) {
+  if (!request.solution.empty()) return true;
+  const std::string end = request.file.extension().string();
+  for (const char* known : {".xyz", ".x", ".p3d", ".g", ".grd", ".fmt"}) {
+    if (end == known) return true;
+  }
+  return false;
+}
+
+bool isText(const std::string& bytes) {
+  return std::all_of(bytes.begin(), bytes.end(), [](char c) {
+    return std::isprint(static_cast<unsigned char>(c)) != 0 ||
+           std::isspace(static_cast<unsigned char>(c)) != 0;
+  });
+}
+
+}  // namespace
+
+std::unique_ptr<Reader> openAny(const Request& request) {
+  std::error_code error;
+  const auto status = std::filesystem::status(request.file, error);
+  if (!std::filesystem::exists(status)) {
+    throw VolumeError(request.file.string(), "no such file", "check the path");
+  }
+  if (std::filesystem::is_directory(status)) {
+    throw VolumeError(request.file.string(), "it is a folder without DICOM files",
+                      "give a file, or the folder of a series");
+  }
+  if (!request.raw.empty()) return openRaw(request);
+  const std::string bytes = beginningOf(request.file);
+  if (bytes.empty()) {
+    throw VolumeError(request.file.string(), "it is empty, or its gzip is damaged",
+                      "copy it again");
+  }
+  for (const Format& format : kFormats) {
+    if (!format.begins(bytes)) continue;
+    if (format.open != nullptr) return format.open(request);
+    throw VolumeError(request.file.string(),
+                      fmt::format("it looks like {}, which is not imported", format.name),
+                      format.remedy);
+  }
+  if (isPlot3d(request)) return openPlot3d(request);
+  throw VolumeError(request.file.string(),
+                    isText(bytes) ? "it looks like text, of no format that is imported"
+                                  : "it is of no format that is imported, or damaged at its start",
+                    "see palpate import --help for those that are, or state its layout with --raw");
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,155 @@
+#include "scenes/import/level_set.h"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+#include <vector>
+
+#include <fmt/format.h>
+#include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/MeshToVolume.h>
+#include <openvdb/tools/SignedFloodFill.h>
+#include <openvdb/tools/VolumeToMesh.h>
+#include <openvdb/util/NullInterrupter.h>
+
+#include "engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+using openvdb::Vec3d;
+using openvdb::tools::BoxSampler;
+
+constexpr float kHalfWidth = 3.0F;  ///< [voxels], OpenVDB's own.
+
+/// OpenVDB's surface as it keeps it, in another grid's index space.
+class Surface {
+ public:
+  Surface(const openvdb::tools::VolumeToMesh& mesher, const openvdb::math::Transform& transform)
+      : mesher_(mesher), transform_(transform), first_{0} {
+    for (std::size_t pool = 0; pool < mesher.polygonPoolListSize(); ++pool) {
+      first_.push_back(first_.back() + mesher.polygonPoolList()[pool].numQuads());
+    }
+  }
+
+  // OpenVDB's MeshDataAdapter.
+  [[nodiscard]] std::size_t polygonCount() const { return first_.back(); }
+  [[nodiscard]] std::size_t pointCount() const { return mesher_.pointListSize(); }
+  [[nodiscard]] std::size_t vertexCount(std::size_t /*polygon*/) const { return 4; }
+  void getIndexSpacePoint(std::size_t polygon, std::size_t vertex, Vec3d& p_I) const {
+    const auto pool = static_cast<std::size_t>(
+        std::upper_bound(first_.begin(), first_.end(), polygon) - first_.begin() - 1);
+    const openvdb::Vec4I& quad = mesher_.polygonPoolList()[pool].quad(polygon - first_[pool]);
+    const openvdb::Vec3s& p = mesher_.pointList()[quad[static_cast<int>(vertex)]];
+    p_I = transform_.worldToIndex(Vec3d(p));
+  }
+
+ private:
+  const openvdb::tools::VolumeToMesh& mesher_;
+  const openvdb::math::Transform& transform_;
+  std::vector<std::size_t> first_;  ///< Polygons before each pool, and all.
+};
+
+/// Passes OpenVDB's progress on; it is told from any thread.
+class Watcher final : public openvdb::util::NullInterrupter {
+ public:
+  explicit Watcher(const Progress& progress) : progress_(progress) {}
+
+  bool wasInterrupted(int percent = -1) override {
+    if (percent >= 0 && progress_ && telling_.try_lock()) {
+      progress_(percent / 100.0);
+      telling_.unlock();
+    }
+    return false;
+  }
+
+ private:
+  const Progress& progress_;
+  std::mutex telling_;
+};
+
+/// Where edges between voxels cross the surface: how far the original's surface is, to first order.
+std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
+                              double iso) {
+  const auto level = surface.getConstAccessor();
+  const auto values = original.getConstAccessor();
+  const Vec3d edges = original.voxelSize();
+  const double step = 0.5 * std::min({edges.x(), edges.y(), edges.z()});
+  const auto at = [&](const Vec3d& p) {
+    return static_cast<double>(BoxSampler::sample(values, original.worldToIndex(p)));
+  };
+  std::vector<double> out;
+  for (auto value = surface.cbeginValueOn(); value; ++value) {
+    const Coord here = value.getCoord();
+    for (int axis = 0; axis < 3; ++axis) {
+      Coord there = here;
+      ++there[axis];
+      float other = 0.0F;
+      if (!level.probeValue(there, other) || (*value < 0.0F) == (other < 0.0F)) continue;
+      const double share = static_cast<double>(*value) / (static_cast<double>(*value) - other);
+      const Vec3d p =
+          surface.indexToWorld(here.asVec3d() + share * (there.asVec3d() - here.asVec3d()));
+      Vec3d slope;
+      for (int a = 0; a < 3; ++a) {
+        Vec3d along(0.0);
+        along[a] = step;
+        slope[a] = (at(p + along) - at(p - along)) / (2.0 * step);
+      }
+      if (slope.length() > 0.0) out.push_back(std::abs(at(p) - iso) / slope.length());
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
+                    const std::string& file, const Progress& progress) {
+  const Vec3d edges = grid.voxelSize();
+  const double edge = voxel > 0.0 ? voxel : std::min({edges.x(), edges.y(), edges.z()});
+  const auto transform = openvdb::math::Transform::createLinearTransform(edge);
+  LevelSet out;
+  out.solid_above = static_cast<double>(grid.background()) <= iso;
+  openvdb::tools::VolumeToMesh mesher(iso);
+  mesher(grid);
+  const Surface surface(mesher, *transform);
+  if (surface.polygonCount() == 0) {
+    throw VolumeError(file,
+                      fmt::format("nothing in \"{}\" has the value {:g}", grid.getName(), iso),
+                      "give --iso within its range, see palpate info");
+  }
+  // Without signs: OpenVDB takes what a surface encloses for its inside, and drops a cavity's.
+  Watcher watcher(progress);
+  out.grid = openvdb::tools::meshToVolume<openvdb::FloatGrid>(
+      watcher, surface, *transform, kHalfWidth, kHalfWidth,
+      openvdb::tools::UNSIGNED_DISTANCE_FIELD);
+  mesher.pointList().reset();
+  mesher.polygonPoolList().reset();
+  // The values know what is inside.
+  const auto accessor = grid.getConstAccessor();
+  for (auto value = out.grid->beginValueOn(); value; ++value) {
+    const Vec3d p = out.grid->indexToWorld(value.getCoord());
+    const bool above = BoxSampler::sample(accessor, grid.worldToIndex(p)) > iso;
+    const float distance = std::abs(*value);
+    value.setValue(above == out.solid_above ? -distance : distance);
+  }
+  openvdb::tools::signedFloodFill(out.grid->tree());
+
+  std::vector<double> errors = distances(*out.grid, grid, iso);
+  out.crossings = errors.size();
+  if (!errors.empty()) {
+    double squares = 0.0;
+    for (const double e : errors) squares += e * e;
+    out.rms_error = std::sqrt(squares / static_cast<double>(errors.size())) / edge;
+    const auto p99 =
+        errors.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(errors.size() - 1));
+    std::nth_element(errors.begin(), p99, errors.end());
+    out.p99_error = *p99 / edge;
+  }
+  out.grid->setName(grid.getName());
+  out.grid->setGridClass(openvdb::GRID_LEVEL_SET);
+  return out;
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,317 @@
+#include "scenes/import/pieces.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <vtkAppendFilter.h>
+#include <vtkBitArray.h>
+#include <vtkCellData.h>
+#include <vtkCellDataToPointData.h>
+#include <vtkCellTypes.h>
+#include <vtkCompositeDataIterator.h>
+#include <vtkCompositeDataSet.h>
+#include <vtkDataSetAttributes.h>
+#include <vtkFloatArray.h>
+#include <vtkGenericCell.h>
+#include <vtkImageData.h>
+#include <vtkMatrix4x4.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPolyData.h>
+#include <vtkRectilinearGrid.h>
+#include <vtkStructuredGrid.h>
+#include <vtkUnstructuredGrid.h>
+
+#include "engine/error.h"
+#include "scenes/import/vtk_run.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Points stand as an image's if none is farther than this from its place there, in edges.
+constexpr double kStraight = 1e-5;
+
+Vec3 pointOf(vtkDataSet* data, vtkIdType index) {
+  Vec3 p;
+  data->GetPoint(index, p.data());
+  return p;
+}
+
+Affine mapOf(vtkImageData* image) {
+  Affine map;
+  const vtkMatrix4x4* matrix = image->GetIndexToPhysicalMatrix();
+  for (int row = 0; row < 3; ++row) {
+    for (int column = 0; column < 3; ++column) {
+      map.linear(row, column) = matrix->GetElement(row, column);
+    }
+    map.origin[row] = matrix->GetElement(row, 3);
+  }
+  // The first point's index need not be 0.
+  const int* extent = image->GetExtent();
+  map.origin += map.linear * Vec3(extent[0], extent[2], extent[4]);
+  return map;
+}
+
+/// The map of a rectilinear or curvilinear grid whose points stand as an image's.
+std::optional<Affine> straightMapOf(vtkDataSet* grid, const std::array<int, 3>& size) {
+  const auto at = [&](vtkIdType i, vtkIdType j, vtkIdType k) {
+    return pointOf(grid, (k * size[1] + j) * size[0] + i);
+  };
+  Affine map;
+  map.origin = at(0, 0, 0);
+  map.linear.col(0) = (at(size[0] - 1, 0, 0) - map.origin) / (size[0] - 1);
+  map.linear.col(1) = (at(0, size[1] - 1, 0) - map.origin) / (size[1] - 1);
+  map.linear.col(2) = (at(0, 0, size[2] - 1) - map.origin) / (size[2] - 1);
+  const double tolerance = kStraight * map.linear.colwise().norm().minCoeff();
+  for (int k = 0; k < size[2]; ++k) {
+    for (int j = 0; j < size[1]; ++j) {
+      for (int i = 0; i < size[0]; ++i) {
+        const Vec3 straight = map.linear * Vec3(i, j, k) + map.origin;
+        if (!((at(i, j, k) - straight).norm() <= tolerance)) return std::nullopt;
+      }
+    }
+  }
+  return map;
+}
+
+/// Arrays that number points or cells, as Exodus has them, are nothing to feel.
+bool isNumbering(vtkDataSetAttributes* attributes, vtkDataArray* array) {
+  return array == attributes->GetGlobalIds() || array == attributes->GetPedigreeIds();
+}
+
+vtkSmartPointer<vtkDataArray> withThree(vtkDataArray* two) {
+  auto out = vtkSmartPointer<vtkFloatArray>::New();
+  out->SetNumberOfComponents(3);
+  out->SetNumberOfTuples(two->GetNumberOfTuples());
+  for (vtkIdType i = 0; i < two->GetNumberOfTuples(); ++i) {
+    out->SetTuple3(i, two->GetComponent(i, 0), two->GetComponent(i, 1), 0.0);
+  }
+  return out;
+}
+
+/// The arrays of a piece's points, made ready; takes them out of `attributes`.
+std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, std::vector<std::string>& notes) {
+  std::vector<Array> arrays;
+  for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
+    vtkSmartPointer<vtkDataArray> values = attributes->GetArray(a);
+    if (values == nullptr || isNumbering(attributes, values)) continue;
+    std::string name = values->GetName() == nullptr ? "" : values->GetName();
+    if (name == vtkDataSetAttributes::GhostArrayName() || name == "vtkValidPointMask") continue;
+    name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads
+    if (name.empty()) name = "density";
+    if (vtkBitArray::SafeDownCast(values) != nullptr) {
+      auto bytes = vtkSmartPointer<vtkUnsignedCharArray>::New();
+      bytes->DeepCopy(values);
+      values = bytes;
+    }
+    switch (values->GetNumberOfComponents()) {
+      case 1:
+      case 3:
+        arrays.push_back({name, values});
+        break;
+      case 2:
+        arrays.push_back({name, withThree(values)});
+        notes.push_back(fmt::format("{}: two components, z is 0", name));
+        break;
+      default:
+        notes.push_back(
+            fmt::format("{}: left out: {} values a point", name, values->GetNumberOfComponents()));
+    }
+  }
+  for (int a = attributes->GetNumberOfArrays() - 1; a >= 0; --a) attributes->RemoveArray(a);
+  return arrays;
+}
+
+/// Points or cells without data.
+vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataSetAttributes* attributes, int bits) {
+  auto* ghosts = vtkUnsignedCharArray::SafeDownCast(
+      attributes->GetArray(vtkDataSetAttributes::GhostArrayName()));
+  if (ghosts == nullptr) return nullptr;
+  auto hidden = vtkSmartPointer<vtkUnsignedCharArray>::New();
+  hidden->SetNumberOfValues(ghosts->GetNumberOfTuples());
+  bool any = false;
+  for (vtkIdType i = 0; i < ghosts->GetNumberOfTuples(); ++i) {
+    const bool here = (ghosts->GetValue(i) & bits) != 0;
+    hidden->SetValue(i, here ? 1 : 0);
+    any = any || here;
+  }
+  return any ? hidden : nullptr;
+}
+
+/// An image, and another of its cells' centres where the cells have data.
+void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
+               const std::string& file, std::vector<Piece>& pieces,
+               std::vector<std::string>& notes) {
+  if (*std::min_element(size.begin(), size.end()) < 2) {
+    throw VolumeError(file, fmt::format("it is flat: {} points", fmt::join(size, " x ")),
+                      "give an image with thickness");
+  }
+  Piece image;
+  image.size = size;
+  image.file_from_index = map;
+  image.hidden = hiddenOf(data->GetPointData(), vtkDataSetAttributes::HIDDENPOINT);
+  image.arrays = takeArrays(data->GetPointData(), notes);
+
+  Piece cells;
+  cells.size = {size[0] - 1, size[1] - 1, size[2] - 1};
+  cells.file_from_index = map;
+  cells.file_from_index.origin += map.linear * Vec3::Constant(0.5);
+  cells.hidden = hiddenOf(data->GetCellData(), vtkDataSetAttributes::HIDDENCELL);
+  cells.arrays = takeArrays(data->GetCellData(), notes);
+  for (Array& array : cells.arrays) {
+    notes.push_back(fmt::format("{}: a value a cell: its voxels are the cells", array.name));
+  }
+  if (!image.arrays.empty()) pieces.push_back(std::move(image));
+  if (!cells.arrays.empty()) pieces.push_back(std::move(cells));
+}
+
+bool hasVolume(vtkDataSet* mesh) {
+  vtkNew<vtkCellTypes> types;
+  mesh->GetCellTypes(types);
+  vtkNew<vtkGenericCell> cell;
+  for (vtkIdType i = 0; i < types->GetNumberOfTypes(); ++i) {
+    cell->SetCellType(types->GetCellType(i));
+    if (cell->GetCellDimension() == 3) return true;
+  }
+  return false;
+}
+
+/// Adds one data set, meshes are collected; false if it has no volume.
+bool takeOne(vtkDataSet* data, const Content& content, const std::string& file,
+             std::vector<Piece>& pieces, std::vector<vtkSmartPointer<vtkDataSet>>& meshes,
+             std::vector<std::string>& notes) {
+  if (data->GetNumberOfPoints() == 0) return false;
+  std::array<int, 3> size{};
+  if (auto* image = vtkImageData::SafeDownCast(data)) {
+    image->GetDimensions(size.data());
+    takeImage(data, size, content.file_from_index.value_or(mapOf(image)), file, pieces, notes);
+    return true;
+  }
+  auto* rectilinear = vtkRectilinearGrid::SafeDownCast(data);
+  auto* curvilinear = vtkStructuredGrid::SafeDownCast(data);
+  if (rectilinear != nullptr || curvilinear != nullptr) {
+    if (rectilinear != nullptr) {
+      rectilinear->GetDimensions(size.data());
+    } else {
+      curvilinear->GetDimensions(size.data());
+    }
+    if (*std::min_element(size.begin(), size.end()) > 1) {
+      if (const auto map = straightMapOf(data, size)) {
+        takeImage(data, size, *map, file, pieces, notes);
+        return true;
+      }
+    }
+  }
+  if (!hasVolume(data)) return false;
+  meshes.emplace_back(data);
+  return true;
+}
+
+/// All blocks as one, cell data at the points.
+Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::string& file,
+               std::vector<std::string>& notes) {
+  vtkSmartPointer<vtkDataSet> mesh = meshes.front();
+  if (meshes.size() > 1) {
+    vtkNew<vtkAppendFilter> append;
+    for (const auto& block : meshes) append->AddInputData(block);
+    run(append, file);
+    mesh = append->GetOutput();
+    notes.push_back(fmt::format("{} blocks as one", meshes.size()));
+  }
+  std::vector<std::string> moved;
+  for (int a = 0; a < mesh->GetCellData()->GetNumberOfArrays(); ++a) {
+    vtkDataArray* array = mesh->GetCellData()->GetArray(a);
+    if (array == nullptr || isNumbering(mesh->GetCellData(), array)) continue;
+    const std::string name = array->GetName() == nullptr ? "" : array->GetName();
+    if (name.empty() || name == vtkDataSetAttributes::GhostArrayName()) continue;
+    if (mesh->GetPointData()->HasArray(name.c_str()) == 0) moved.push_back(name);
+  }
+  if (!moved.empty()) {
+    vtkNew<vtkCellDataToPointData> points;
+    points->SetInputData(mesh);
+    points->SetProcessAllArrays(false);
+    for (const std::string& name : moved) points->AddCellDataArray(name.c_str());
+    points->PassCellDataOn();
+    run(points, file);
+    mesh = vtkDataSet::SafeDownCast(points->GetOutput());
+    notes.push_back(
+        fmt::format("{}: a value a cell: averaged to the points", fmt::join(moved, ", ")));
+  }
+  Piece piece;
+  piece.mesh = mesh;
+  // Which points and cells are hidden stays with the mesh.
+  vtkSmartPointer<vtkDataArray> ghosts =
+      mesh->GetPointData()->GetArray(vtkDataSetAttributes::GhostArrayName());
+  piece.arrays = takeArrays(mesh->GetPointData(), notes);
+  if (ghosts != nullptr) mesh->GetPointData()->AddArray(ghosts);
+  return piece;
+}
+
+std::vector<std::string> namesOf(const std::vector<Piece>& pieces) {
+  std::vector<std::string> names;
+  for (const Piece& piece : pieces) {
+    for (const Array& array : piece.arrays) names.push_back(array.name);
+  }
+  return names;
+}
+
+}  // namespace
+
+std::vector<Piece> takeApart(const Content& content, const std::string& file,
+                             std::vector<std::string>& notes) {
+  std::vector<Piece> pieces;
+  std::vector<vtkSmartPointer<vtkDataSet>> meshes;
+  bool seen = false;  // a volume, with arrays or without
+  if (auto* composite = vtkCompositeDataSet::SafeDownCast(content.data)) {
+    const auto iterator = vtk::TakeSmartPointer(composite->NewIterator());
+    for (iterator->InitTraversal(); !iterator->IsDoneWithTraversal(); iterator->GoToNextItem()) {
+      if (auto* block = vtkDataSet::SafeDownCast(iterator->GetCurrentDataObject())) {
+        seen = takeOne(block, content, file, pieces, meshes, notes) || seen;
+      }
+    }
+  } else if (auto* data = vtkDataSet::SafeDownCast(content.data)) {
+    seen = takeOne(data, content, file, pieces, meshes, notes);
+  }
+  if (pieces.empty() && meshes.empty() && !seen) {
+    throw VolumeError(file, "there is no volume in it, only points, lines or surfaces, or nothing",
+                      "give an image or a mesh of cells with volume");
+  }
+  if (!meshes.empty()) pieces.push_back(takeMesh(std::move(meshes), file, notes));
+  // One name, one grid.
+  std::set<std::string> taken;
+  for (Piece& piece : pieces) {
+    for (Array& array : piece.arrays) {
+      std::string name = array.name;
+      for (int n = 2; !taken.insert(name).second; ++n) name = fmt::format("{}_{}", array.name, n);
+      array.name = name;
+    }
+  }
+  if (taken.empty()) {
+    throw VolumeError(file, "it has no array of one or three values a point",
+                      "export the values with the mesh");
+  }
+  return pieces;
+}
+
+void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
+            const std::string& file) {
+  if (fields.empty()) return;
+  const std::vector<std::string> names = namesOf(pieces);
+  for (const std::string& field : fields) {
+    if (std::find(names.begin(), names.end(), field) == names.end()) {
+      throw VolumeError(file, fmt::format("it has no array \"{}\"", field),
+                        fmt::format("it has {}", fmt::join(names, ", ")));
+    }
+  }
+  for (Piece& piece : pieces) {
+    std::erase_if(piece.arrays, [&](const Array& array) {
+      return std::find(fields.begin(), fields.end(), array.name) == fields.end();
+    });
+  }
+  std::erase_if(pieces, [](const Piece& piece) { return piece.arrays.empty(); });
+}
+
+}  // namespace palpate::importer

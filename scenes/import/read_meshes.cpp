@@ -1,0 +1,127 @@
+/// What solvers write: Exodus II and PLOT3D, through VTK.
+#include <algorithm>
+#include <array>
+
+#include <fmt/format.h>
+#include <vtkExodusIIReader.h>
+#include <vtkInformation.h>
+#include <vtkMultiBlockDataSet.h>
+#include <vtkMultiBlockPLOT3DReader.h>
+#include <vtkNew.h>
+#include <vtkStreamingDemandDrivenPipeline.h>
+
+#include "engine/error.h"
+#include "scenes/import/reader.h"
+#include "scenes/import/vtk_run.h"
+
+namespace palpate::importer {
+namespace {
+
+/// The times that a reader has announced.
+std::vector<double> timesOf(vtkAlgorithm* reader) {
+  vtkInformation* information = reader->GetOutputInformation(0);
+  auto* key = vtkStreamingDemandDrivenPipeline::TIME_STEPS();
+  if (information == nullptr || information->Has(key) == 0) return {};
+  const double* times = information->Get(key);
+  return {times, times + information->Length(key)};
+}
+
+class ExodusReader final : public Reader {
+ public:
+  explicit ExodusReader(const Request& request) : request_(request) {
+    reader_->SetFileName(request.file.c_str());
+    reader_->GenerateObjectIdCellArrayOff();
+    reader_->GenerateGlobalElementIdArrayOff();
+    reader_->GenerateGlobalNodeIdArrayOff();
+    reader_->ApplyDisplacementsOff();
+    reader_->UpdateInformation();
+    times_ = timesOf(reader_);
+    // Only what was asked for is read; where none of it is there, all, to be listed.
+    constexpr std::array kTypes{vtkExodusIIReader::NODAL, vtkExodusIIReader::ELEM_BLOCK};
+    bool any = false;
+    for (const int type : kTypes) {
+      for (int a = 0; a < reader_->GetNumberOfObjectArrays(type); ++a) {
+        any = any || isAsked(reader_->GetObjectArrayName(type, a));
+      }
+    }
+    for (const int type : kTypes) {
+      for (int a = 0; a < reader_->GetNumberOfObjectArrays(type); ++a) {
+        const bool asked = !any || isAsked(reader_->GetObjectArrayName(type, a));
+        reader_->SetObjectArrayStatus(type, a, asked ? 1 : 0);
+      }
+    }
+  }
+
+  std::vector<double> times() const override { return times_; }
+
+  Content read(std::size_t step) override {
+    if (step < times_.size()) {
+      reader_->GetOutputInformation(0)->Set(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP(),
+                                            times_[step]);
+    }
+    run(reader_, request_.file.string(), request_.progress);
+    Content content;
+    content.data = reader_->GetOutput();
+    if (reader_->GetTitle() != nullptr) content.description = reader_->GetTitle();
+    return content;
+  }
+
+ private:
+  [[nodiscard]] bool isAsked(const std::string& name) const {
+    const auto& fields = request_.fields;
+    return fields.empty() || std::find(fields.begin(), fields.end(), name) != fields.end();
+  }
+
+  Request request_;
+  vtkNew<vtkExodusIIReader> reader_;
+  std::vector<double> times_;
+};
+
+class Plot3dReader final : public Reader {
+ public:
+  explicit Plot3dReader(Request request) : request_(std::move(request)) {}
+
+  Content read(std::size_t /*step*/) override {
+    vtkNew<vtkMultiBlockPLOT3DReader> reader;
+    reader->SetXYZFileName(request_.file.c_str());
+    reader->SetQFileName(request_.solution.c_str());
+    reader->AutoDetectFormatOn();
+    reader->SetScalarFunctionNumber(-1);
+    reader->SetVectorFunctionNumber(-1);
+    for (const int function : {100, 110, 120, 200}) reader->AddFunction(function);
+    run(reader, request_.file.string(), request_.progress,
+        "give a grid with --solution Q, both of one size and format");
+    Content content;
+    content.data = reader->GetOutput();
+    return content;
+  }
+
+ private:
+  Request request_;
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> openExodus(const Request& request) {
+  vtkNew<vtkExodusIIReader> reader;
+  if (reader->CanReadFile(request.file.c_str()) == 0) {
+    throw VolumeError(request.file.string(),
+                      "it is netCDF or HDF5, but not Exodus II as far as it can be read",
+                      "export it as Exodus II or VTK");
+  }
+  return std::make_unique<ExodusReader>(request);
+}
+
+std::unique_ptr<Reader> openPlot3d(const Request& request) {
+  if (request.solution.empty()) {
+    throw VolumeError(request.file.string(), "a PLOT3D grid has places, but no values",
+                      "give its solution with --solution FILE.q");
+  }
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(request.solution, error)) {
+    throw VolumeError(request.solution.string(), "no such file", "check the path of --solution");
+  }
+  return std::make_unique<Plot3dReader>(request);
+}
+
+}  // namespace palpate::importer

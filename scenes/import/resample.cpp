@@ -1,0 +1,519 @@
+#include "scenes/import/resample.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <random>
+
+#include <fmt/format.h>
+#include <openvdb/tools/ChangeBackground.h>
+#include <openvdb/tools/GridTransformer.h>
+#include <openvdb/tools/Interpolation.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <vtkCellData.h>
+#include <vtkDataSetAttributes.h>
+#include <vtkGenericCell.h>
+#include <vtkIdList.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkStaticCellLocator.h>
+#include <vtkUnsignedCharArray.h>
+
+#include "engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+using openvdb::Vec3d;
+using ScalarTree = openvdb::FloatTree;
+using VectorTree = openvdb::Vec3STree;
+
+/// A place this far outside a cell, in its own coordinates of 0 to 1, still belongs to it: the
+/// first voxels stand on the mesh's bounds.
+constexpr double kOutside = 1e-5;
+/// More voxels than this about the mesh are refused: their leaves alone would take an hour.
+constexpr double kMostVoxels = 4e9;
+
+double volumeOf(const double bounds[6]) {
+  return (bounds[1] - bounds[0]) * (bounds[3] - bounds[2]) * (bounds[5] - bounds[4]);
+}
+
+/// A thread's own cell: VTK fills it and keeps its state in it.
+struct Worker {
+  vtkNew<vtkGenericCell> cell;
+  vtkNew<vtkIdList> candidates;
+  std::vector<double> weights;
+};
+
+/// A mesh as the loops read it.
+class Mesh {
+ public:
+  explicit Mesh(vtkDataSet* data)
+      : data_(data),
+        cells_(vtkUnsignedCharArray::SafeDownCast(
+            data->GetCellData()->GetArray(vtkDataSetAttributes::GhostArrayName()))),
+        points_(vtkUnsignedCharArray::SafeDownCast(
+            data->GetPointData()->GetArray(vtkDataSetAttributes::GhostArrayName()))) {
+    data->ComputeBounds();
+    // The first call prepares what later calls of any thread only read.
+    vtkNew<vtkGenericCell> cell;
+    if (data->GetNumberOfCells() > 0) data->GetCell(0, cell);
+  }
+
+  [[nodiscard]] vtkDataSet* data() const { return data_; }
+
+  /// Loads a cell; false if it has no volume or no data.
+  [[nodiscard]] bool load(vtkIdType index, vtkGenericCell* cell) const {
+    if (cells_ != nullptr && (cells_->GetValue(index) & vtkDataSetAttributes::HIDDENCELL) != 0) {
+      return false;
+    }
+    data_->GetCell(index, cell);
+    if (cell->GetCellDimension() != 3) return false;
+    for (vtkIdType i = 0; points_ != nullptr && i < cell->GetNumberOfPoints(); ++i) {
+      if ((points_->GetValue(cell->GetPointId(i)) & vtkDataSetAttributes::HIDDENPOINT) != 0) {
+        return false;
+      }
+    }
+    return true;
+  }
+
+ private:
+  vtkDataSet* data_;
+  vtkUnsignedCharArray* cells_;
+  vtkUnsignedCharArray* points_;
+};
+
+/// Weights of the cell's points at p; false if it is outside.
+bool weighAt(const Vec3d& p, Worker& worker) {
+  worker.weights.resize(static_cast<std::size_t>(worker.cell->GetNumberOfPoints()));
+  double x[3] = {p.x(), p.y(), p.z()};
+  double closest[3];
+  double parametric[3];
+  double distance2 = 0.0;
+  int part = 0;
+  const int inside =
+      worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
+  if (inside == 1) return true;
+  return inside == 0 && worker.cell->GetParametricDistance(parametric) <= kOutside;
+}
+
+double valueAt(const Worker& worker, vtkDataArray* values, int component) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < worker.weights.size(); ++i) {
+    sum += worker.weights[i] *
+           values->GetComponent(worker.cell->GetPointId(static_cast<vtkIdType>(i)), component);
+  }
+  return sum;
+}
+
+/// One array's leaves, scalar or vector.
+class Sheet {
+ public:
+  explicit Sheet(const Array& array)
+      : array_(&array), vector_(array.values->GetNumberOfComponents() == 3) {}
+
+  using ScalarLeaf = ScalarTree::LeafNodeType;
+  using VectorLeaf = VectorTree::LeafNodeType;
+  struct Leaf {
+    std::unique_ptr<ScalarLeaf> scalar;
+    std::unique_ptr<VectorLeaf> vector;
+  };
+
+  [[nodiscard]] Leaf makeLeaf(const Coord& origin) const {
+    Leaf leaf;
+    if (vector_) {
+      leaf.vector = std::make_unique<VectorLeaf>(origin);
+    } else {
+      leaf.scalar = std::make_unique<ScalarLeaf>(origin);
+    }
+    return leaf;
+  }
+
+  /// False where the value is no number: a hole.
+  [[nodiscard]] bool set(Leaf& leaf, unsigned offset, const Worker& worker) const {
+    if (vector_) {
+      openvdb::Vec3f v;
+      for (int c = 0; c < 3; ++c) v[c] = static_cast<float>(valueAt(worker, array_->values, c));
+      if (!v.isFinite()) return false;
+      leaf.vector->setValueOn(offset, v);
+    } else {
+      const auto v = static_cast<float>(valueAt(worker, array_->values, 0));
+      if (!std::isfinite(v)) return false;
+      leaf.scalar->setValueOn(offset, v);
+    }
+    return true;
+  }
+
+  [[nodiscard]] const Array& array() const { return *array_; }
+  [[nodiscard]] bool isVector() const { return vector_; }
+
+ private:
+  const Array* array_;
+  bool vector_;
+};
+
+/// The median of the active values that lie beside an inactive one: what the data's edge is like.
+float edgeValue(const openvdb::FloatGrid& grid) {
+  std::vector<float> edge;
+  const auto accessor = grid.getConstAccessor();
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    const Coord at = value.getCoord();
+    for (int a = 0; a < 6; ++a) {
+      Coord beside = at;
+      beside[a / 2] += a % 2 == 0 ? 1 : -1;
+      if (accessor.isValueOn(beside)) continue;
+      edge.push_back(*value);
+      break;
+    }
+  }
+  if (edge.empty()) return 0.0F;
+  const auto middle = edge.begin() + static_cast<std::ptrdiff_t>(edge.size() / 2);
+  std::nth_element(edge.begin(), middle, edge.end());
+  return *middle;
+}
+
+double lengthOf(float v) {
+  return v;
+}
+double lengthOf(const openvdb::Vec3f& v) {
+  return Vec3d(v).length();
+}
+
+/// Range of the active values.
+template <class GridT>
+void takeRange(const GridT& grid, Gridded& made) {
+  made.lowest = std::numeric_limits<double>::infinity();
+  made.highest = -made.lowest;
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    const double size = lengthOf(*value);
+    made.lowest = std::min(made.lowest, size);
+    made.highest = std::max(made.highest, size);
+  }
+}
+
+/// Differences, relative to a range, of scalars or vectors.
+struct Differences {
+  double squares = 0.0;
+  double largest = 0.0;
+  std::uint64_t points = 0;
+  std::uint64_t edge_points = 0;
+
+  void add(double difference) {
+    squares += difference * difference;
+    largest = std::max(largest, difference);
+    ++points;
+  }
+  [[nodiscard]] ResamplingError relativeTo(double range) const {
+    ResamplingError error;
+    error.points = points;
+    error.edge_points = edge_points;
+    if (points == 0 || !(range > 0.0)) return error;
+    error.rms = std::sqrt(squares / static_cast<double>(points)) / range;
+    error.largest = largest / range;
+    return error;
+  }
+};
+
+/// Have all 8 voxels about a place data?
+template <class Accessor>
+bool hasAll(const Accessor& accessor, const Vec3d& p_I) {
+  const Coord low = Coord::floor(p_I);
+  for (int corner = 0; corner < 8; ++corner) {
+    if (!accessor.isValueOn(low.offsetBy(corner & 1, (corner >> 1) & 1, corner >> 2))) return false;
+  }
+  return true;
+}
+
+/// The same few places in each run.
+std::vector<vtkIdType> someCells(vtkIdType cells) {
+  constexpr vtkIdType kMost = 20000;
+  std::vector<vtkIdType> some;
+  if (cells <= kMost) {
+    for (vtkIdType i = 0; i < cells; ++i) some.push_back(i);
+  } else {
+    std::mt19937_64 random(1);
+    std::uniform_int_distribution<vtkIdType> any(0, cells - 1);
+    for (vtkIdType i = 0; i < kMost; ++i) some.push_back(any(random));
+  }
+  return some;
+}
+
+/// Places anywhere in the mesh's bounds.
+std::vector<Vec3d> somePlaces(const double bounds[6]) {
+  constexpr int kCount = 50000;
+  std::mt19937_64 random(2);
+  std::vector<Vec3d> places;
+  places.reserve(kCount);
+  for (int i = 0; i < kCount; ++i) {
+    Vec3d p;
+    for (int a = 0; a < 3; ++a) {
+      p[a] = std::uniform_real_distribution<>(bounds[2 * a], bounds[2 * a + 1])(random);
+    }
+    places.push_back(p);
+  }
+  return places;
+}
+
+/// The mesh's own values against the grid's.
+template <class GridT>
+Differences compare(const Mesh& mesh, vtkStaticCellLocator* locator, vtkDataArray* values,
+                    const GridT& grid) {
+  Differences differences;
+  Worker worker;
+  worker.weights.resize(static_cast<std::size_t>(mesh.data()->GetMaxCellSize()));
+  const auto accessor = grid.getConstAccessor();
+  double bounds[6];
+  mesh.data()->GetBounds(bounds);
+  for (const Vec3d& p : somePlaces(bounds)) {
+    double x[3] = {p.x(), p.y(), p.z()};
+    double parametric[3];
+    const vtkIdType index =
+        locator->FindCell(x, 0.0, worker.cell, parametric, worker.weights.data());
+    if (index < 0 || !mesh.load(index, worker.cell) || !weighAt(p, worker)) continue;
+    const Vec3d p_I = grid.worldToIndex(p);
+    if (!hasAll(accessor, p_I)) {
+      ++differences.edge_points;
+      continue;
+    }
+    const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
+    if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
+      differences.add(std::abs(valueAt(worker, values, 0) - static_cast<double>(there)));
+    } else {
+      Vec3d v;
+      for (int c = 0; c < 3; ++c) v[c] = valueAt(worker, values, c);
+      differences.add((v - Vec3d(there)).length());
+    }
+  }
+  return differences;
+}
+
+}  // namespace
+
+double suggestVoxel(const Piece& mesh) {
+  const Mesh cells(mesh.mesh);
+  vtkNew<vtkGenericCell> cell;
+  std::vector<double> volumes;
+  for (const vtkIdType index : someCells(mesh.mesh->GetNumberOfCells())) {
+    if (!cells.load(index, cell)) continue;
+    double bounds[6];
+    cell->GetBounds(bounds);
+    volumes.push_back(volumeOf(bounds));
+  }
+  double bounds[6];
+  mesh.mesh->GetBounds(bounds);
+  const double longest =
+      std::max({bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]});
+  if (volumes.empty()) return longest / 64.0;
+  const auto middle = volumes.begin() + static_cast<std::ptrdiff_t>(volumes.size() / 2);
+  std::nth_element(volumes.begin(), middle, volumes.end());
+  const double voxel = std::clamp(0.5 * std::cbrt(*middle), longest / 512.0, longest / 32.0);
+  // A round number is easier to repeat.
+  const double digit = std::pow(10.0, std::floor(std::log10(voxel)) - 1.0);
+  return std::round(voxel / digit) * digit;
+}
+
+std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std::string& file,
+                                    const Progress& progress) {
+  const Mesh mesh(piece.mesh);
+  double bounds[6];
+  piece.mesh->GetBounds(bounds);
+  std::array<int, 3> size{};
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const double steps = std::floor((bounds[2 * a + 1] - bounds[2 * a]) / voxel + kOutside) + 1.0;
+    voxels *= steps;
+    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
+      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
+                        "give a larger --voxel");
+    }
+    size[a] = static_cast<int>(steps);
+  }
+  if (*std::max_element(size.begin(), size.end()) < 2) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
+                      "give a smaller --voxel");
+  }
+  const auto transform = openvdb::math::Transform::createLinearTransform(voxel);
+  transform->postTranslate(Vec3d(bounds[0], bounds[2], bounds[4]));
+
+  vtkNew<vtkStaticCellLocator> locator;
+  locator->SetDataSet(piece.mesh);
+  locator->CacheCellBoundsOn();
+  locator->BuildLocator();
+
+  std::vector<Sheet> sheets;
+  for (const Array& array : piece.arrays) sheets.emplace_back(array);
+  constexpr int kEdge = 8;
+  const std::array<int, 3> leaves{(size[0] + kEdge - 1) / kEdge, (size[1] + kEdge - 1) / kEdge,
+                                  (size[2] + kEdge - 1) / kEdge};
+  const int rows = leaves[1] * leaves[2];
+  /// Of a row of leaves along x: leaf by leaf, sheet by sheet.
+  std::vector<std::vector<std::vector<Sheet::Leaf>>> made(static_cast<std::size_t>(rows));
+  std::vector<std::atomic<std::uint64_t>> holes(sheets.size());
+  std::atomic<std::uint64_t> inside{0};
+  std::atomic<int> done{0};
+  std::mutex telling;
+  tbb::enumerable_thread_specific<Worker> workers;
+  tbb::parallel_for(0, rows, [&](int row) {
+    Worker& worker = workers.local();
+    for (int x = 0; x < leaves[0]; ++x) {
+      const Coord origin(x * kEdge, (row % leaves[1]) * kEdge, (row / leaves[1]) * kEdge);
+      const Vec3d low = transform->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
+      const Vec3d high = transform->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
+      double box[6] = {low.x(), high.x(), low.y(), high.y(), low.z(), high.z()};
+      locator->FindCellsWithinBounds(box, worker.candidates);
+      if (worker.candidates->GetNumberOfIds() == 0) continue;
+      worker.candidates->Sort();  // whatever order the locator has, the lowest cell wins
+
+      std::vector<Sheet::Leaf> here;
+      openvdb::util::NodeMask<3> taken;
+      for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
+        if (!mesh.load(worker.candidates->GetId(c), worker.cell)) continue;
+        double cell[6];
+        worker.cell->GetBounds(cell);
+        // The voxels of this leaf that the cell's bounds hold.
+        Coord first;
+        Coord last;
+        for (int a = 0; a < 3; ++a) {
+          const double from = (cell[2 * a] - bounds[2 * a]) / voxel;
+          const double to = (cell[2 * a + 1] - bounds[2 * a]) / voxel;
+          first[a] = std::max(origin[a], static_cast<int>(std::ceil(from - kOutside)));
+          last[a] = std::min({origin[a] + kEdge - 1, size[static_cast<std::size_t>(a)] - 1,
+                              static_cast<int>(std::floor(to + kOutside))});
+        }
+        for (int i = first.x(); i <= last.x(); ++i) {
+          for (int j = first.y(); j <= last.y(); ++j) {
+            for (int k = first.z(); k <= last.z(); ++k) {
+              const unsigned offset = ScalarTree::LeafNodeType::coordToOffset(Coord(i, j, k));
+              if (taken.isOn(offset)) continue;
+              if (!weighAt(transform->indexToWorld(Coord(i, j, k)), worker)) continue;
+              taken.setOn(offset);
+              if (here.empty()) {
+                for (const Sheet& sheet : sheets) here.push_back(sheet.makeLeaf(origin));
+              }
+              for (std::size_t s = 0; s < sheets.size(); ++s) {
+                if (!sheets[s].set(here[s], offset, worker)) ++holes[s];
+              }
+            }
+          }
+        }
+      }
+      inside += taken.countOn();
+      if (!here.empty()) made[static_cast<std::size_t>(row)].push_back(std::move(here));
+    }
+    const int count = ++done;
+    if (progress && telling.try_lock()) {
+      progress(static_cast<double>(count) / rows);
+      telling.unlock();
+    }
+  });
+
+  std::vector<Resampled> out;
+  for (std::size_t s = 0; s < sheets.size(); ++s) {
+    Resampled resampled;
+    resampled.made.voxels = inside;
+    resampled.made.holes = holes[s];
+    const auto finish = [&](const auto& grid, auto leaf_of) {
+      for (auto& row : made) {
+        for (auto& leaf : row) {
+          if (auto& own = leaf_of(leaf[s]); !own->isEmpty()) grid->tree().addLeaf(own.release());
+        }
+      }
+      grid->setTransform(transform->copy());
+      takeRange(*grid, resampled.made);
+      const Differences differences = compare(mesh, locator, sheets[s].array().values, *grid);
+      const double range = sheets[s].isVector() ? resampled.made.highest
+                                                : resampled.made.highest - resampled.made.lowest;
+      resampled.error = differences.relativeTo(range);
+      grid->setName(sheets[s].array().name);
+      resampled.made.grid = grid;
+    };
+    if (sheets[s].isVector()) {
+      finish(
+          openvdb::Vec3SGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.vector; });
+    } else {
+      auto grid = openvdb::FloatGrid::create();
+      finish(
+          grid, [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
+      const float edge = edgeValue(*grid);
+      openvdb::tools::changeBackground(grid->tree(), edge);
+      resampled.made.background = edge;
+    }
+    if (resampled.made.grid->empty()) {
+      throw VolumeError(file,
+                        fmt::format("no voxel of {:g} has its centre in the mesh where {} has data",
+                                    voxel, sheets[s].array().name),
+                        "give a smaller --voxel");
+    }
+    out.push_back(std::move(resampled));
+  }
+  return out;
+}
+
+namespace {
+
+template <class GridT>
+Resampled onCubes(const GridT& in, const Gridded& image, double voxel) {
+  openvdb::CoordBBox active = in.evalActiveVoxelBoundingBox();
+  openvdb::BBoxd box;
+  for (int corner = 0; corner < 8; ++corner) {
+    const Coord at((corner & 1) != 0 ? active.max().x() : active.min().x(),
+                   (corner & 2) != 0 ? active.max().y() : active.min().y(),
+                   (corner & 4) != 0 ? active.max().z() : active.min().z());
+    box.expand(in.indexToWorld(at));
+  }
+  auto out = GridT::create(in.background());
+  const auto transform = openvdb::math::Transform::createLinearTransform(voxel);
+  transform->postTranslate(box.min());
+  out->setTransform(transform);
+  openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(in, *out);
+
+  Resampled resampled;
+  resampled.made = image;
+  resampled.made.grid = out;
+  takeRange(*out, resampled.made);
+  // At the image's own voxels.
+  Differences differences;
+  const auto accessor = out->getConstAccessor();
+  for (auto value = in.cbeginValueOn(); value; ++value) {
+    const Vec3d p_I = out->worldToIndex(in.indexToWorld(value.getCoord()));
+    if (!hasAll(accessor, p_I)) {
+      ++differences.edge_points;
+      continue;
+    }
+    const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
+    differences.add(std::abs(lengthOf(there - *value)));
+  }
+  const bool vector = !std::is_same_v<GridT, openvdb::FloatGrid>;
+  resampled.error = differences.relativeTo(vector ? image.highest : image.highest - image.lowest);
+  out->setName(in.getName());
+  return resampled;
+}
+
+}  // namespace
+
+Resampled resampleGrid(const Gridded& image, double voxel, const std::string& file) {
+  const openvdb::CoordBBox box = image.grid->evalActiveVoxelBoundingBox();
+  const Vec3d edge = image.grid->transform().voxelSize();
+  const Vec3d size = edge * box.dim().asVec3d() / voxel;
+  if (!(size.x() * size.y() * size.z() <= kMostVoxels)) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
+                      "give a larger --voxel");
+  }
+  Resampled out =
+      image.grid->isType<openvdb::FloatGrid>()
+          ? onCubes(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(image.grid), image, voxel)
+          : onCubes(*openvdb::gridConstPtrCast<openvdb::Vec3SGrid>(image.grid), image, voxel);
+  if (out.made.grid->empty()) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are larger than what is in it", voxel),
+                      "give a smaller --voxel");
+  }
+  return out;
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,42 @@
+/// Curvilinear and unstructured meshes become grids of cubes: voxels outside the mesh stay
+/// inactive.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "scenes/import/grids.h"
+#include "scenes/import/pieces.h"
+
+namespace palpate::importer {
+
+/// What resampling changed: at random places anywhere in a mesh, its own interpolation against the
+/// trilinear one of the grid, relative to the range of the values; of an image, at its voxels.
+struct ResamplingError {
+  double rms = 0.0;
+  double largest = 0.0;
+  std::uint64_t points = 0;       ///< Compared: all 8 voxels about them have data.
+  std::uint64_t edge_points = 0;  ///< Not compared: beside a voxel without data.
+};
+
+struct Resampled {
+  Gridded made;
+  ResamplingError error;
+};
+
+/// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along the
+/// longest side of the mesh, and not less than 32.
+[[nodiscard]] double suggestVoxel(const Piece& mesh);
+
+/// All arrays of a mesh at once, on the same voxels: the first at the lowest corner of its bounds,
+/// each with the interpolation of the mesh's own cell that holds it (VTK's). Works leaf by leaf in
+/// parallel; besides the mesh it takes VTK's cell locator and the grids. Throws VolumeError for a
+/// voxel that would make too many of them.
+[[nodiscard]] std::vector<Resampled> resampleMesh(const Piece& mesh, double voxel,
+                                                  const std::string& file,
+                                                  const Progress& progress);
+
+/// A grid of an image on cubes of another size, trilinear.
+[[nodiscard]] Resampled resampleGrid(const Gridded& image, double voxel, const std::string& file);
+
+}  // namespace palpate::importer

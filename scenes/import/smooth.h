@@ -1,0 +1,21 @@
+/// A Gaussian over an image's array, before it becomes a grid.
+#pragma once
+
+#include <string>
+
+#include "scenes/import/pieces.h"
+
+namespace palpate::importer {
+
+struct Smoothed {
+  double rms_change = 0.0;
+  double range = 0.0;  ///< Highest minus lowest, of a vector its longest.
+};
+
+/// Replaces the array by its smoothed floats. Throws VolumeError where values are not finite or
+/// hidden: they would spread.
+/// @param width  Standard deviation, in the file's units.
+[[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
+                                   const std::string& file);
+
+}  // namespace palpate::importer

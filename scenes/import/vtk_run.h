@@ -1,0 +1,17 @@
+/// Runs VTK's readers and filters: their trouble becomes an error, their progress ours.
+#pragma once
+
+#include <string>
+
+#include <vtkAlgorithm.h>
+
+#include "scenes/import/reader.h"
+
+namespace palpate::importer {
+
+/// Update()s. VTK speaks of trouble by events; the first is thrown, as VolumeError(what, why,
+/// remedy), shortened to what it says.
+void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
+         const std::string& remedy = "it may be truncated or damaged: copy or export it again");
+
+}  // namespace palpate::importer

@@ -1,0 +1,619 @@
+#!/usr/bin/env python3
+"""palpate import as its users meet it: import_test.py BIN_DIR MAKE_SERIES_PROGRAM."""
+import csv
+import io
+import json
+import math
+import os
+import random
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import zlib
+from pathlib import Path
+
+PALPATE = str(Path(sys.argv[1]) / "palpate")
+MAKE_SERIES = sys.argv[2]
+
+
+def call(*words, timeout=120):
+    return subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True,
+                          timeout=timeout)
+
+
+def run(*words, status=0):
+    done = call(*words)
+    if done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.holder = tempfile.TemporaryDirectory()
+        self.dir = Path(self.holder.name)
+
+    def tearDown(self):
+        self.holder.cleanup()
+
+    def write(self, name, data):
+        path = self.dir / name
+        path.write_bytes(data if isinstance(data, bytes) else data.encode())
+        return path
+
+    def imported(self, source, *words):
+        """Imports into out.vdb; the report."""
+        done = run("import", source, self.dir / "out.vdb", "--json", *words)
+        self.assertEqual(done.stderr, "")
+        return json.loads(done.stdout)
+
+    def sample(self, grid, points, *words):
+        table = "x,y,z\n" + "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in points)
+        where = self.write("points.csv", table)
+        done = run("sample", self.dir / "out.vdb", "--grid", grid, "--points", where, *words)
+        return [{k: float(v) for k, v in row.items()}
+                for row in csv.DictReader(io.StringIO(done.stdout))]
+
+    def refused(self, *words, says, status=2):
+        """One clear line on stderr, nothing on stdout, no file left."""
+        before = sorted(os.listdir(self.dir))
+        done = call("import", *words)
+        self.assertEqual(done.returncode, status, done.stderr)
+        lines = done.stderr.splitlines()
+        self.assertEqual(len(lines), 1, done.stderr)
+        self.assertTrue(lines[0].startswith("palpate: "), lines[0])
+        self.assertIn(says, lines[0])
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+
+def grid_report(report, name):
+    return next(g for g in report["grids"] if g["name"] == name)
+
+
+def image_values(nx, ny, nz, function):
+    return [function(i, j, k) for k in range(nz) for j in range(ny) for i in range(nx)]
+
+
+def words_of(values):
+    return " ".join(repr(float(v)) for v in values)
+
+
+def vti(nx, ny, nz, point_arrays, cell_arrays=(), origin=(0, 0, 0), spacing=(1, 1, 1),
+        direction=None, start=0):
+    """An XML image; arrays are (name, components, flat values)."""
+    def section(kind, arrays):
+        text = f"<{kind}>"
+        for name, components, values in arrays:
+            text += (f'<DataArray type="Float64" Name="{name}" NumberOfComponents="{components}" '
+                     f'format="ascii">{words_of(values)}</DataArray>')
+        return text + f"</{kind}>"
+    extent = f"{start} {start + nx - 1} {start} {start + ny - 1} {start} {start + nz - 1}"
+    turned = f'Direction="{words_of(direction)}"' if direction else ""
+    return (f'<?xml version="1.0"?><VTKFile type="ImageData" version="1.0">'
+            f'<ImageData WholeExtent="{extent}" Origin="{words_of(origin)}" '
+            f'Spacing="{words_of(spacing)}" {turned}><Piece Extent="{extent}">'
+            f'{section("PointData", point_arrays)}{section("CellData", cell_arrays)}'
+            f'</Piece></ImageData></VTKFile>')
+
+
+def legacy(kind, body, data):
+    return f"# vtk DataFile Version 3.0\nmade by a test\nASCII\nDATASET {kind}\n{body}\n{data}\n"
+
+
+def linear(p):
+    return 1.0 + 2.0 * p[0] - 3.0 * p[1] + 0.5 * p[2]
+
+
+def scalars(name, values):
+    return f"SCALARS {name} double 1\nLOOKUP_TABLE default\n{words_of(values)}\n"
+
+
+def vectors(name, values):
+    return f"VECTORS {name} double\n{words_of(c for v in values for c in v)}\n"
+
+
+def rectilinear(xs, ys, zs, function=linear):
+    points = [(x, y, z) for z in zs for y in ys for x in xs]
+    body = f"DIMENSIONS {len(xs)} {len(ys)} {len(zs)}\n"
+    for name, c in (("X", xs), ("Y", ys), ("Z", zs)):
+        body += f"{name}_COORDINATES {len(c)} double\n{words_of(c)}\n"
+    data = f"POINT_DATA {len(points)}\n" + scalars("s", map(function, points))
+    data += vectors("v", [(function(p), p[0], p[1]) for p in points])
+    return legacy("RECTILINEAR_GRID", body, data)
+
+
+def structured(nx, ny, nz, place, function=linear, extra=""):
+    points = [place(i, j, k) for k in range(nz) for j in range(ny) for i in range(nx)]
+    body = f"DIMENSIONS {nx} {ny} {nz}\nPOINTS {len(points)} double\n"
+    body += words_of(c for p in points for c in p)
+    return legacy("STRUCTURED_GRID", body,
+                  f"POINT_DATA {len(points)}\n" + scalars("s", map(function, points)) + extra)
+
+
+def unstructured(points, cells, types, data):
+    size = sum(len(c) + 1 for c in cells)
+    body = f"POINTS {len(points)} double\n{words_of(c for p in points for c in p)}\n"
+    body += f"CELLS {len(cells)} {size}\n"
+    body += "\n".join(f"{len(c)} " + " ".join(map(str, c)) for c in cells)
+    body += f"\nCELL_TYPES {len(cells)}\n" + " ".join(map(str, types))
+    return legacy("UNSTRUCTURED_GRID", body, data)
+
+
+def box_of_tetrahedra(n, skip=lambda i, j, k: False):
+    """n^3 unit cubes of 6 tetrahedra each, some left out: points, cells."""
+    def index(i, j, k):
+        return (k * (n + 1) + j) * (n + 1) + i
+    points = [(float(i), float(j), float(k))
+              for k in range(n + 1) for j in range(n + 1) for i in range(n + 1)]
+    cells = []
+    for k in range(n):
+        for j in range(n):
+            for i in range(n):
+                if skip(i, j, k):
+                    continue
+                # Kuhn's: one for each order of the three axes.
+                for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)):
+                    at = [i, j, k]
+                    corners = [index(*at)]
+                    for axis in order:
+                        at[axis] += 1
+                        corners.append(index(*at))
+                    cells.append(corners)
+    return points, cells
+
+
+class Images(Case):
+    def test_voxels_are_exact_at_their_places_whatever_the_origin_and_direction(self):
+        n = (5, 4, 3)
+        rng = random.Random(1)
+        values = [rng.uniform(-5, 5) for _ in range(n[0] * n[1] * n[2])]
+        flow = [rng.uniform(-1, 1) for _ in range(3 * len(values))]
+        c, s = math.cos(0.3), math.sin(0.3)
+        turn = (c, -s, 0, s, c, 0, 0, 0, 1)  # rows
+        spacing, origin = (0.5, 1.0, 2.0), (10, -20, 3)
+        source = self.write("a.vti", vti(*n, [("pressure", 1, values), ("flow", 3, flow)],
+                                         origin=origin, spacing=spacing, direction=turn, start=-2))
+        report = self.imported(source)
+        self.assertEqual([g["name"] for g in report["grids"]], ["pressure", "flow"])
+        places = []
+        for k in range(n[2]):
+            for j in range(n[1]):
+                for i in range(n[0]):
+                    q = [spacing[a] * (x - 2) for a, x in enumerate((i, j, k))]
+                    places.append(tuple(origin[r] + sum(turn[3 * r + a] * q[a] for a in range(3))
+                                        for r in range(3)))
+        for row, value in zip(self.sample("pressure", places), values):
+            self.assertAlmostEqual(row["value"], value, places=5)
+        for row, i in zip(self.sample("flow", places), range(len(values))):
+            for axis, key in enumerate(("vx", "vy", "vz")):
+                self.assertAlmostEqual(row[key], flow[3 * i + axis], places=5)
+
+    def test_cell_data_of_an_image_stand_at_the_cells_centres(self):
+        cells = image_values(3, 2, 2, lambda i, j, k: 1 + i + 10 * j + 100 * k)
+        points = image_values(4, 3, 3, lambda i, j, k: i * j * k)
+        report = self.imported(
+            self.write("a.vti", vti(4, 3, 3, [("p", 1, points)], [("c", 1, cells)],
+                                    spacing=(2, 2, 2))))
+        self.assertTrue(any("c: a value a cell" in note for note in report["notes"]))
+        rows = self.sample("c", [(1, 1, 1), (3, 1, 1), (5, 3, 3), (2, 2, 2)])
+        self.assertEqual([r["value"] for r in rows[:3]], [1, 2, 113])
+        self.assertAlmostEqual(rows[3]["value"], (1 + 2 + 11 + 12 + 101 + 102 + 111 + 112) / 8)
+
+    def test_what_surrounds_the_object_is_left_out_and_nothing_else_changes(self):
+        def ball(i, j, k):
+            return 900.0 if (i - 16) ** 2 + (j - 16) ** 2 + (k - 16) ** 2 < 64 else 7.0
+        values = image_values(32, 32, 32, ball)
+        report = self.imported(self.write("a.vti", vti(32, 32, 32, [("s", 1, values)])))
+        s = grid_report(report, "s")
+        self.assertEqual((s["background"], s["tolerance"]), (7.0, 0.0))
+        self.assertEqual(s["active_voxels"], sum(v > 100 for v in values))
+        rows = self.sample("s", [(0, 0, 0), (16, 16, 16), (-5, 40, 3)])
+        self.assertEqual([r["value"] for r in rows], [7, 900, 7])
+
+    def test_noise_about_the_object_can_be_left_out_by_a_tolerance_that_is_suggested(self):
+        rng = random.Random(2)
+        values = image_values(24, 24, 24, lambda i, j, k: rng.uniform(0, 10)
+                              + (1000 if 8 <= min(i, j, k) and max(i, j, k) < 16 else 0))
+        source = self.write("a.vti", vti(24, 24, 24, [("s", 1, values)]))
+        quieter = grid_report(self.imported(source), "s")["quieter"]
+        self.assertLess(quieter["tolerance"], 10)
+        s = grid_report(self.imported(source, "--tolerance", 10), "s")
+        self.assertEqual(s["active_voxels"], 8 ** 3)
+        self.assertLess(quieter["share"] * 24 ** 3, 1.5 * 8 ** 3)
+
+    def test_voxels_that_are_no_numbers_are_holes(self):
+        values = image_values(6, 6, 6, lambda i, j, k: float("nan") if i == 2 else i + j)
+        report = self.imported(self.write("a.vti", vti(6, 6, 6, [("s", 1, values)])))
+        self.assertEqual(grid_report(report, "s")["holes"], 36)
+        rows = self.sample("s", [(2, 3, 3), (3, 3, 3)])
+        self.assertTrue(math.isfinite(rows[0]["value"]))
+        self.assertEqual(rows[1]["value"], 6)
+
+    def test_a_straight_grid_is_an_image(self):
+        straight = rectilinear([0, 0.5, 1, 1.5], [2, 3, 4], [0, 0.1, 0.2])
+        report = self.imported(self.write("a.vtk", straight))
+        self.assertNotIn("resampling", report["grids"][0])
+        self.assertEqual(report["grids"][0]["voxel"], [0.5, 1, 0.1])
+        sheared = structured(4, 3, 3, lambda i, j, k: (i + 0.5 * j, j, 2 * k + 0.1 * i))
+        report = self.imported(self.write("b.vtk", sheared))
+        self.assertNotIn("resampling", report["grids"][0])
+        row = self.sample("s", [(2 + 0.5, 1, 2 + 0.2)])[0]
+        self.assertAlmostEqual(row["value"], linear((2.5, 1, 2.2)), places=5)
+
+    def test_other_voxels_on_demand_and_how_far_off_they_are(self):
+        values = image_values(20, 20, 20, lambda i, j, k: math.sin(0.3 * i) * j + k)
+        source = self.write("a.vti", vti(20, 20, 20, [("s", 1, values)], spacing=(1, 2, 1)))
+        report = self.imported(source, "--voxel", 0.5)
+        s = grid_report(report, "s")
+        self.assertEqual(s["voxel"], [0.5, 0.5, 0.5])
+        self.assertLess(s["resampling"]["rms"], 1e-6)  # 0.5 divides all edges
+        coarse = grid_report(self.imported(source, "--voxel", 3), "s")["resampling"]
+        self.assertGreater(coarse["rms"], 1e-3)
+
+    def test_smoothing_says_what_it_took_away(self):
+        rng = random.Random(3)
+        values = image_values(16, 16, 16, lambda i, j, k: rng.uniform(0, 1))
+        source = self.write("a.vti", vti(16, 16, 16, [("s", 1, values)]))
+        self.assertGreater(grid_report(self.imported(source, "--smooth", 1), "s")["smoothing_rms"],
+                           0.1)
+
+    def test_where_it_comes_from_is_written_down(self):
+        source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1, 2], [0, 1, 3]))
+        self.imported(source, "--voxel", 0.25)
+        data = (self.dir / "out.vdb").read_bytes()
+        for words in (b"imported_by", b"palpate 0.", b"source", b"a.vtk", b"made by a test",
+                      b"resampling_rms"):
+            self.assertIn(words, data)
+
+
+class Meshes(Case):
+    def places(self, lower, upper, count=200):
+        rng = random.Random(4)
+        return [tuple(rng.uniform(a, b) for a, b in zip(lower, upper)) for _ in range(count)]
+
+    def test_a_linear_field_survives_resampling_exactly(self):
+        """Trilinear cells, tetrahedra and voxels all reproduce it."""
+        twisted = structured(7, 7, 7, lambda i, j, k: (
+            i + 0.2 * math.sin(j + k), j + 0.2 * math.sin(i), k + 0.15 * math.cos(i + j)))
+        points, cells = box_of_tetrahedra(6)
+        tetrahedra = unstructured(points, cells, [10] * len(cells),
+                                  f"POINT_DATA {len(points)}\n" + scalars("s", map(linear, points)))
+        uneven = rectilinear([0, 0.5, 2, 3, 6], [0, 1, 4, 6], [0, 2, 2.5, 6])
+        for text in (twisted, tetrahedra, uneven):
+            report = self.imported(self.write("a.vtk", text), "--voxel", 0.3)
+            self.assertLess(report["grids"][0]["resampling"]["largest"], 1e-6)
+            for row in self.sample("s", self.places((1, 1, 1), (5, 5, 5))):
+                truth = linear((row["x"], row["y"], row["z"]))
+                self.assertAlmostEqual(row["value"], truth, delta=2e-5)
+
+    def test_first_and_last_voxels_stand_on_the_bounds(self):
+        report = self.imported(self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3])),
+                               "--voxel", 0.5)
+        self.assertEqual(report["grids"][0]["active_voxels"], 7 ** 3)
+
+    def test_outside_the_mesh_there_is_no_data(self):
+        points, cells = box_of_tetrahedra(6, skip=lambda i, j, k: 2 <= min(i, j, k)
+                                          and max(i, j, k) < 4)
+        data = f"POINT_DATA {len(points)}\n" + scalars("s", [5 + p[0] for p in points])
+        self.imported(self.write("a.vtk", unstructured(points, cells, [10] * len(cells), data)),
+                      "--voxel", 0.25)
+        rows = self.sample("s", [(3, 3, 3), (1, 1, 1), (7, 1, 1)])
+        self.assertEqual([r["inside"] for r in rows], [0, 1, 0])
+
+    def test_cell_data_of_a_mesh_are_averaged_to_its_points(self):
+        points, cells = box_of_tetrahedra(2)
+        data = f"CELL_DATA {len(cells)}\n" + scalars("c", [3.0] * len(cells)) + scalars(
+            "d", [float(i) for i in range(len(cells))])
+        report = self.imported(self.write("a.vtk", unstructured(points, cells, [10] * len(cells),
+                                                                data)), "--voxel", 0.5)
+        self.assertTrue(any("averaged to the points" in note for note in report["notes"]))
+        self.assertEqual(self.sample("c", [(1, 1, 1)])[0]["value"], 3)
+
+    def test_blocks_are_one_mesh(self):
+        for name, shift in (("left.vtu", 0), ("right.vtu", 1)):
+            points = [(shift + x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+            self.write(name, f"""<VTKFile type="UnstructuredGrid" version="1.0"><UnstructuredGrid>
+<Piece NumberOfPoints="8" NumberOfCells="1"><PointData>
+<DataArray type="Float64" Name="s" format="ascii">{words_of(map(linear, points))}</DataArray>
+</PointData><Points><DataArray type="Float64" NumberOfComponents="3" format="ascii">
+{words_of(c for p in points for c in p)}</DataArray></Points><Cells>
+<DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3 4 5 6 7</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">8</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">11</DataArray></Cells></Piece>
+</UnstructuredGrid></VTKFile>""")
+        source = self.write("all.vtm", """<VTKFile type="vtkMultiBlockDataSet" version="1.0">
+<vtkMultiBlockDataSet><DataSet index="0" file="left.vtu"/><DataSet index="1" file="right.vtu"/>
+</vtkMultiBlockDataSet></VTKFile>""")
+        report = self.imported(source, "--voxel", 0.125)
+        self.assertIn("2 blocks as one", report["notes"])
+        for row in self.sample("s", [(0.5, 0.5, 0.5), (1.0, 0.3, 0.4), (1.7, 0.5, 0.2)]):
+            self.assertAlmostEqual(row["value"], linear((row["x"], row["y"], row["z"])), delta=1e-5)
+
+    def test_the_voxel_is_chosen_if_none_is_given(self):
+        report = self.imported(self.write("a.vtk", rectilinear(
+            [0, 1, 2, 4, 8, 9, 10], [0, 1, 2, 3, 4, 5.5], [0, 1, 2, 3, 4.1])))
+        self.assertGreater(report["grids"][0]["active_voxels"], 1000)
+
+    def test_plot3d_with_blanked_points(self):
+        n = 5
+        grid, blank, flow = [], [], [[], [], [], [], []]
+        points = [(float(i), float(j) * 1.1, float(k) + 0.01 * i * i)
+                  for k in range(n) for j in range(n) for i in range(n)]
+        for axis in range(3):
+            grid += [p[axis] for p in points]
+        for i, p in enumerate(points):
+            blank.append(0 if i == (2 * n + 2) * n + 2 else 1)
+            density, velocity = 2.0, (1.0, 0.1 * p[0], 0.2)
+            for q, value in zip(flow, (density, *(density * v for v in velocity), 10.0)):
+                q.append(value)
+        head = struct.pack("<3i", n, n, n)
+        source = self.write("grid.xyz", head + struct.pack(f"<{len(grid)}f", *grid)
+                            + struct.pack(f"<{len(blank)}i", *blank))
+        self.write("flow.q", head + struct.pack("<4f", 0.1, 0, 1000, 0)
+                   + b"".join(struct.pack(f"<{len(q)}f", *q) for q in flow))
+        self.refused(source, self.dir / "o.vdb", says="--solution")
+        report = self.imported(source, "--solution", self.dir / "flow.q", "--field", "Velocity",
+                               "--voxel", 0.2)
+        rows = self.sample("Velocity", [(0.6, 0.6, 0.6), (2.0, 2.2, 2.04)])
+        self.assertAlmostEqual(rows[0]["vx"], 1.0, places=5)
+        self.assertAlmostEqual(rows[0]["vy"], 0.06, places=4)
+        self.assertEqual([r["inside"] for r in rows], [1, 0], report)
+
+
+class Series(Case):
+    def test_each_step_becomes_a_file(self):
+        """Exodus: the value is sin(2 pi t) everywhere, 10 steps from 0 to 1."""
+        source = self.dir / "series.ex2"
+        subprocess.run([MAKE_SERIES, source], check=True)
+        report = self.imported(source, "--field", "Point Value")
+        self.assertTrue(any("first of 10 steps" in note for note in report["notes"]))
+        reports = self.imported(source, "--field", "Point Value", "--time", "all")
+        self.assertEqual([r["file"] for r in reports],
+                         [str(self.dir / f"out_{step:04}.vdb") for step in range(10)])
+        for report in reports:
+            self.assertAlmostEqual(report["grids"][0]["highest"],
+                                   math.sin(2 * math.pi * report["time"]), places=6)
+        report = self.imported(source, "--field", "Point Value", "--time", "3")
+        self.assertAlmostEqual(report["time"], 1 / 3)
+        self.assertAlmostEqual(self.sample("Point Value", [(0.2, 0.2, 0.2)])[0]["value"],
+                               math.sin(2 * math.pi / 3), places=6)
+        self.refused(source, self.dir / "o.vdb", "--time", "10", says="0 to 9")
+        self.refused(source, self.dir / "o.vdb", "--time", "x", says="0 to 9")
+
+
+class Raw(Case):
+    LAYOUT = {"size": [4, 3, 2], "type": "int16", "spacing": [1, 2, 3]}
+
+    def layout(self, **changes):
+        layout = {**self.LAYOUT, **changes}
+        return json.dumps({k: v for k, v in layout.items() if v is not None})
+
+    def test_every_type_and_order_of_bytes(self):
+        values = [i - 3 if i > 2 else i for i in range(24)]
+        for name, code in (("int8", "b"), ("uint8", "B"), ("int16", "h"), ("uint16", "H"),
+                           ("int32", "i"), ("uint32", "I"), ("int64", "q"), ("uint64", "Q"),
+                           ("float32", "f"), ("float64", "d")):
+            for endian, mark in (("little", "<"), ("big", ">")):
+                source = self.write("a.raw", struct.pack(f"{mark}24{code}", *values))
+                self.imported(source, "--raw", self.layout(type=name, endian=endian))
+                row = self.sample("density", [(3, 2, 0), (1, 4, 3)])
+                self.assertEqual([r["value"] for r in row], [values[7], values[21]], name)
+
+    def test_bytes_before_the_values_and_axes_of_any_direction(self):
+        values = list(range(24))
+        data = struct.pack("<24h", *values)
+        for skip, content in ((5, b"12345" + data), (-1, b"any header" + data),
+                              ({"after": "end\n"}, b"header\nend\n" + data)):
+            self.imported(self.write("a.raw", content), "--raw", self.layout(skip=skip))
+            self.assertEqual(self.sample("density", [(3, 4, 3)])[0]["value"], 23)
+        layout = self.layout(spacing=None, axes=[[0, 2, 0], [0, 0, 1], [3, 0, 0]],
+                             origin=[1, 1, 1], name="here")
+        self.imported(self.write("a.raw", data), "--raw", self.write("layout.json", layout))
+        self.assertEqual(self.sample("here", [(1 + 3, 1 + 6, 1 + 2)])[0]["value"], 23)
+
+    def test_vectors_interleaved_and_planar(self):
+        flow = [(i, 2 * i, -i) for i in range(24)]
+        inter = struct.pack("<72f", *(c for v in flow for c in v))
+        planar = struct.pack("<72f", *(v[a] for a in range(3) for v in flow))
+        for order, data in (("interleaved", inter), ("planar", planar)):
+            self.imported(self.write("a.raw", data), "--raw",
+                          self.layout(type="float32", components=3, order=order, name="v"))
+            row = self.sample("v", [(1, 2, 0)])[0]
+            self.assertEqual((row["vx"], row["vy"], row["vz"]), (5, 10, -5))
+
+    def test_what_is_wrong_with_a_layout_is_named(self):
+        source = self.write("a.raw", struct.pack("<24h", *range(24)))
+        out = self.dir / "o.vdb"
+        for changes, says in (({"size": [4, 3]}, "/size"), ({"size": [4, 3, 0]}, "/size"),
+                              ({"size": None}, '"size" is missing'), ({"type": "half"}, "/type"),
+                              ({"endian": "middle"}, "/endian"), ({"components": 2}, "/components"),
+                              ({"spacing": [1, 1, "x"]}, "/spacing"), ({"skip": -2}, "/skip"),
+                              ({"axes": [[1, 0, 0]]}, "/spacing"), ({"sizes": 1}, "/sizes"),
+                              ({"spacing": [0, 1, 1]}, "no volume"),
+                              ({"size": [40, 3, 2]}, "needs 480 bytes"),
+                              ({"skip": {"after": "never"}}, "first megabyte")):
+            self.refused(source, out, "--raw", self.layout(**changes), says=says)
+        self.refused(source, out, "--raw", "{nonsense", says="not JSON")
+        self.refused(source, out, "--raw", self.dir / "none.json", says="cannot be read")
+
+
+class LevelSets(Case):
+    def ball(self, spacing, cavity=0.0, name="a.vti", inside=1000.0, outside=0.0):
+        """A ball of radius 10, with a soft edge of about a voxel."""
+        n = [int(30 / s) + 1 for s in spacing]
+        def value(i, j, k):
+            r = math.dist((i * spacing[0], j * spacing[1], k * spacing[2]), (15, 15, 15))
+            level = min(1.0, max(0.0, 0.5 + 0.25 * (10 - r)))
+            if cavity:
+                level = min(level, min(1.0, max(0.0, 0.5 + 0.25 * (r - cavity))))
+            return outside + (inside - outside) * level
+        return self.write(name, vti(*n, [("s", 1, image_values(*n, value))], spacing=spacing))
+
+    def test_the_surface_is_where_the_values_say(self):
+        for spacing in ((1, 1, 1), (1, 1, 2)):
+            report = self.imported(self.ball(spacing), "--iso", 500)
+            s = grid_report(report, "s")
+            self.assertEqual(s["level_set"]["solid"], "above")
+            self.assertLess(s["level_set"]["rms_voxels"], 0.15)
+            self.assertEqual(s["voxel"], [1, 1, 1])
+            for x in (9, 10, 11):
+                self.assertAlmostEqual(self.sample("s", [(15 + x, 15, 15)])[0]["value"], x - 10,
+                                       delta=0.25)
+
+    def test_a_cavity_stays_hollow(self):
+        self.imported(self.ball((1, 1, 1), cavity=5), "--iso", 500)
+        values = [r["value"] for r in self.sample("s", [(15, 15, 15 + r) for r in (3, 7.5, 12)])]
+        self.assertGreater(values[0], 0)
+        self.assertLess(values[1], 0)
+        self.assertGreater(values[2], 0)
+
+    def test_what_is_dark_in_a_bright_room_is_solid(self):
+        report = self.imported(self.ball((1, 1, 1), inside=0, outside=1000), "--iso", 500)
+        self.assertEqual(grid_report(report, "s")["level_set"]["solid"], "below")
+        self.assertLess(self.sample("s", [(15, 15, 23)])[0]["value"], 0)
+
+    def test_it_can_be_felt_at_once(self):
+        self.imported(self.ball((1, 1, 1)), "--iso", 500)
+        summary = json.loads(run("feel", self.dir / "out.vdb", "--seconds", 3, "--json").stdout)
+        self.assertGreater(summary["force_max"], 0.05)
+
+    def test_a_value_that_nothing_has_is_refused(self):
+        self.refused(self.ball((1, 1, 1)), self.dir / "o.vdb", "--iso", 5000, says="has the value")
+        two = self.write("b.vti", vti(3, 3, 3, [("a", 1, range(27)), ("b", 1, range(27))]))
+        self.refused(two, self.dir / "o.vdb", "--iso", 5, says="--field")
+
+
+class Refusals(Case):
+    def test_files_that_are_something_else_are_named(self):
+        out = self.dir / "o.vdb"
+        for data, says in ((b"\x89PNG\r\n\x1a\n" + bytes(50), "PNG"), (b"PK\3\4" + bytes(50), "zip"),
+                           (b"%PDF-1.4" + bytes(50), "PDF"), (b"solid x\nfacet", "surface"),
+                           (b"II*\0" + bytes(50), "TIFF"), (b"some words of text\n", "text"),
+                           (bytes(range(256)), "damaged"), (b"", "empty"),
+                           (b" BDV" + bytes(50), "OpenVDB"),
+                           (b"object 3 class gridpositions counts 2 2 2\n", "--raw")):
+            self.refused(self.write("a.dat", data), out, says=says)
+        self.refused(self.dir / "none.nii", out, says="no such file")
+        self.refused(self.dir, out, says="folder")
+
+    def test_arrays_that_are_not_there_are_answered_with_those_that_are(self):
+        source = self.write("a.vtk", rectilinear([0, 1, 2], [0, 1], [0, 1]))
+        self.refused(source, self.dir / "o.vdb", "--field", "w", says="it has s, v")
+        report = self.imported(source, "--field", "v")
+        self.assertEqual([g["name"] for g in report["grids"]], ["v"])
+
+    def test_what_has_no_volume(self):
+        out = self.dir / "o.vdb"
+        self.refused(self.write("flat.vtk", rectilinear([0, 1, 2], [0, 1], [5])), out,
+                     says="no volume")
+        self.refused(self.write("flat.vti", vti(4, 4, 1, [("s", 1, range(16))])), out, says="flat")
+        self.refused(self.write("surface.vtk", legacy(
+            "POLYDATA", "POINTS 3 float\n0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 2", "")), out,
+            says="no volume")
+        self.refused(self.write("bare.vtk", legacy(
+            "STRUCTURED_POINTS", "DIMENSIONS 3 3 3\nORIGIN 0 0 0\nSPACING 1 1 1", "")), out,
+            says="no array")
+        self.refused(self.write("constant.vti", vti(3, 3, 3, [("s", 1, [4] * 27)])), out,
+                     says="one value")
+
+    def test_options_that_make_no_sense(self):
+        source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
+        mesh = self.write("b.vtk", rectilinear([0, 1, 3], [0, 1, 2], [0, 1, 2]))
+        out = self.dir / "o.vdb"
+        self.refused(source, self.dir / "o.txt", says="not named .vdb")
+        self.refused(source, self.dir / "nowhere" / "o.vdb", says="cannot be written")
+        self.refused(source, out, "--smooth", -1, says="--smooth")
+        self.refused(source, out, "--voxel", "nan", says="--voxel")
+        self.refused(source, out, "--iso", "nan", says="--iso")
+        self.refused(source, out, "--time", 3, says="--time")
+        self.refused(mesh, out, "--smooth", 1, says="mesh")
+        self.refused(mesh, out, "--voxel", 1e-5, says="too many")
+        self.refused(mesh, out, "--voxel", 50, says="larger than it is")
+        self.refused(source, out, "--nonsense", says="usage")
+        self.refused(source, says="usage")
+
+    def test_what_was_there_stays_when_an_import_fails(self):
+        old = self.write("o.vdb", "old")
+        self.refused(self.write("a.dat", "text"), old, says="text")
+        self.assertEqual(old.read_bytes(), b"old")
+
+
+class Damage(Case):
+    def test_damaged_files_give_one_line_or_a_volume(self):
+        rng = random.Random(int(os.environ.get("PALPATE_SEED", "5")))
+        cases = int(os.environ.get("PALPATE_CASES", "150"))
+        points, cells = box_of_tetrahedra(2)
+        data = f"POINT_DATA {len(points)}\n" + scalars("s", map(linear, points))
+        sources = [
+            ("a.vtk", rectilinear([0, 1, 2.5], [0, 1, 2], [0, 1, 3]).encode()),
+            ("b.vtk", unstructured(points, cells, [10] * len(cells), data).encode()),
+            ("c.vti", vti(4, 4, 4, [("s", 1, range(64))]).encode()),
+        ]
+        if "PALPATE_DATA" in os.environ:
+            folder = Path(os.environ["PALPATE_DATA"])
+            for name in ("cfd_disk_out_ref/disk_out_ref.ex2", "flow_carotid/carotid.vtk"):
+                sources.append((Path(name).name, (folder / name).read_bytes()))
+        crashes = 0
+        for case in range(cases):
+            name, whole = sources[case % len(sources)]
+            broken = bytearray(whole)
+            if rng.random() < 0.4:
+                del broken[rng.randrange(len(broken)):]
+            else:
+                for _ in range(rng.choice((1, 1, 5, 50))):
+                    # Mostly where the structure is.
+                    at = rng.randrange(min(len(broken), 4000) if rng.random() < 0.7 else len(broken))
+                    broken[at] = rng.randrange(256)
+            source = self.write(name, bytes(broken))
+            before = sorted(os.listdir(self.dir))
+            done = call("import", source, self.dir / "out.vdb", timeout=120)
+            label = f"case {case} of {name}: {done.stderr}"
+            self.assertIn(done.returncode, (0, 1, 2), label)
+            if done.returncode == 0:
+                self.assertEqual(done.stderr, "", label)
+                (self.dir / "out.vdb").unlink()
+            else:
+                self.assertEqual(len(done.stderr.splitlines()), 1, label)
+                self.assertTrue(done.stderr.startswith("palpate: "), label)
+                crashes += "brought the reader down" in done.stderr
+            self.assertEqual(sorted(os.listdir(self.dir)), before, label)
+        print(f"damaged: {cases} cases, {crashes} of them crashes of the reader that were contained")
+
+
+class Running(Case):
+    def big(self, n=160):
+        rng = random.Random(6)
+        return self.write("big.raw", rng.randbytes(n ** 3)), json.dumps(
+            {"size": [n, n, n], "type": "uint8"})
+
+    def test_an_interrupted_import_leaves_nothing(self):
+        source, layout = self.big()
+        before = sorted(os.listdir(self.dir))
+        for pause in (0.05, 0.3, 1.0):
+            process = subprocess.Popen([PALPATE, "import", source, self.dir / "o.vdb", "--raw",
+                                        layout, "--smooth", "30"], stdout=subprocess.PIPE,
+                                       stderr=subprocess.PIPE, text=True)
+            time.sleep(pause)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=60)
+            # -SIGINT: before the program had begun.
+            self.assertIn(process.returncode, (130, -signal.SIGINT) if pause < 1 else (130,))
+            self.assertEqual((out, err), ("", ""))
+            self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def test_it_takes_at_most_three_times_the_memory_of_the_grids(self):
+        small = self.imported(self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))])))["memory"]
+        source, layout = self.big(192)
+        for words in ((), ("--smooth", "1")):
+            memory = self.imported(source, "--raw", layout, *words)["memory"]
+            self.assertLess(memory["peak"] - small["peak"], 3 * memory["grids"], words)
+            print(f"memory {words}: {(memory['peak'] - small['peak']) / memory['grids']:.2f}")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=1)
