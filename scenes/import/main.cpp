@@ -17,7 +17,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <openvdb/openvdb.h>
-#include <vtkObject.h>
 
 #include "engine/error.h"
 #include "scenes/cli/common.h"
@@ -29,6 +28,7 @@
 #include "scenes/import/reader.h"
 #include "scenes/import/resample.h"
 #include "scenes/import/smooth.h"
+#include "scenes/import/suggest.h"
 
 namespace palpate::importer {
 namespace {
@@ -61,6 +61,7 @@ struct Made {
   double voxel = 0.0;      ///< Of the resampling.
   double smoothing = 0.0;  ///< Rms change.
   std::optional<LevelSet> level_set;
+  std::optional<openvdb::CoordBBox> image;  ///< The voxels of an image as it was read.
 };
 
 /// Voxels, said once for arrays that share them.
@@ -147,6 +148,14 @@ OrderedJson jsonOf(const Made& made) {
   return json;
 }
 
+/// A direction whose sign means nothing; tensors.h makes such.
+bool isAxial(const openvdb::GridBase& grid) {
+  const std::string name = grid.getName();
+  constexpr std::string_view kEnd = "_direction";
+  return grid.isType<openvdb::Vec3SGrid>() && name.size() > kEnd.size() &&
+         name.compare(name.size() - kEnd.size(), kEnd.size(), kEnd) == 0;
+}
+
 /// Where it comes from and what was done to it.
 void setMetadata(openvdb::GridBase& grid, const Options& options, const Content& content,
                  const Made& made, const std::vector<double>& times, std::size_t step) {
@@ -187,7 +196,11 @@ std::vector<Made> makeGrids(const Options& options, Piece& piece, const std::str
     teller.stage("resampling");
     const double voxel = options.voxel > 0.0 ? options.voxel : suggestVoxel(piece);
     for (Resampled& resampled : resampleMesh(piece, voxel, in, progress)) {
-      out.push_back({std::move(resampled.made), resampled.error, voxel, 0.0, {}});
+      Made made;
+      made.grid = std::move(resampled.made);
+      made.resampling = resampled.error;
+      made.voxel = voxel;
+      out.push_back(std::move(made));
     }
     return out;
   }
@@ -211,6 +224,10 @@ std::vector<Made> makeGrids(const Options& options, Piece& piece, const std::str
       made.grid = std::move(resampled.made);
       made.resampling = resampled.error;
       made.voxel = options.voxel;
+      made.image = openvdb::CoordBBox();
+    } else {
+      made.image =
+          openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
     }
     out.push_back(std::move(made));
   }
@@ -258,10 +275,29 @@ void writeVdb(const std::filesystem::path& out, const openvdb::GridCPtrVec& grid
   }
 }
 
+/// A first scene, that refers to the .vdb by the way from its own folder.
+std::string sceneFor(const std::filesystem::path& scene, const std::filesystem::path& out,
+                     const std::vector<Made>& all, const Content& content) {
+  std::vector<SuggestInput> inputs;
+  for (const Made& made : all) {
+    SuggestInput input;
+    input.grid = made.grid.grid;
+    input.modality = content.modality;
+    const auto unit = content.value_unit.find(made.grid.grid->getName());
+    if (unit != content.value_unit.end()) input.value_unit = unit->second;
+    input.axial = isAxial(*made.grid.grid);
+    input.inactive_is_data = made.image.has_value();
+    if (made.image && !made.image->empty()) input.extent = *made.image;
+    inputs.push_back(std::move(input));
+  }
+  const auto folder = std::filesystem::absolute(scene).parent_path();
+  return suggestScene(std::filesystem::absolute(out).lexically_relative(folder).string(), inputs);
+}
+
 /// One step of the file into one .vdb; returns the report.
 OrderedJson importStep(const Options& options, Reader& reader, const std::vector<double>& times,
-                       std::size_t step, const std::filesystem::path& out, Teller& teller,
-                       std::string& text) {
+                       std::size_t step, bool first, const std::filesystem::path& out,
+                       Teller& teller, std::string& text) {
   const std::string in = options.request.file.string();
   teller.stage("reading");
   Content content = reader.read(step);
@@ -292,8 +328,18 @@ OrderedJson importStep(const Options& options, Reader& reader, const std::vector
     setMetadata(*made.grid.grid, options, content, made, times, step);
     grids.push_back(made.grid.grid);
   }
+  // Both files or none.
+  std::optional<cli::WholeFile> scene;
+  if (!options.scene.empty() && first) {
+    teller.stage("scene");
+    const std::string json = sceneFor(options.scene, out, all, content);
+    teller.partial(fmt::format("{}.partial-{}", options.scene.string(), getpid()));
+    scene.emplace(options.scene);
+    scene->write(json + "\n");
+  }
   teller.stage("writing");
   writeVdb(out, grids, teller);
+  if (scene) scene->commit();
 
   OrderedJson report{{"file", out.string()}};
   text += out.string() + ":\n";
@@ -348,7 +394,8 @@ int import(const Options& options, Teller& teller) {
     if (options.time == "all") {
       out.replace_filename(fmt::format("{}_{:04}.vdb", options.out.stem().string(), step));
     }
-    reports.push_back(importStep(options, *reader, times, step, out, teller, text));
+    reports.push_back(
+        importStep(options, *reader, times, step, step == steps.front(), out, teller, text));
   }
   if (times.size() > 1 && options.time.empty()) {
     const std::string note =
@@ -413,7 +460,6 @@ int main(int argc, char** argv) {
       "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
-  vtkObject::GlobalWarningDisplayOff();
   try {
     app.parse(argc, argv);
     importer::check(options);

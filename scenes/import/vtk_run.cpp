@@ -5,8 +5,11 @@
 #include <fmt/format.h>
 #include <vtkCallbackCommand.h>
 #include <vtkCommand.h>
-#include <vtkExecutive.h>
+#include <vtkLogger.h>
 #include <vtkNew.h>
+#include <vtkObjectFactory.h>
+#include <vtkOutputWindow.h>
+#include <vtkSmartPointer.h>
 
 #include "engine/error.h"
 
@@ -29,47 +32,74 @@ std::string shortened(const std::string& text) {
                           out.back() == '.' || out.back() == '!')) {
     out.pop_back();
   }
+  // It may quote a damaged file.
+  for (char& c : out) {
+    if (c < 0x20 || c > 0x7e) c = '?';
+  }
   constexpr std::size_t kLongest = 160;
   if (out.size() > kLongest) out = out.substr(0, kLongest) + " ...";
   return out;
 }
 
-struct Listener {
-  std::string trouble;
-  const Progress* progress = nullptr;
+/// Where VTK speaks of trouble: readers inside of readers have no other listener.
+class Ear final : public vtkOutputWindow {
+ public:
+  static Ear* New();
+  vtkTypeMacro(Ear, vtkOutputWindow);
+
+  void DisplayErrorText(const char* text) override {
+    if (first_.empty()) first_ = text == nullptr ? "unknown" : text;
+  }
+  void DisplayText(const char* /*text*/) override {}
+  void DisplayWarningText(const char* /*text*/) override {}
+  void DisplayGenericWarningText(const char* /*text*/) override {}
+  void DisplayDebugText(const char* /*text*/) override {}
+
+  /// The first error.
+  [[nodiscard]] const std::string& heard() const { return first_; }
+
+ private:
+  std::string first_;
+};
+vtkStandardNewMacro(Ear)
+
+/// VTK's window while it lives, then the one before.
+class Listening {
+ public:
+  Listening() : before_(vtkOutputWindow::GetInstance()) {
+    vtkOutputWindow::SetInstance(ear_);
+    vtkLogger::SetStderrVerbosity(vtkLogger::VERBOSITY_OFF);
+  }
+  Listening(const Listening&) = delete;
+  Listening& operator=(const Listening&) = delete;
+  ~Listening() { vtkOutputWindow::SetInstance(before_); }
+
+  [[nodiscard]] const std::string& heard() const { return ear_->heard(); }
+
+ private:
+  vtkNew<Ear> ear_;
+  vtkSmartPointer<vtkOutputWindow> before_;
 };
 
-void listen(vtkObject* caller, unsigned long event, void* client, void* data) {
-  auto& listener = *static_cast<Listener*>(client);
-  if (event == vtkCommand::ErrorEvent) {
-    if (listener.trouble.empty()) {
-      listener.trouble = data == nullptr ? "unknown" : static_cast<const char*>(data);
-    }
-  } else if (*listener.progress) {
-    if (auto* algorithm = vtkAlgorithm::SafeDownCast(caller)) {
-      (*listener.progress)(algorithm->GetProgress());
-    }
-  }
+void tell(vtkObject* caller, unsigned long /*event*/, void* client, void* /*data*/) {
+  const auto& progress = *static_cast<const Progress*>(client);
+  if (auto* algorithm = vtkAlgorithm::SafeDownCast(caller)) progress(algorithm->GetProgress());
 }
 
 }  // namespace
 
 void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progress,
          const std::string& remedy) {
-  Listener listener;
-  listener.progress = &progress;
   vtkNew<vtkCallbackCommand> command;
-  command->SetClientData(&listener);
-  command->SetCallback(listen);
-  const unsigned long tags[] = {algorithm->AddObserver(vtkCommand::ErrorEvent, command),
-                                algorithm->AddObserver(vtkCommand::ProgressEvent, command)};
-  const unsigned long deeper =
-      algorithm->GetExecutive()->AddObserver(vtkCommand::ErrorEvent, command);
+  command->SetClientData(const_cast<Progress*>(&progress));
+  command->SetCallback(tell);
+  const Listening listening;
+  const unsigned long tag =
+      progress ? algorithm->AddObserver(vtkCommand::ProgressEvent, command) : 0;
   algorithm->Update();
-  for (const unsigned long tag : tags) algorithm->RemoveObserver(tag);
-  algorithm->GetExecutive()->RemoveObserver(deeper);
-  if (listener.trouble.empty() && algorithm->GetErrorCode() == 0) return;
-  const std::string said = shortened(listener.trouble);
+  if (progress) algorithm->RemoveObserver(tag);
+  if (listening.heard().empty() && algorithm->GetErrorCode() == 0) return;
+  const std::string said = shortened(listening.heard());
   throw VolumeError(what,
                     said.empty()
                         ? fmt::format("VTK cannot read it (code {})",

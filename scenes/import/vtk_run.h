@@ -9,8 +9,8 @@
 
 namespace palpate::importer {
 
-/// Update()s. VTK speaks of trouble by events; the first is thrown, as VolumeError(what, why,
-/// remedy), shortened to what it says.
+/// Update()s. The first error that VTK speaks of, also of readers inside this one, is thrown as
+/// VolumeError(what, why, remedy), shortened to what it says.
 void run(vtkAlgorithm* algorithm, const std::string& what, const Progress& progress = nullptr,
          const std::string& remedy = "it may be truncated or damaged: copy or export it again");
 

@@ -52,7 +52,7 @@ def main():
             run(PALPATE, "check", scene)
             summary = json.loads(run(PALPATE, "feel", scene, "--seconds", "10", "--json"))
             assert summary["force_max"] > 0.05, (name, summary["force_max"])
-            modes = ", ".join(f"{f['name']} {f['seconds']:.1f} s" for f in summary["felt"])
+            modes = ", ".join(f"{f['mode']} {f['seconds']:.1f} s" for f in summary["felt"])
             felt.append(f"| {name} | {modes} | {summary['force_max']:.2f} |")
     print("| file | array | voxel centres | largest difference | random places | rms | largest "
           "| stated rms |\n|---|---|---|---|---|---|---|---|")

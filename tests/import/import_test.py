@@ -488,6 +488,28 @@ class LevelSets(Case):
         self.refused(two, self.dir / "o.vdb", "--iso", 5, says="--field")
 
 
+class Scenes(Case):
+    def test_a_first_scene_is_written_beside_and_can_be_felt(self):
+        def ball(i, j, k):
+            return 900.0 / (1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9)))
+        values = image_values(33, 33, 33, ball)
+        source = self.write("a.vti", vti(33, 33, 33, [("s", 1, values)]))
+        (self.dir / "scenes").mkdir()
+        scene = self.dir / "scenes" / "first.json"
+        self.imported(source, "--scene", scene)
+        text = json.loads(scene.read_text())
+        self.assertEqual(text["volumes"]["s"]["file"], "../out.vdb")
+        self.assertAlmostEqual(text["modes"][0]["value"], 450, delta=50)
+        self.assertTrue(all(mode["description"] for mode in text["modes"]))
+        summary = json.loads(run("feel", scene, "--seconds", 3, "--json").stdout)
+        self.assertGreater(summary["force_max"], 0.05)
+
+    def test_no_volume_without_its_scene(self):
+        source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
+        self.refused(source, self.dir / "o.vdb", "--scene", self.dir / "nowhere" / "s.json",
+                     says="cannot be written")
+
+
 class Refusals(Case):
     def test_files_that_are_something_else_are_named(self):
         out = self.dir / "o.vdb"
@@ -592,12 +614,13 @@ class Running(Case):
             {"size": [n, n, n], "type": "uint8"})
 
     def test_an_interrupted_import_leaves_nothing(self):
-        source, layout = self.big()
+        # So many voxels that it works for minutes.
+        source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
         for pause in (0.05, 0.3, 1.0):
-            process = subprocess.Popen([PALPATE, "import", source, self.dir / "o.vdb", "--raw",
-                                        layout, "--smooth", "30"], stdout=subprocess.PIPE,
-                                       stderr=subprocess.PIPE, text=True)
+            process = subprocess.Popen([PALPATE, "import", source, self.dir / "o.vdb", "--voxel",
+                                        "0.0025"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                       text=True)
             time.sleep(pause)
             process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=60)

@@ -1,0 +1,518 @@
+#include "scenes/import/look.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <tbb/parallel_for.h>
+
+namespace palpate::importer {
+namespace {
+
+using openvdb::Coord;
+
+constexpr std::size_t kBins = 256;
+/// A material's dip is this much lower than its boundaries: noise alone makes up to 1.5.
+constexpr double kContrast = 1.6;
+/// Voxels from one material to the next. An image's boundaries are a few wide, more if smoothed;
+/// a mesh is resampled as finely as its cells, or finer: only steps count.
+constexpr double kThickestOfImage = 15.0;
+constexpr double kThickestOfMesh = 6.0;
+constexpr double kLeastOfMesh = 0.01;  ///< Of the voxels, on either side of a boundary.
+/// Of the gradient integral of the grid's greatest boundary; less is no object.
+constexpr double kLeastShare = 0.05;
+
+std::uint64_t mix(std::uint64_t x) {  // splitmix64
+  x += 0x9e3779b97f4a7c15ULL;
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+  return x ^ (x >> 31);
+}
+
+std::uint64_t mix(const Coord& c) {
+  std::uint64_t h = 0;
+  for (int axis = 0; axis < 3; ++axis) h = mix(h ^ static_cast<std::uint32_t>(c[axis]));
+  return h;
+}
+
+/// make(accessor, coord) of every n-th active voxel, the first of a leaf by chance of its place: as
+/// many as kSuggestSamples, in the order of the tree. Tiles are left out: nothing changes in them.
+template <class Out, class GridT, class Make>
+std::vector<Out> gather(const GridT& grid, const Make& make) {
+  using Leaf = typename GridT::TreeType::LeafNodeType;
+  std::vector<const Leaf*> leaves;
+  grid.tree().getNodes(leaves);
+  const std::uint64_t step = grid.tree().activeLeafVoxelCount() / kSuggestSamples + 1;
+  constexpr std::size_t kChunk = 256;
+  std::vector<std::vector<Out>> parts((leaves.size() + kChunk - 1) / kChunk);
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+    auto accessor = grid.getConstAccessor();
+    const std::size_t end = std::min(leaves.size(), (part + 1) * kChunk);
+    for (std::size_t i = part * kChunk; i < end; ++i) {
+      std::uint64_t n = mix(leaves[i]->origin()) % step;
+      for (auto it = leaves[i]->cbeginValueOn(); it; ++it) {
+        if (n++ % step == 0) parts[part].push_back(make(accessor, it.getCoord()));
+      }
+    }
+  });
+  std::vector<Out> all;
+  for (const auto& part : parts) all.insert(all.end(), part.begin(), part.end());
+  return all;
+}
+
+/// Edges of a voxel in units of the file.
+std::array<double, 3> edgesOf(const openvdb::GridBase& grid) {
+  const openvdb::Vec3d origin = grid.transform().indexToWorld(openvdb::Vec3d(0.0));
+  std::array<double, 3> edges{};
+  for (int axis = 0; axis < 3; ++axis) {
+    openvdb::Vec3d p(0.0);
+    p[axis] = 1.0;
+    edges[static_cast<std::size_t>(axis)] = (grid.transform().indexToWorld(p) - origin).length();
+  }
+  return edges;
+}
+
+Coord beside(Coord c, int axis, int offset) {
+  c[axis] += offset;
+  return c;
+}
+
+struct ScalarSample {
+  float value = 0.0F;
+  std::array<float, 3> before{};  ///< Neighbours along the axes; equal where there is no data.
+  std::array<float, 3> after{};
+  bool at_edge = false;  ///< A neighbour is of the surroundings.
+};
+
+using Bins = std::array<double, kBins>;
+
+/// Gaussian of 2 bins, the ends continued.
+Bins smoothed(const Bins& in) {
+  constexpr int kReach = 6;
+  Bins out{};
+  for (int i = 0; i < static_cast<int>(kBins); ++i) {
+    double sum = 0.0;
+    double weights = 0.0;
+    for (int d = -kReach; d <= kReach; ++d) {
+      const int j = std::clamp(i + d, 0, static_cast<int>(kBins) - 1);
+      const double weight = std::exp(-0.125 * d * d);
+      sum += weight * in[static_cast<std::size_t>(j)];
+      weights += weight;
+    }
+    out[static_cast<std::size_t>(i)] = sum / weights;
+  }
+  return out;
+}
+
+/// Integrals over the isosurface of each level: of 1, its area, and of the gradient magnitude.
+/// A level between the neighbours of a voxel along an axis passes it once: that is an area of
+/// volume / edge, seen along the axis; its own is larger by |gradient| / |component|.
+struct Curve {
+  Bins area{};
+  Bins gradient{};
+  Bins count{};  ///< Voxels by value.
+};
+
+Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
+              const std::array<double, 3>& edges) {
+  // Both grow by steps at the neighbours' levels: steps first, then their running sum.
+  std::array<double, kBins + 1> area{};
+  std::array<double, kBins + 1> gradient{};
+  Curve curve;
+  const double volume = edges[0] * edges[1] * edges[2];
+  const double bins = static_cast<double>(kBins);
+  const auto level_from = [&](double value) {  // of the bins' middles
+    const double bin = std::ceil((value - look.low) / look.range() * bins - 0.5);
+    return static_cast<std::size_t>(std::clamp(bin, 0.0, bins));
+  };
+  const auto bin_of = [&](double value) {
+    const double bin = std::floor((value - look.low) / look.range() * bins);
+    return static_cast<std::size_t>(std::clamp(bin, 0.0, bins - 1.0));
+  };
+  for (const ScalarSample& sample : samples) {
+    std::array<double, 3> slope{};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      slope[axis] = std::abs(static_cast<double>(sample.after[axis]) - sample.before[axis]) /
+                    (2.0 * edges[axis]);
+    }
+    const double whole = std::hypot(slope[0], slope[1], slope[2]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (!(slope[axis] > 0.0)) continue;
+      const auto [lower, upper] = std::minmax(sample.before[axis], sample.after[axis]);
+      const double seen = volume / edges[axis];
+      const std::size_t from = level_from(lower);
+      const std::size_t to = level_from(upper);
+      area[from] += seen * slope[axis] / whole;
+      area[to] -= seen * slope[axis] / whole;
+      gradient[from] += seen * slope[axis];
+      gradient[to] -= seen * slope[axis];
+    }
+    if (sample.value >= look.low && sample.value <= look.high) {
+      curve.count[bin_of(sample.value)] += 1.0;
+    }
+    // The surroundings of an image are a material too, met at the edge of its active voxels.
+    if (sample.at_edge && look.outside) curve.count[bin_of(*look.outside)] += 1.0;
+  }
+  std::partial_sum(area.begin(), area.end() - 1, curve.area.begin());
+  std::partial_sum(gradient.begin(), gradient.end() - 1, curve.gradient.begin());
+  // What is left where no level passes is rounding.
+  const double least = 1e-9 * *std::max_element(curve.area.begin(), curve.area.end());
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (curve.area[i] <= least) curve.area[i] = curve.gradient[i] = 0.0;
+  }
+  return curve;
+}
+
+/// A material without noise is no dip but a single full bin: more than in all others near it.
+bool isConstantMaterial(const Bins& count, std::size_t bin) {
+  constexpr std::size_t kNear = 32;
+  double near = 0.0;
+  for (std::size_t i = bin > kNear ? bin - kNear : 0; i < std::min(kBins, bin + kNear + 1); ++i) {
+    if (i != bin) near += count[i];
+  }
+  return count[bin] > 0.0 && count[bin] >= near;
+}
+
+/// Dips and peaks by turns, each higher than its neighbours' by kContrast.
+struct Turn {
+  std::size_t bin = 0;
+  bool peak = false;
+};
+
+std::vector<Turn> turnsOf(const Bins& mean) {
+  std::vector<Turn> turns;
+  std::size_t highest = 0;
+  std::size_t lowest = 0;
+  enum class Way : std::uint8_t { kUnknown, kUp, kDown };
+  Way way = Way::kUnknown;
+  for (std::size_t i = 1; i < kBins; ++i) {
+    if (mean[i] > mean[highest]) highest = i;
+    if (mean[i] < mean[lowest]) lowest = i;
+    if (way != Way::kDown && kContrast * mean[i] <= mean[highest] && mean[highest] > 0.0) {
+      turns.push_back({highest, true});
+      way = Way::kDown;
+      lowest = i;
+    } else if (way != Way::kUp && mean[i] >= kContrast * mean[lowest] && mean[i] > 0.0) {
+      turns.push_back({lowest, false});
+      way = Way::kUp;
+      highest = i;
+    }
+  }
+  if (way == Way::kUp) turns.push_back({highest, true});
+  if (way == Way::kDown) turns.push_back({lowest, false});
+  return turns;
+}
+
+/// The arches of the mean gradient magnitude, as they are described in the header.
+std::vector<Boundary> boundariesOf(const Curve& curve, const ScalarLook& look, double edge,
+                                   bool image) {
+  const Bins area = smoothed(curve.area);
+  const Bins gradient = smoothed(curve.gradient);
+  Bins mean{};
+  for (std::size_t i = 0; i < kBins; ++i) {
+    mean[i] = area[i] > 0.0 ? gradient[i] / area[i] : (i > 0 ? mean[i - 1] : 0.0);
+  }
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (isConstantMaterial(curve.count, i)) mean[i] = 0.0;
+  }
+  const double width = look.range() / static_cast<double>(kBins);
+  const auto value_at = [&](std::size_t bin) {
+    return look.low + (static_cast<double>(bin) + 0.5) * width;
+  };
+
+  std::vector<Boundary> found;
+  const std::vector<Turn> turns = turnsOf(mean);
+  for (std::size_t t = 0; t < turns.size(); ++t) {
+    if (!turns[t].peak) continue;
+    Boundary b;
+    b.lower_known = t > 0;
+    b.upper_known = t + 1 < turns.size();
+    const bool closed = b.lower_known && b.upper_known;
+    if (!closed && (!image || (!b.lower_known && !b.upper_known))) continue;
+    const std::size_t peak = turns[t].bin;
+    const std::size_t from = b.lower_known ? turns[t - 1].bin : 0;
+    const std::size_t to = b.upper_known ? turns[t + 1].bin : kBins - 1;
+    b.lower = b.lower_known ? value_at(from) : look.low;
+    b.upper = b.upper_known ? value_at(to) : look.high;
+    const auto sum = [&](const Bins& bins) {
+      return std::accumulate(bins.begin() + static_cast<std::ptrdiff_t>(from),
+                             bins.begin() + static_cast<std::ptrdiff_t>(to) + 1, 0.0);
+    };
+    b.share = sum(gradient) * width;
+    b.slope = sum(gradient) / std::max(sum(area), std::numeric_limits<double>::min());
+    if (b.upper - b.lower > (image ? kThickestOfImage : kThickestOfMesh) * edge * b.slope) continue;
+
+    // Half the height on both sides; one side alone is taken later, beyond noise and texture.
+    const auto rise = [&](std::size_t dip, double part) {
+      const double level = mean[dip] + part * (b.slope - mean[dip]);
+      std::size_t i = dip;
+      while (i != peak && mean[i] < level) i < peak ? ++i : --i;
+      return value_at(i);
+    };
+    constexpr double kHalf = 0.5;
+    constexpr double kTwoThirds = 2.0 / 3.0;
+    if (closed) {
+      b.value = 0.5 * (rise(from, kHalf) + rise(to, kHalf));
+    } else {
+      b.value = b.lower_known ? rise(from, kTwoThirds) : rise(to, kTwoThirds);
+    }
+    b.foot = b.lower_known ? rise(from, kTwoThirds) : b.value;
+    // Of a mesh, too, what encloses next to nothing is no object but the tail of a field.
+    const double above = look.shareAbove(b.value);
+    if (!image && std::min(above, 1.0 - above) < kLeastOfMesh) continue;
+    found.push_back(b);
+  }
+
+  // The greatest three, by value.
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Boundary& a, const Boundary& b) { return a.share > b.share; });
+  if (found.size() > 3) found.resize(3);
+  for (std::size_t i = found.size(); i-- > 0;) found[i].share /= found[0].share;
+  while (!found.empty() && found.back().share < kLeastShare) found.pop_back();
+  std::sort(found.begin(), found.end(),
+            [](const Boundary& a, const Boundary& b) { return a.value < b.value; });
+  return found;
+}
+
+/// 1 where all values between the 1st and the 99th percentile are as frequent, 0 where all are one.
+double entropyOf(const std::vector<float>& sorted) {
+  const double low = percentile(sorted, 1.0);
+  const double high = percentile(sorted, 99.0);
+  if (!(high > low)) return 0.0;
+  std::array<double, 64> bins{};
+  for (const float value : sorted) {
+    const double bin = std::floor((value - low) / (high - low) * 64.0);
+    bins[static_cast<std::size_t>(std::clamp(bin, 0.0, 63.0))] += 1.0;
+  }
+  double entropy = 0.0;
+  for (const double count : bins) {
+    const double part = count / static_cast<double>(sorted.size());
+    if (part > 0.0) entropy -= part * std::log(part);
+  }
+  return entropy / std::log(64.0);
+}
+
+/// Neighbours of a voxel along an axis.
+template <class Value>
+struct Neighbours {
+  Value before{};
+  Value after{};
+  bool known = false;    ///< Both are data.
+  bool at_edge = false;  ///< One is of an image's surroundings.
+};
+
+template <class Accessor>
+auto neighboursOf(const Accessor& accessor, const Coord& c, int axis, const SuggestInput& input) {
+  Neighbours<typename Accessor::ValueType> out;
+  const Coord before = beside(c, axis, -1);
+  const Coord after = beside(c, axis, 1);
+  const bool active = static_cast<int>(accessor.probeValue(before, out.before)) +
+                          static_cast<int>(accessor.probeValue(after, out.after)) ==
+                      2;
+  const bool within =
+      input.extent.empty() || (input.extent.isInside(before) && input.extent.isInside(after));
+  out.known = active || (input.inactive_is_data && within);
+  out.at_edge = out.known && !active;
+  return out;
+}
+
+struct VectorSample {
+  openvdb::Vec3f value{0.0F};
+  float curl = -1.0F;  ///< Below 0: unknown.
+  float jacobian = 0.0F;
+};
+
+/// Pearson's correlation of pairs, its magnitude.
+double correlation(const std::vector<double>& a, const std::vector<double>& b) {
+  const auto n = static_cast<double>(a.size());
+  if (a.size() < 8) return 0.0;
+  const double mean_a = std::accumulate(a.begin(), a.end(), 0.0) / n;
+  const double mean_b = std::accumulate(b.begin(), b.end(), 0.0) / n;
+  double aa = 0.0;
+  double bb = 0.0;
+  double ab = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    aa += (a[i] - mean_a) * (a[i] - mean_a);
+    bb += (b[i] - mean_b) * (b[i] - mean_b);
+    ab += (a[i] - mean_a) * (b[i] - mean_b);
+  }
+  return aa > 0.0 && bb > 0.0 ? std::abs(ab) / std::sqrt(aa * bb) : 0.0;
+}
+
+/// Some active voxels, the same for any grid of the same topology.
+template <class GridT>
+std::vector<Coord> places(const GridT& grid) {
+  const auto all = gather<Coord>(grid, [](const auto&, const Coord& c) { return c; });
+  constexpr std::size_t kPlaces = 20'000;
+  std::vector<Coord> some;
+  for (std::size_t i = 0; i < all.size(); i += all.size() / kPlaces + 1) some.push_back(all[i]);
+  return some;
+}
+
+}  // namespace
+
+double percentile(const std::vector<float>& sorted, double percent) {
+  if (sorted.empty()) return 0.0;
+  const auto last = static_cast<double>(sorted.size() - 1);
+  return sorted[static_cast<std::size_t>(std::lround(0.01 * percent * last))];
+}
+
+double rounded(double value, double range) {
+  if (!(range > 0.0) || !std::isfinite(value)) return std::isfinite(value) ? value : 0.0;
+  const double step = std::pow(10.0, std::floor(std::log10(range)) - 3.0);
+  if (!(step > 0.0)) return value;
+  const double near = std::round(value / step) * step + 0.0;  // no -0
+  return std::strtod(fmt::format("{:.12g}", near).c_str(), nullptr);
+}
+
+double ScalarLook::shareAbove(double value) const {
+  if (values.empty()) return 0.0;
+  const auto at = std::upper_bound(values.begin(), values.end(), static_cast<float>(value));
+  return static_cast<double>(values.end() - at) / static_cast<double>(values.size());
+}
+
+ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input) {
+  using Accessor = openvdb::FloatGrid::ConstAccessor;
+  const bool image = input.inactive_is_data;
+  auto samples = gather<ScalarSample>(grid, [&input](const Accessor& accessor, const Coord& c) {
+    ScalarSample sample;
+    sample.value = accessor.getValue(c);
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto near = neighboursOf(accessor, c, axis, input);
+      if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after)) continue;
+      const auto a = static_cast<std::size_t>(axis);
+      sample.before[a] = near.before;
+      sample.after[a] = near.after;
+      sample.at_edge = sample.at_edge || near.at_edge;
+    }
+    return sample;
+  });
+  samples.erase(std::remove_if(samples.begin(), samples.end(),
+                               [](const ScalarSample& s) { return !std::isfinite(s.value); }),
+                samples.end());
+  ScalarLook look;
+  if (samples.empty()) return look;
+  look.values.reserve(samples.size());
+  bool edge_seen = false;
+  for (const ScalarSample& sample : samples) {
+    look.values.push_back(sample.value);
+    edge_seen = edge_seen || sample.at_edge;
+  }
+  std::sort(look.values.begin(), look.values.end());
+  look.low = percentile(look.values, 0.2);
+  look.high = percentile(look.values, 99.8);
+  if (image && std::isfinite(grid.background())) {
+    look.outside = grid.background();
+    if (edge_seen) {
+      look.low = std::min(look.low, *look.outside);
+      look.high = std::max(look.high, *look.outside);
+    }
+  }
+  if (!(look.range() > 1e-6 * std::max(std::abs(look.low), std::abs(look.high)))) {
+    look.low = look.high;
+    return look;
+  }
+  look.entropy = entropyOf(look.values);
+  const std::array<double, 3> edges = edgesOf(grid);
+  const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
+  look.boundaries = boundariesOf(curveOf(samples, look, edges), look, edge, image);
+  return look;
+}
+
+VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input) {
+  using Accessor = openvdb::Vec3SGrid::ConstAccessor;
+  // Along the grid's own axes, which are taken as orthogonal: turned into its frame, a vector's
+  // curl and Jacobian keep their size.
+  const std::array<double, 3> edges = edgesOf(grid);
+  std::array<openvdb::Vec3d, 3> axes;
+  const openvdb::Vec3d origin = grid.transform().indexToWorld(openvdb::Vec3d(0.0));
+  for (int axis = 0; axis < 3; ++axis) {
+    openvdb::Vec3d p(0.0);
+    p[axis] = 1.0;
+    axes[static_cast<std::size_t>(axis)] = (grid.transform().indexToWorld(p) - origin).unit();
+  }
+  const auto samples = gather<VectorSample>(grid, [&](const Accessor& accessor, const Coord& c) {
+    VectorSample sample;
+    sample.value = accessor.getValue(c);
+    std::array<std::array<double, 3>, 3> j{};  // d v_row / d x_column
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto near = neighboursOf(accessor, c, axis, input);
+      if (!near.known) return sample;
+      const auto a = static_cast<std::size_t>(axis);
+      const openvdb::Vec3d slope =
+          (openvdb::Vec3d(near.after) - openvdb::Vec3d(near.before)) / (2.0 * edges[a]);
+      for (std::size_t row = 0; row < 3; ++row) j[row][a] = slope.dot(axes[row]);
+    }
+    double norm = 0.0;
+    for (const auto& row : j) norm += row[0] * row[0] + row[1] * row[1] + row[2] * row[2];
+    const double curl = std::hypot(j[2][1] - j[1][2], j[0][2] - j[2][0], j[1][0] - j[0][1]);
+    if (!std::isfinite(norm)) return sample;
+    sample.curl = static_cast<float>(curl);
+    sample.jacobian = static_cast<float>(std::sqrt(norm));
+    return sample;
+  });
+
+  VectorLook flow;
+  for (const VectorSample& s : samples) {
+    if (std::isfinite(s.value.length())) flow.speed.push_back(s.value.length());
+  }
+  std::sort(flow.speed.begin(), flow.speed.end());
+  const double fastest = percentile(flow.speed, 99.8);
+  flow.speed.clear();
+  // Around a flow there is noise, or nothing.
+  constexpr double kStill = 0.01;
+  double turning = 0.0;
+  double changing = 0.0;
+  const openvdb::Vec3f* first = nullptr;
+  for (const VectorSample& s : samples) {
+    const double speed = s.value.length();
+    if (!std::isfinite(speed)) continue;
+    if (first == nullptr) first = &s.value;
+    if ((s.value - *first).length() > 1e-6 * fastest) flow.constant = false;
+    if (!(speed > kStill * fastest)) continue;
+    flow.speed.push_back(static_cast<float>(speed));
+    if (s.curl < 0.0F) continue;
+    flow.curl.push_back(s.curl);
+    turning += 0.5 * static_cast<double>(s.curl) * s.curl;
+    changing += static_cast<double>(s.jacobian) * s.jacobian;
+  }
+  if (flow.speed.empty()) flow.constant = true;
+  if (changing > 0.0) flow.turning = turning / changing;
+  std::sort(flow.speed.begin(), flow.speed.end());
+  std::sort(flow.curl.begin(), flow.curl.end());
+  return flow;
+}
+
+bool isLike(const openvdb::FloatGrid& grid, const openvdb::GridBase& other) {
+  constexpr double kAlike = 0.97;
+  if (grid.transform() != other.transform()) return false;
+  std::array<std::vector<double>, 4> theirs;
+  std::vector<double> ours;
+  auto accessor = grid.getConstAccessor();
+  const auto* vector = dynamic_cast<const openvdb::Vec3SGrid*>(&other);
+  const auto* scalar = dynamic_cast<const openvdb::FloatGrid*>(&other);
+  for (const Coord& c : places(grid)) {
+    if (vector != nullptr) {
+      const openvdb::Vec3d v(vector->tree().getValue(c));
+      if (!std::isfinite(v.length())) continue;
+      for (int axis = 0; axis < 3; ++axis)
+        theirs[static_cast<std::size_t>(axis)].push_back(v[axis]);
+      theirs[3].push_back(v.length());
+    } else if (scalar != nullptr) {
+      const double v = scalar->tree().getValue(c);
+      if (!std::isfinite(v)) continue;
+      theirs[0].push_back(v);
+    }
+    ours.push_back(accessor.getValue(c));
+  }
+  return std::any_of(theirs.begin(), theirs.end(), [&](const std::vector<double>& their) {
+    return their.size() == ours.size() && correlation(ours, their) > kAlike;
+  });
+}
+
+}  // namespace palpate::importer

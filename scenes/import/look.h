@@ -1,0 +1,59 @@
+/// What the values of a grid are like: where they have boundaries, how a flow runs.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "scenes/import/suggest.h"
+
+namespace palpate::importer {
+
+/// Of values that ascend; 0 of none.
+[[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
+
+/// To a thousandth of the decade of `range`: 4 digits of what varies. Finite.
+[[nodiscard]] double rounded(double value, double range);
+
+/// A boundary between two materials, or of one that has no end.
+struct Boundary {
+  double value = 0.0;
+  double foot = 0.0;   ///< Where its lower flank has risen.
+  double lower = 0.0;  ///< Values of the materials, or the ends of the range.
+  double upper = 0.0;
+  double slope = 0.0;  ///< Mean gradient magnitude over it.
+  double share = 0.0;  ///< Its gradient integral, in parts of the grid's greatest.
+  bool lower_known = false;
+  bool upper_known = false;
+};
+
+/// What a scalar grid holds.
+struct ScalarLook {
+  std::vector<float> values;  ///< Sampled, ascending.
+  double low = 0.0;           ///< Nearly all lie between; the surroundings too.
+  double high = 0.0;
+  std::optional<double> outside;  ///< The value of an image's surroundings.
+  std::vector<Boundary> boundaries;
+  double entropy = 0.0;  ///< 0 to 1: how evenly the values use their range.
+
+  [[nodiscard]] double range() const { return high - low; }
+  [[nodiscard]] double round(double value) const { return rounded(value, range()); }
+  [[nodiscard]] double shareAbove(double value) const;
+};
+
+/// What a vector grid holds.
+struct VectorLook {
+  bool constant = true;
+  std::vector<float> speed;  ///< Of the voxels that move, ascending.
+  std::vector<float> curl;   ///< Of these, where all neighbours are known, ascending.
+  double turning = 0.0;      ///< |O|^2 / |J|^2: 0 without curl, 0.5 in shear, 1 in a rotation.
+};
+
+/// Look at a sample of the grid's active voxels, as suggest.h says. The grid is the input's.
+[[nodiscard]] ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input);
+[[nodiscard]] VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input);
+
+/// Whether a scalar says what the other does, or one of its components or their magnitude, up to
+/// scale and offset.
+[[nodiscard]] bool isLike(const openvdb::FloatGrid& grid, const openvdb::GridBase& other);
+
+}  // namespace palpate::importer
