@@ -32,6 +32,29 @@ bool has(const std::string& text, std::size_t at, std::string_view what) {
   return text.size() >= at + what.size() && text.compare(at, what.size(), what) == 0;
 }
 
+/// Whether a line begins "KEY =".
+bool hasKey(const std::string& text, std::string_view key) {
+  for (auto at = text.find(key); at != std::string::npos; at = text.find(key, at + 1)) {
+    if (at > 0 && text[at - 1] != '\n') continue;
+    const auto next = text.find_first_not_of(" \t", at + key.size());
+    if (next != std::string::npos && text[next] == '=') return true;
+  }
+  return false;
+}
+
+/// Of the pair name.hdr and name.img, whichever is given, the header.
+std::filesystem::path headerOf(const std::filesystem::path& file) {
+  std::filesystem::path plain = file;
+  if (plain.extension() == ".gz") plain.replace_extension();
+  if (plain.extension() != ".img") return file;
+  plain.replace_extension(".hdr");
+  std::filesystem::path packed = plain;
+  packed += ".gz";
+  std::error_code error;
+  if (std::filesystem::exists(plain, error)) return plain;
+  return std::filesystem::exists(packed, error) ? packed : file;
+}
+
 struct Format {
   const char* name;
   bool (*begins)(const std::string& bytes);
@@ -47,6 +70,12 @@ bool isNifti(const std::string& b) {
   return has(b, 344, "n+1\0"sv) || has(b, 344, "ni1\0"sv) || has(b, 4, "n+2\0"sv) ||
          has(b, 4, "ni2\0"sv);
 }
+bool isNrrd(const std::string& b) {
+  return has(b, 0, "NRRD000") || has(b, 0, "NRRD00.01");
+}
+bool isMetaImage(const std::string& b) {
+  return hasKey(b, "ObjectType") || hasKey(b, "NDims");
+}
 bool isVtkLegacy(const std::string& b) {
   return has(b, 0, "# vtk DataFile");
 }
@@ -57,6 +86,8 @@ bool isVtkXml(const std::string& b) {
 /// In the order in which they are tried.
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti},
+    Format{"NRRD", isNrrd, openNrrd},
+    Format{"MetaImage", isMetaImage, openMetaImage},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
     Format{"Exodus II", isExodus, openExodus},
@@ -112,7 +143,9 @@ bool isText(const std::string& bytes) {
 
 }  // namespace
 
-std::unique_ptr<Reader> openAny(const Request& request) {
+std::unique_ptr<Reader> openAny(const Request& given) {
+  Request request = given;
+  if (given.raw.empty()) request.file = headerOf(given.file);
   std::error_code error;
   const auto status = std::filesystem::status(request.file, error);
   if (!std::filesystem::exists(status)) {

@@ -26,6 +26,7 @@
 #include <vtkUnstructuredGrid.h>
 
 #include "engine/error.h"
+#include "scenes/import/tensors.h"
 #include "scenes/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -92,8 +93,10 @@ vtkSmartPointer<vtkDataArray> withThree(vtkDataArray* two) {
   return out;
 }
 
-/// The arrays of a piece's points, made ready; takes them out of `attributes`.
-std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, std::vector<std::string>& notes) {
+/// The arrays of a piece's points, made ready; takes them out of `attributes`. Tensors become what
+/// can be felt of them, in images only: directions cannot be interpolated within a mesh's cells.
+std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, bool image,
+                              std::vector<std::string>& notes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkSmartPointer<vtkDataArray> values = attributes->GetArray(a);
@@ -116,6 +119,19 @@ std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, std::vector<std:
         arrays.push_back({name, withThree(values)});
         notes.push_back(fmt::format("{}: two components, z is 0", name));
         break;
+      case 6:
+      case 9:
+        if (image) {
+          for (Array& array : diffusionOf(Array{name, values})) {
+            arrays.push_back(std::move(array));
+          }
+          notes.push_back(fmt::format(
+              "{0}: tensors: as {0}_direction (its sign means nothing), {0}_anisotropy and "
+              "{0}_diffusivity",
+              name));
+          break;
+        }
+        [[fallthrough]];
       default:
         notes.push_back(
             fmt::format("{}: left out: {} values a point", name, values->GetNumberOfComponents()));
@@ -153,14 +169,14 @@ void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& m
   image.size = size;
   image.file_from_index = map;
   image.hidden = hiddenOf(data->GetPointData(), vtkDataSetAttributes::HIDDENPOINT);
-  image.arrays = takeArrays(data->GetPointData(), notes);
+  image.arrays = takeArrays(data->GetPointData(), true, notes);
 
   Piece cells;
   cells.size = {size[0] - 1, size[1] - 1, size[2] - 1};
   cells.file_from_index = map;
   cells.file_from_index.origin += map.linear * Vec3::Constant(0.5);
   cells.hidden = hiddenOf(data->GetCellData(), vtkDataSetAttributes::HIDDENCELL);
-  cells.arrays = takeArrays(data->GetCellData(), notes);
+  cells.arrays = takeArrays(data->GetCellData(), true, notes);
   for (Array& array : cells.arrays) {
     notes.push_back(fmt::format("{}: a value a cell: its voxels are the cells", array.name));
   }
@@ -245,7 +261,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   // Which points and cells are hidden stays with the mesh.
   vtkSmartPointer<vtkDataArray> ghosts =
       mesh->GetPointData()->GetArray(vtkDataSetAttributes::GhostArrayName());
-  piece.arrays = takeArrays(mesh->GetPointData(), notes);
+  piece.arrays = takeArrays(mesh->GetPointData(), false, notes);
   if (ghosts != nullptr) mesh->GetPointData()->AddArray(ghosts);
   return piece;
 }

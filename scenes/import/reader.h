@@ -76,7 +76,9 @@ class Reader {
 
 /// One format each. Throw VolumeError where the file does not fit.
 [[nodiscard]] std::unique_ptr<Reader> openExodus(const Request& request);
+[[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
+[[nodiscard]] std::unique_ptr<Reader> openNrrd(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openVtkLegacy(const Request& request);

@@ -63,8 +63,8 @@ class Ear final : public vtkOutputWindow {
 };
 vtkStandardNewMacro(Ear)
 
-/// VTK's window while it lives, then the one before.
-class Listening {
+    /// VTK's window while it lives, then the one before.
+    class Listening {
  public:
   Listening() : before_(vtkOutputWindow::GetInstance()) {
     vtkOutputWindow::SetInstance(ear_);

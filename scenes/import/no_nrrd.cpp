@@ -1,0 +1,12 @@
+/// In place of read_nrrd.cpp where teem is missing.
+#include "engine/error.h"
+#include "scenes/import/reader.h"
+
+namespace palpate::importer {
+
+std::unique_ptr<Reader> openNrrd(const Request& request) {
+  throw VolumeError(request.file.string(), "this palpate was built without teem",
+                    "install libteem-dev and build again");
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,421 @@
+/// MetaImage (.mha, .mhd), read here: VTK 9.1 ignores where the header says the image is, takes the
+/// values of missing files for zeros, and its MetaIO library crashes on damaged headers.
+#include <algorithm>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <new>
+#include <sstream>
+#include <zlib.h>
+
+#include <fmt/format.h>
+#include <vtkByteSwap.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+
+#include "engine/error.h"
+#include "scenes/import/reader.h"
+#include "scenes/import/values.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kMendHeader = "mend its header";
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(" \t\r");
+  if (first == std::string::npos) return "";
+  return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
+}
+
+/// A file with a share of the values.
+struct Part {
+  fs::path file;
+  std::uintmax_t offset = 0;
+};
+
+/// What the text of a header says.
+class Header {
+ public:
+  explicit Header(const fs::path& file) : file_(file) {
+    constexpr std::size_t kLongest = 1U << 20U;
+    std::ifstream in(file, std::ios::binary);
+    std::string line;
+    std::size_t length = 0;
+    while (std::getline(in, line)) {
+      length += line.size();
+      const auto equals = line.find('=');
+      if (length > kLongest || (equals == std::string::npos && !trimmed(line).empty())) {
+        refuse("its header is damaged", kMendHeader);
+      }
+      if (equals == std::string::npos) continue;
+      const std::string key = trimmed(line.substr(0, equals));
+      fields_[key] = trimmed(line.substr(equals + 1));
+      if (key != "ElementDataFile") continue;
+      offset_ = static_cast<std::uintmax_t>(in.tellg());
+      while (fields_[key].rfind("LIST", 0) == 0 && std::getline(in, line)) {
+        if (!trimmed(line).empty()) list_.push_back(trimmed(line));
+      }
+      break;
+    }
+    check();
+  }
+
+  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
+    throw VolumeError(file_.string(), why, remedy);
+  }
+
+  /// The first that is there of several names of a field; or "".
+  [[nodiscard]] std::string text(std::initializer_list<const char*> keys) const {
+    for (const char* key : keys) {
+      const auto at = fields_.find(key);
+      if (at != fields_.end()) return at->second;
+    }
+    return "";
+  }
+
+  /// As many numbers as are expected; none if the field is not there.
+  [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
+                                            std::size_t count) const {
+    std::istringstream in(text(keys));
+    std::vector<double> out;
+    for (double value = 0.0; in >> value;) out.push_back(value);
+    if (!in.eof() || (!out.empty() && out.size() != count)) {
+      refuse(fmt::format("its {} is not {} numbers", *keys.begin(), count), kMendHeader);
+    }
+    return out;
+  }
+
+  [[nodiscard]] bool isTrue(std::initializer_list<const char*> keys) const {
+    const std::string value = text(keys);
+    return !value.empty() && (value[0] == 'T' || value[0] == 't' || value[0] == '1');
+  }
+
+  struct Type {
+    double bytes;
+    int vtk;
+  };
+
+  [[nodiscard]] Type type() const {
+    static const std::map<std::string, Type> types = {
+        {"MET_CHAR", {1, VTK_SIGNED_CHAR}},
+        {"MET_UCHAR", {1, VTK_UNSIGNED_CHAR}},
+        {"MET_SHORT", {2, VTK_SHORT}},
+        {"MET_USHORT", {2, VTK_UNSIGNED_SHORT}},
+        {"MET_INT", {4, VTK_INT}},
+        {"MET_UINT", {4, VTK_UNSIGNED_INT}},
+        {"MET_LONG", {4, VTK_INT}},
+        {"MET_ULONG", {4, VTK_UNSIGNED_INT}},
+        {"MET_LONG_LONG", {8, VTK_LONG_LONG}},
+        {"MET_ULONG_LONG", {8, VTK_UNSIGNED_LONG_LONG}},
+        {"MET_FLOAT", {4, VTK_FLOAT}},
+        {"MET_DOUBLE", {8, VTK_DOUBLE}}};
+    const auto at = types.find(text({"ElementType"}));
+    if (at == types.end()) {
+      refuse(fmt::format("its ElementType \"{}\" is not known", text({"ElementType"})),
+             "export it as MET_SHORT or MET_FLOAT");
+    }
+    return at->second;
+  }
+
+  [[nodiscard]] std::vector<double> sizes() const { return numbers({"DimSize"}, 3); }
+
+  [[nodiscard]] int channels() const {
+    const auto count = numbers({"ElementNumberOfChannels"}, 1);
+    return count.empty() ? 1 : static_cast<int>(count[0]);
+  }
+
+  [[nodiscard]] vtkSmartPointer<vtkDataArray> values(const Progress& progress) const {
+    auto values = vtkSmartPointer<vtkDataArray>::Take(vtkDataArray::CreateDataArray(type().vtk));
+    const std::vector<double> n = sizes();
+    try {
+      values->SetNumberOfComponents(channels());
+      values->SetNumberOfTuples(static_cast<vtkIdType>(n[0]) * static_cast<vtkIdType>(n[1]) *
+                                static_cast<vtkIdType>(n[2]));
+    } catch (const std::bad_alloc&) {
+      refuse("it takes more memory than there is", "import a part of it");
+    }
+    const auto count = static_cast<std::size_t>(values->GetNumberOfValues());
+    const auto size = static_cast<std::size_t>(values->GetDataTypeSize());
+    const std::size_t share = count * size / parts_.size();
+    auto* to = static_cast<char*>(values->GetVoidPointer(0));
+    for (std::size_t p = 0; p < parts_.size(); ++p) {
+      std::ifstream in(parts_[p].file, std::ios::binary);
+      in.seekg(static_cast<std::streamoff>(parts_[p].offset));
+      if (isTrue({"CompressedData"})) {
+        inflateFrom(in, to, share);
+      } else if (isText()) {
+        parse(in, values, p * share / size, share / size);
+      } else {
+        in.read(to + p * share, static_cast<std::streamsize>(share));
+        if (!in) refuse("its values end too soon", "copy or export it again");
+      }
+      if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
+    }
+    const bool swap = !isText() && std::endian::native == std::endian::little &&
+                      isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
+    if (swap && size > 1) vtkByteSwap::SwapVoidRange(to, count, size);
+    return values;
+  }
+
+ private:
+  [[nodiscard]] bool isText() const {
+    return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
+  }
+
+  void inflateFrom(std::istream& in, char* values, std::size_t left) const {
+    constexpr std::size_t kChunk = 1U << 20U;
+    std::vector<char> packed(kChunk);
+    z_stream stream{};
+    if (inflateInit2(&stream, 15 + 32) != Z_OK) refuse("zlib cannot begin", "try again");
+    auto* to = reinterpret_cast<Bytef*>(values);
+    int state = Z_OK;
+    while (left > 0 && state == Z_OK) {
+      if (stream.avail_in == 0) {
+        in.read(packed.data(), static_cast<std::streamsize>(kChunk));
+        stream.next_in = reinterpret_cast<Bytef*>(packed.data());
+        stream.avail_in = static_cast<uInt>(in.gcount());
+        if (stream.avail_in == 0) break;
+      }
+      const std::size_t room = std::min<std::size_t>(left, 1U << 30U);
+      stream.next_out = to;
+      stream.avail_out = static_cast<uInt>(room);
+      state = inflate(&stream, Z_NO_FLUSH);
+      const std::size_t made = room - stream.avail_out;
+      to += made;
+      left -= made;
+    }
+    inflateEnd(&stream);
+    if (left > 0) {
+      refuse("its compressed values are truncated or damaged", "copy or export it again");
+    }
+  }
+
+  void parse(std::istream& in, vtkDataArray* values, std::size_t first, std::size_t count) const {
+    const int components = values->GetNumberOfComponents();
+    for (std::size_t i = first; i < first + count; ++i) {
+      double value = 0.0;
+      if (!(in >> value)) refuse("its values are no numbers, or end too soon", kMendHeader);
+      const auto at = static_cast<vtkIdType>(i);
+      values->SetComponent(at / components, static_cast<int>(at % components), value);
+    }
+  }
+
+  void check() {
+    const std::string object = text({"ObjectType"});
+    if (!object.empty() && object != "Image") {
+      refuse(fmt::format("it is a MetaIO {}, not an image", object), "give an image");
+    }
+    if (text({"NDims"}) != "3") {
+      refuse(fmt::format("it has {} dimensions", text({"NDims"}).empty() ? "no" : text({"NDims"})),
+             "give an image of 3");
+    }
+    const std::vector<double> sizes = numbers({"DimSize"}, 3);
+    if (sizes.empty()) refuse("it has no DimSize", kMendHeader);
+    double bytes = type().bytes;
+    for (const double size : sizes) {
+      if (!(size >= 1.0) || size > 2147483647.0 || size != std::floor(size)) {
+        refuse(fmt::format("its DimSize {} is absurd", text({"DimSize"})), kMendHeader);
+      }
+      bytes *= size;
+    }
+    if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
+      if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
+        refuse("its ElementNumberOfChannels is absurd", kMendHeader);
+      }
+      bytes *= channels[0];
+    }
+    if (bytes > 1e15) refuse(fmt::format("its size is absurd: {:.0g} bytes", bytes), kMendHeader);
+    for (const char* key :
+         {"ElementSpacing", "ElementSize", "Offset", "Position", "Origin", "CenterOfRotation"}) {
+      static_cast<void>(numbers({key}, 3));
+    }
+    for (const char* key : {"TransformMatrix", "Rotation", "Orientation"}) {
+      static_cast<void>(numbers({key}, 9));
+    }
+    checkData(bytes, sizes[2]);
+  }
+
+  /// Where the values are, and whether they can be there before memory is taken for them.
+  void checkData(double bytes, double slices) {
+    const std::string name = text({"ElementDataFile"});
+    if (name.empty()) refuse("it names no ElementDataFile", kMendHeader);
+    std::vector<std::string> files{name};
+    if (name.find('%') != std::string::npos) files = numbered(name, slices);
+    if (name.rfind("LIST", 0) == 0) files = list_;
+    if (files.empty()) refuse("it lists no data files", kMendHeader);
+    const double share = bytes / static_cast<double>(files.size());
+    if (std::fmod(slices, static_cast<double>(files.size())) != 0.0) {
+      refuse(fmt::format("it has {} slices in {} data files", slices, files.size()), kMendHeader);
+    }
+    if (isTrue({"CompressedData"}) && files.size() != 1) {
+      refuse("its values are compressed in several files", "export it uncompressed");
+    }
+    const auto skipped = numbers({"HeaderSize"}, 1);
+    for (const std::string& data : files) {
+      const bool local = data == "LOCAL" || data == "Local" || data == "local";
+      Part part{local ? file_ : file_.parent_path() / data, local ? offset_ : 0};
+      std::error_code error;
+      const auto there = fs::file_size(part.file, error);
+      if (error || !fs::is_regular_file(part.file, error)) {
+        refuse(fmt::format("its data file {} cannot be read", data), "put it beside the header");
+      }
+      // Of deflate 1032 to 1; of text a digit and a space for a value.
+      double least = share;
+      if (isTrue({"CompressedData"})) least = share / 1040.0;
+      if (isText()) least = 2.0 * share / type().bytes - 1.0;
+      const double size = static_cast<double>(there);
+      double offset = static_cast<double>(part.offset);
+      if (!skipped.empty() && skipped[0] > 0.0) offset = std::max(offset, skipped[0]);
+      if (!skipped.empty() && skipped[0] == -1.0) offset = std::max(offset, size - share);
+      const double held = std::max(size - offset, 0.0);
+      if (held < least) {
+        refuse(fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", local ? "it" : data, held,
+                           std::ceil(least)),
+               "copy or export it again");
+      }
+      part.offset = static_cast<std::uintmax_t>(offset);
+      parts_.push_back(part);
+    }
+  }
+
+  /// The files of "slice%03d.raw 1 93 1", a slice each.
+  [[nodiscard]] std::vector<std::string> numbered(const std::string& field, double slices) const {
+    constexpr double kMost = 100000.0;
+    if (slices > kMost) refuse(fmt::format("it has {} slices", slices), kMendHeader);
+    std::istringstream words(field);
+    std::string pattern;
+    int first = 1;
+    int last = static_cast<int>(slices);
+    int step = 1;
+    words >> pattern;
+    if (words >> first) words >> last >> step;
+    const auto at = pattern.find('%') + 1;
+    auto end = at;
+    while (end < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[end])) != 0) {
+      ++end;
+    }
+    if (end >= pattern.size() || pattern[end] != 'd' || end - at > 2 ||
+        pattern.find('%', end) != std::string::npos) {
+      refuse(fmt::format("its pattern of data files \"{}\" is none", pattern),
+             "write one %d, as in slice%03d.raw");
+    }
+    const std::string format = fmt::format("{{:{}}}", pattern.substr(at, end - at + 1));
+    std::vector<std::string> files;
+    for (long n = first; n <= last && step > 0 && static_cast<double>(files.size()) < slices;
+         n += step) {
+      files.push_back(pattern.substr(0, at - 1) + fmt::format(fmt::runtime(format), n) +
+                      pattern.substr(end + 1));
+    }
+    if (static_cast<double>(files.size()) != slices) {
+      refuse(fmt::format("it numbers {} data files, but has {} slices", files.size(), slices),
+             kMendHeader);
+    }
+    return files;
+  }
+
+  fs::path file_;
+  std::map<std::string, std::string> fields_;
+  std::vector<std::string> list_;
+  std::vector<Part> parts_;
+  std::uintmax_t offset_ = 0;  ///< Where the header ends.
+};
+
+class MetaImageReader final : public Reader {
+ public:
+  explicit MetaImageReader(const Request& request) : request_(request), header_(request.file) {}
+
+  Content read(std::size_t /*step*/) override {
+    Content content;
+    vtkNew<vtkImageData> image;
+    const std::vector<double> sizes = header_.sizes();
+    image->SetDimensions(static_cast<int>(sizes[0]), static_cast<int>(sizes[1]),
+                         static_cast<int>(sizes[2]));
+    content.data = image;
+    const auto values = header_.values(request_.progress);
+    // ITK's physical space is the patient's, x to the left and y to the back, where it says so.
+    const std::string axes = header_.text({"AnatomicalOrientation"});
+    const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
+    const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
+    place(turn, content);
+    image->GetPointData()->AddArray(named(values, turn, content));
+    if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;
+    if (header_.text({"Modality"}) == "MET_MOD_MR") content.modality = Modality::kMr;
+    content.description = header_.text({"Comment", "Name"});
+    const std::string unit = header_.text({"DistanceUnits"});
+    content.length_unit = unit.empty() || unit == "?" ? "mm" : unit;  // MetaIO's default
+    return content;
+  }
+
+ private:
+  void place(const Mat3& turn, Content& content) const {
+    Affine map;
+    const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
+    if (spacing.empty()) content.notes.emplace_back("no ElementSpacing: 1 is taken");
+    // A row of the text is the direction of an axis.
+    const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
+    for (int axis = 0; axis < 3; ++axis) {
+      for (int d = 0; d < 3 && !matrix.empty(); ++d) {
+        map.linear(d, axis) =
+            matrix[3 * static_cast<std::size_t>(axis) + static_cast<std::size_t>(d)];
+      }
+      if (!spacing.empty()) map.linear.col(axis) *= spacing[static_cast<std::size_t>(axis)];
+    }
+    const auto origin = header_.numbers({"Offset", "Position", "Origin"}, 3);
+    if (!origin.empty()) map.origin = Vec3(origin[0], origin[1], origin[2]);
+    const auto centre = header_.numbers({"CenterOfRotation"}, 3);
+    const bool centred = std::any_of(centre.begin(), centre.end(), [](double c) { return c != 0; });
+    if (centred && !matrix.empty()) {
+      content.notes.emplace_back("CenterOfRotation is ignored, as ITK does");
+    }
+    map.linear = turn * map.linear;
+    map.origin = turn * map.origin;
+    content.file_from_index = map;
+  }
+
+  vtkSmartPointer<vtkDataArray> named(vtkSmartPointer<vtkDataArray> values, const Mat3& turn,
+                                      Content& content) const {
+    const int channels = values->GetNumberOfComponents();
+    const auto number = [&](const char* key, double otherwise) {
+      const auto found = header_.numbers({key}, 1);
+      return found.empty() ? otherwise : found[0];
+    };
+    const double slope = number("ElementToIntensityFunctionSlope", 1.0);
+    const double offset = number("ElementToIntensityFunctionOffset", 0.0);
+    if (slope != 1.0 || offset != 0.0) {
+      content.notes.push_back(fmt::format("values are {} * stored + {}", slope, offset));
+    }
+    values = rescaled(values, slope, offset);
+    if (channels == 1) {
+      values->SetName("density");
+    } else if (channels == 3) {
+      values = turned(values, turn);
+      values->SetName("vector");
+    } else if (channels == 6 && request_.as == "tensor") {
+      content.notes.emplace_back("six channels: taken as xx xy xz yy yz zz, as ITK writes them");
+      values = turned(picked(values, kUpperTriangle), turn);
+      values->SetName("tensor");
+    } else {
+      header_.refuse(
+          fmt::format("it has {} channels, not 1 or 3", channels),
+          channels == 6 ? "if they are a symmetric tensor, say --as tensor" : "export one of them");
+    }
+    return values;
+  }
+
+  Request request_;
+  Header header_;
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> openMetaImage(const Request& request) {
+  return std::make_unique<MetaImageReader>(request);
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,748 @@
+/// NRRD through teem. Teem parses the header and decodes the data; which files are opened, and
+/// how much is read of them, is decided here, since teem trusts the header in both.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cctype>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <new>
+#include <sstream>
+#include <teem/nrrd.h>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <vtkByteSwap.h>
+#include <vtkDataSetAttributes.h>
+#include <vtkImageData.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+#include <vtkUnsignedCharArray.h>
+
+#include "engine/error.h"
+#include "scenes/import/reader.h"
+#include "scenes/import/values.h"
+
+namespace palpate::importer {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kDamaged = "it may be truncated or damaged: copy or export it again";
+constexpr const char* kMendHeader = "mend its header";
+
+struct CloseFile {
+  void operator()(std::FILE* file) const { std::fclose(file); }
+};
+using File = std::unique_ptr<std::FILE, CloseFile>;
+struct FreeNrrd {
+  void operator()(Nrrd* nrrd) const { nrrdNuke(nrrd); }
+};
+struct FreeState {
+  void operator()(NrrdIoState* state) const { nrrdIoStateNix(state); }
+};
+
+/// The innermost line of teem's complaint.
+std::string trouble() {
+  char* text = biffGetDone(NRRD);
+  if (text == nullptr) return "unknown trouble";
+  std::istringstream lines(text);
+  std::free(text);  // NOLINT(cppcoreguidelines-no-malloc): teem's
+  std::string line;
+  std::string last;
+  while (std::getline(lines, line)) {
+    if (!line.empty()) last = line;
+  }
+  const auto colon = last.find(": ");  // "[nrrd] function: what"
+  if (colon != std::string::npos) last.erase(0, colon + 2);
+  for (char& c : last) {
+    if (std::iscntrl(static_cast<unsigned char>(c)) != 0) c = ' ';
+  }
+  constexpr std::size_t kLongest = 160;
+  if (last.size() > kLongest) last = last.substr(0, kLongest) + " ...";
+  return last;
+}
+
+std::string lowered(std::string text) {
+  std::transform(text.begin(), text.end(), text.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return text;
+}
+
+/// A file with a share of the data.
+struct Part {
+  fs::path file;
+  long offset = 0;           ///< Where the header ends, of an attached one.
+  std::optional<long> skip;  ///< Overrides the header's byte skip.
+};
+
+/// The header as text, without what says where the data are.
+struct Header {
+  std::vector<std::string> lines;
+  std::vector<Part> parts;
+  unsigned line_skip = 0;
+  long byte_skip = 0;
+};
+
+/// "name.%03d" and 7 to "name.007". Done here since printf would trust the pattern.
+std::string numbered(const std::string& pattern, int number, const std::string& file) {
+  const auto at = pattern.find('%');
+  std::size_t end = at == std::string::npos ? at : at + 1;
+  std::size_t width = 0;
+  const bool zeros = end < pattern.size() && pattern[end] == '0';
+  while (end < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[end])) != 0) {
+    width = std::min<std::size_t>(10 * width + static_cast<std::size_t>(pattern[end++] - '0'), 99);
+  }
+  const bool known = end < pattern.size() && std::strchr("diu", pattern[end]) != nullptr;
+  if (!known || width > 20 || pattern.find('%', end) != std::string::npos) {
+    throw VolumeError(file, fmt::format("its pattern of data files \"{}\" is none", pattern),
+                      "write one %d, as in slice%03d.raw");
+  }
+  std::string digits = std::to_string(number);
+  if (digits.size() < width) digits.insert(0, width - digits.size(), zeros ? '0' : ' ');
+  return pattern.substr(0, at) + digits + pattern.substr(end + 1);
+}
+
+/// What stands after "data file:", and the lines after it where it is a list.
+std::vector<Part> partsOf(const std::string& field, std::istream& rest, const fs::path& file) {
+  constexpr int kMost = 1000000;
+  const auto besides = [&](const std::string& name) {
+    if (name == "-") {
+      throw VolumeError(file.string(), "its data are to come from a pipe", "name a data file");
+    }
+    return file.parent_path() / name;  // an absolute name stays as it is
+  };
+  std::vector<Part> parts;
+  std::istringstream words(field);
+  std::string first;
+  words >> first;
+  if (first == "LIST" || first == "SKIPLIST") {
+    std::string line;
+    while (std::getline(rest, line) && static_cast<int>(parts.size()) < kMost) {
+      while (!line.empty() && std::isspace(static_cast<unsigned char>(line.back())) != 0) {
+        line.pop_back();
+      }
+      if (line.empty()) continue;
+      Part part;
+      if (first == "SKIPLIST") {
+        std::istringstream pair(line);
+        long skip = 0;
+        pair >> skip >> std::ws;
+        if (!pair) throw VolumeError(file.string(), "its SKIPLIST is damaged", kMendHeader);
+        std::getline(pair, line);
+        part.skip = skip;
+      }
+      part.file = besides(line);
+      parts.push_back(part);
+    }
+  } else if (int lowest = 0, highest = 0, step = 0;
+             first.find('%') != std::string::npos && words >> lowest >> highest >> step) {
+    if (step == 0 || (highest - static_cast<double>(lowest)) / step > kMost) {
+      throw VolumeError(file.string(), "its numbering of data files never ends", kMendHeader);
+    }
+    for (long n = lowest; step > 0 ? n <= highest : n >= highest; n += step) {
+      parts.push_back({besides(numbered(first, static_cast<int>(n), file.string())), 0, {}});
+    }
+  } else {
+    parts.push_back({besides(field), 0, {}});  // may have spaces
+  }
+  if (parts.empty()) throw VolumeError(file.string(), "it names no data file", kMendHeader);
+  return parts;
+}
+
+/// Takes a line of the header, unless it says where the data begin, or nothing that is needed.
+void takeLine(Header& header, std::string line, const fs::path& file) {
+  if (line[0] == '#' || line.find(":=") < line.find(": ")) return;
+  std::string key = lowered(line.substr(0, line.find(':')));
+  std::erase(key, ' ');
+  if (key != "lineskip" && key != "byteskip") {
+    // Teem prints what it complains of into 1024 characters.
+    constexpr std::size_t kLongest = 800;
+    if (line.size() > kLongest && key == "content") line.resize(kLongest);
+    if (line.size() > kLongest) {
+      throw VolumeError(file.string(), "its header has a line that is too long", kMendHeader);
+    }
+    header.lines.push_back(std::move(line));
+    // Debian's teem knows this kind's name but not its size.
+    std::string& taken = header.lines.back();
+    const auto gradient = key == "kinds" ? taken.find("3-gradient") : std::string::npos;
+    if (gradient != std::string::npos) taken.replace(gradient, 10, "3-vector");
+    return;
+  }
+  std::istringstream value(line.substr(line.find(':') + 1));
+  long count = 0;
+  value >> count;
+  if (!value || (key == "lineskip" && (count < 0 || count > 1000000))) {
+    throw VolumeError(file.string(), fmt::format("its {} is no count", key), kMendHeader);
+  }
+  if (key == "lineskip") {
+    header.line_skip = static_cast<unsigned>(count);
+  } else {
+    header.byte_skip = count;
+  }
+}
+
+Header readHeader(const fs::path& file) {
+  constexpr std::size_t kLongest = 1U << 20U;
+  std::ifstream in(file, std::ios::binary);
+  Header header;
+  std::string line;
+  std::size_t length = 0;
+  while (std::getline(in, line)) {
+    length += line.size();
+    if (length > kLongest) throw VolumeError(file.string(), "its header never ends", kDamaged);
+    if (!line.empty() && line.back() == '\r') line.pop_back();
+    if (line.empty()) {
+      header.parts.push_back({file, static_cast<long>(in.tellg()), {}});
+      return header;
+    }
+    const auto colon = line.find(':');
+    const std::string key = lowered(line.substr(0, colon));
+    if (colon != std::string::npos && (key == "data file" || key == "datafile")) {
+      const auto value = line.find_first_not_of(" \t", colon + 1);
+      const std::string field = value == std::string::npos ? "" : line.substr(value);
+      header.parts = partsOf(field, in, file);
+      if (field.rfind("LIST", 0) == 0 || field.rfind("SKIPLIST", 0) == 0) return header;
+      // What follows is header until an empty line or the end.
+      while (std::getline(in, line)) {
+        if (!line.empty() && line.back() == '\r') line.pop_back();
+        if (line.empty() || header.lines.size() > 10000) break;
+        takeLine(header, line, file);
+      }
+      return header;
+    }
+    takeLine(header, line, file);
+  }
+  throw VolumeError(file.string(), "it ends within its header", kDamaged);
+}
+
+/// What a value is.
+enum class Meaning : std::uint8_t { kScalar, kVector, kTensor, kMaskedTensor };
+
+int vtkTypeOf(int type) {
+  switch (type) {
+    case nrrdTypeChar:
+      return VTK_SIGNED_CHAR;
+    case nrrdTypeUChar:
+      return VTK_UNSIGNED_CHAR;
+    case nrrdTypeShort:
+      return VTK_SHORT;
+    case nrrdTypeUShort:
+      return VTK_UNSIGNED_SHORT;
+    case nrrdTypeInt:
+      return VTK_INT;
+    case nrrdTypeUInt:
+      return VTK_UNSIGNED_INT;
+    case nrrdTypeLLong:
+      return VTK_LONG_LONG;
+    case nrrdTypeULLong:
+      return VTK_UNSIGNED_LONG_LONG;
+    case nrrdTypeFloat:
+      return VTK_FLOAT;
+    case nrrdTypeDouble:
+      return VTK_DOUBLE;
+    default:
+      return VTK_VOID;
+  }
+}
+
+class NrrdReader final : public Reader {
+ public:
+  explicit NrrdReader(const Request& request) : request_(request), file_(request.file.string()) {
+    nrrdStateVerboseIO = 0;
+    Header header = readHeader(request.file);
+    parts_ = std::move(header.parts);
+    parse(header.lines);
+    state_->lineSkip = header.line_skip;
+    state_->byteSkip = header.byte_skip;
+    classify();
+    weigh();
+  }
+
+  [[nodiscard]] std::vector<double> times() const override {
+    std::vector<double> times;
+    if (series_ < 0) return times;
+    const NrrdAxisInfo& axis = axisAt(series_);
+    double step = axis.spacing;
+    if (!AIR_EXISTS(step) && nrrd_->spaceDim == 4) step = axis.spaceDirection[3];
+    if (!AIR_EXISTS(step) || step == 0.0) step = 1.0;
+    const double start = AIR_EXISTS(axis.min) ? axis.min : 0.0;
+    for (std::size_t i = 0; i < axis.size; ++i) {
+      times.push_back(start + step * static_cast<double>(i));
+    }
+    return times;
+  }
+
+  Content read(std::size_t step) override {
+    Content content;
+    content.notes = notes_;
+    place(content);
+    vtkSmartPointer<vtkDataArray> values = readValues(step);
+    vtkNew<vtkImageData> image;
+    image->SetDimensions(static_cast<int>(axisAt(space_[0]).size),
+                         static_cast<int>(axisAt(space_[1]).size),
+                         static_cast<int>(axisAt(space_[2]).size));
+    if (meaning_ == Meaning::kMaskedTensor) image->GetPointData()->AddArray(hiddenOf(values));
+    values = inSpace(values, content);
+    const char* names[] = {"density", "vector", "tensor", "tensor"};
+    values->SetName(names[static_cast<int>(meaning_)]);
+    if (nrrd_->sampleUnits != nullptr) content.value_unit[values->GetName()] = nrrd_->sampleUnits;
+    image->GetPointData()->AddArray(values);
+    content.data = image;
+    if (nrrd_->content != nullptr) content.description = nrrd_->content;
+    return content;
+  }
+
+ private:
+  [[noreturn]] void refuse(const std::string& why, const std::string& remedy) const {
+    throw VolumeError(file_, why, remedy);
+  }
+
+  [[nodiscard]] const NrrdAxisInfo& axisAt(int axis) const { return nrrd_->axis[axis]; }
+
+  // ------------------------------------------------------------------ the header
+
+  bool tryParse(const std::vector<std::string>& lines) {
+    std::string text = fmt::format("{}\n\n", fmt::join(lines, "\n"));
+    nrrd_.reset(nrrdNew());
+    state_.reset(nrrdIoStateNew());
+    state_->skipData = 1;
+    const File in(fmemopen(text.data(), text.size(), "rb"));
+    return in != nullptr && nrrdRead(nrrd_.get(), in.get(), state_.get()) == 0;
+  }
+
+  void parse(std::vector<std::string> lines) {
+    if (!tryParse(lines)) {
+      const std::string why = trouble();
+      // Directions of a space forbid spacings and the like; some programs write both.
+      const auto begins = [](const std::string& line, const char* with) {
+        return lowered(line).rfind(with, 0) == 0;
+      };
+      const bool directed = std::any_of(lines.begin(), lines.end(), [&](const auto& line) {
+        return begins(line, "space directions:");
+      });
+      const auto dropped = std::erase_if(lines, [&](const auto& line) {
+        return begins(line, "spacings:") || begins(line, "axis mins:") ||
+               begins(line, "axis maxs:") || begins(line, "units:");
+      });
+      if (!directed || dropped == 0 || !tryParse(lines)) {
+        if (directed && dropped > 0) std::free(biffGetDone(NRRD));  // NOLINT
+        refuse(fmt::format("its NRRD header is damaged ({})", why), kMendHeader);
+      }
+      notes_.emplace_back("its space directions are taken, its spacings are not");
+    }
+    if (vtkTypeOf(nrrd_->type) == VTK_VOID) {
+      refuse("its values are blocks of bytes", "export it as integers or floats");
+    }
+    if (state_->encoding->available() == 0) {
+      refuse(fmt::format("this teem cannot decode {}", state_->encoding->name),
+             "export it raw or gzipped");
+    }
+  }
+
+  /// What the axis is, of those that are not directions of space.
+  void takeKind(int axis, int kind) {
+    const std::size_t size = axisAt(axis).size;
+    const auto component = [&](Meaning meaning) {
+      if (component_ >= 0) refuse("its values have two axes of components", "export one of them");
+      component_ = axis;
+      meaning_ = meaning;
+    };
+    switch (kind) {
+      case nrrdKindStub:
+      case nrrdKindScalar:
+        return;
+      case nrrdKindVector:
+      case nrrdKindCovariantVector:
+      case nrrdKindNormal:
+      case nrrdKind3Vector:
+      case nrrdKind3Gradient:
+      case nrrdKind3Normal:
+        if (size != 3) {
+          refuse(fmt::format("its vectors have {} components, not 3", size),
+                 "call that axis a list in its header if it is a series");
+        }
+        return component(Meaning::kVector);
+      case nrrdKind3DSymMatrix:
+      case nrrdKind3DMatrix:
+        return component(Meaning::kTensor);
+      case nrrdKind3DMaskedSymMatrix:
+      case nrrdKind3DMaskedMatrix:
+        return component(Meaning::kMaskedTensor);
+      case nrrdKindUnknown:
+      case nrrdKindDomain:
+      case nrrdKindSpace:
+      case nrrdKindTime:
+      case nrrdKindList:
+        if (size == 1) return;
+        if (series_ >= 0) refuse("it is a series in two ways", "export one of them");
+        series_ = axis;
+        return;
+      default:
+        refuse(fmt::format("its values are of kind {}, which cannot be felt",
+                           airEnumStr(nrrdKind, kind)),
+               "export scalars, vectors or symmetric tensors");
+    }
+  }
+
+  /// Which axes are space, which one has components and which one is a series.
+  void classify() {
+    const int dim = static_cast<int>(nrrd_->dim);
+    const auto directed = [&](int axis) {  // within space, not along its time
+      const double* d = axisAt(axis).spaceDirection;
+      return nrrd_->spaceDim >= 3 && AIR_EXISTS(d[0]) &&
+             (d[0] != 0.0 || d[1] != 0.0 || d[2] != 0.0);
+    };
+    std::vector<int> space;
+    for (int a = 0; a < dim; ++a) {
+      if (directed(a)) space.push_back(a);
+    }
+    directed_ = !space.empty();
+    if (!directed_) {
+      for (int a = 0; a < dim; ++a) {
+        const int kind = axisAt(a).kind;
+        if (kind == nrrdKindSpace || kind == nrrdKindDomain) space.push_back(a);
+      }
+      // Old files tell no kinds: three axes of one size of components, or one of a series.
+      if (space.empty()) space = guess();
+    }
+    if (space.size() < 3) {
+      refuse("it is flat: it has no three axes of space", "give an image with thickness");
+    }
+    // Of four domains without directions the last is time.
+    if (space.size() > 3 && (directed_ || space.size() > 4)) {
+      refuse(fmt::format("it has {} axes of space, not 3", space.size()), kMendHeader);
+    }
+    std::copy_n(space.begin(), 3, space_.begin());
+    for (int a = 0; a < dim; ++a) {
+      if (std::find(space_.begin(), space_.end(), a) != space_.end()) continue;
+      takeKind(a, axisAt(a).kind == nrrdKindUnknown ? guessed_ : axisAt(a).kind);
+    }
+  }
+
+  std::vector<int> guess() {
+    std::vector<int> rest;
+    for (int a = 0; a < static_cast<int>(nrrd_->dim); ++a) {
+      if (axisAt(a).kind == nrrdKindUnknown) rest.push_back(a);
+    }
+    if (rest.size() != 4) return rest;
+    switch (axisAt(rest.front()).size) {
+      case 3:
+        guessed_ = nrrdKind3Vector;
+        break;
+      case 7:
+        guessed_ = nrrdKind3DMaskedSymMatrix;
+        break;
+      case 9:
+        guessed_ = nrrdKind3DMatrix;
+        break;
+      default:
+        notes_.emplace_back("no kinds of axes: the last one is taken as a series");
+        rest.pop_back();
+        return rest;
+    }
+    notes_.push_back(fmt::format("no kinds of axes: the first one is taken as a {}",
+                                 airEnumStr(nrrdKind, guessed_)));
+    rest.erase(rest.begin());
+    return rest;
+  }
+
+  /// Whether the files can hold what the header says, before memory is taken for it.
+  void weigh() {
+    double total = static_cast<double>(nrrdElementSize(nrrd_.get()));
+    for (int a = 0; a < static_cast<int>(nrrd_->dim); ++a) {
+      const std::size_t size = axisAt(a).size;
+      if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
+        refuse(fmt::format("its sizes are absurd: {}", size), kMendHeader);
+      }
+      total *= static_cast<double>(size);
+    }
+    if (total > 1e15) refuse(fmt::format("its size is absurd: {:.0g} bytes", total), kMendHeader);
+    const std::size_t count = nrrdElementNumber(nrrd_.get());
+    if (count == 0 || count % parts_.size() != 0) {
+      refuse(fmt::format("{} values do not divide among {} data files", count, parts_.size()),
+             kMendHeader);
+    }
+    part_values_ = count / parts_.size();
+    const double bytes = static_cast<double>(part_values_ * nrrdElementSize(nrrd_.get()));
+    for (const Part& part : parts_) {
+      std::error_code error;
+      const auto size = fs::file_size(part.file, error);
+      if (error || !fs::is_regular_file(part.file, error)) {
+        refuse(fmt::format("its data file {} cannot be read", part.file.filename().string()),
+               "put it beside the header");
+      }
+      // The least that so many values take: of deflate 1032 to 1; of text a digit and a space.
+      double least = bytes;
+      if (state_->encoding == nrrdEncodingGzip) least = bytes / 1040.0;
+      if (state_->encoding == nrrdEncodingAscii)
+        least = 2.0 * static_cast<double>(part_values_) - 1;
+      if (state_->encoding == nrrdEncodingHex) least = 2.0 * bytes;
+      if (state_->encoding == nrrdEncodingBzip2 || state_->encoding == nrrdEncodingZRL) least = 0.0;
+      const double there = static_cast<double>(size) - static_cast<double>(part.offset);
+      if (there < least) {
+        refuse(fmt::format("{} is truncated: {:.0f} bytes of {:.0f}",
+                           part.file == request_.file ? "it" : part.file.filename().string(),
+                           std::max(there, 0.0), std::ceil(least)),
+               "copy or export it again");
+      }
+    }
+  }
+
+  // ------------------------------------------------------------------ the data
+
+  /// Text is read by teem into a buffer of 1024 characters, however long its words are.
+  void checkWords(std::FILE* in) const {
+    const long start = std::ftell(in);
+    constexpr int kLongest = 500;
+    int length = 0;
+    for (int c = std::fgetc(in); c != EOF; c = std::fgetc(in)) {
+      length = std::isspace(c) != 0 ? 0 : length + 1;
+      if (length > kLongest) refuse("its text has no numbers", kDamaged);
+    }
+    std::fseek(in, start, SEEK_SET);
+  }
+
+  /// Values [first, first + count) of a part.
+  void readPart(const Part& part, std::size_t first, std::size_t count, char* to) {
+    const std::string name = part.file.filename().string();
+    const File in(std::fopen(part.file.c_str(), "rb"));
+    if (in == nullptr) refuse(fmt::format("its data file {} cannot be read", name), kMendHeader);
+    std::fseek(in.get(), part.offset, SEEK_SET);
+    if (nrrdLineSkip(in.get(), state_.get()) != 0) refuse(trouble(), kDamaged);
+    const std::size_t size = nrrdElementSize(nrrd_.get());
+    const long skip = part.skip.value_or(state_->byteSkip);
+    const NrrdEncoding* encoding = state_->encoding;
+    bool found = true;
+    if (encoding->isCompression == 0 && skip < 0) {  // counted from the end; -1 is none
+      found =
+          std::fseek(in.get(), -static_cast<long>(part_values_ * size) + skip + 1, SEEK_END) == 0;
+    } else if (encoding->isCompression == 0) {
+      found = std::fseek(in.get(), skip, SEEK_CUR) == 0;
+    }
+    const bool all = first == 0 && count == part_values_;
+    if (encoding == nrrdEncodingRaw && !all) {
+      found = found && std::fseek(in.get(), static_cast<long>(first * size), SEEK_CUR) == 0;
+    }
+    if (!found) refuse(fmt::format("{} is too short", name), kDamaged);
+    if (encoding == nrrdEncodingAscii) checkWords(in.get());
+    const long said = state_->byteSkip;
+    state_->byteSkip = skip;
+    std::vector<char> whole;
+    char* target = to;
+    std::size_t values = count;
+    if (encoding != nrrdEncodingRaw && !all) {
+      whole.resize(part_values_ * size);
+      target = whole.data();
+      values = part_values_;
+    }
+    const int failed = encoding->read(in.get(), target, values, nrrd_.get(), state_.get());
+    state_->byteSkip = said;
+    if (failed != 0) refuse(fmt::format("teem cannot read {} ({})", name, trouble()), kDamaged);
+    if (!whole.empty()) std::memcpy(to, whole.data() + first * size, count * size);
+  }
+
+  /// Values [first, first + count) of all parts together, in this machine's byte order.
+  void readSpan(std::size_t first, std::size_t count, char* to) {
+    const std::size_t size = nrrdElementSize(nrrd_.get());
+    std::size_t done = 0;
+    while (done < count) {
+      const std::size_t part = (first + done) / part_values_;
+      const std::size_t from = (first + done) % part_values_;
+      const std::size_t here = std::min(count - done, part_values_ - from);
+      readPart(parts_[part], from, here, to + done * size);
+      done += here;
+      if (request_.progress) {
+        request_.progress(static_cast<double>(done) / static_cast<double>(count));
+      }
+    }
+    const bool swap = state_->encoding->endianMatters != 0 && state_->endian != airEndianUnknown &&
+                      state_->endian != airMyEndian();
+    if (swap && size > 1) vtkByteSwap::SwapVoidRange(to, count, size);
+  }
+
+  /// One step's values, components fastest.
+  vtkSmartPointer<vtkDataArray> readValues(std::size_t step) {
+    const std::size_t size = nrrdElementSize(nrrd_.get());
+    const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
+    std::size_t points = 1;
+    for (const int a : space_) points *= axisAt(a).size;
+    auto values =
+        vtkSmartPointer<vtkDataArray>::Take(vtkDataArray::CreateDataArray(vtkTypeOf(nrrd_->type)));
+    try {
+      values->SetNumberOfComponents(static_cast<int>(width));
+      values->SetNumberOfTuples(static_cast<vtkIdType>(points));
+      auto* to = static_cast<char*>(values->GetVoidPointer(0));
+
+      // Nothing comes before the components but stubs, and nothing after the series.
+      const auto size_between = [&](int first, int end) {
+        std::size_t product = 1;
+        for (int a = first; a < end; ++a) product *= axisAt(a).size;
+        return product;
+      };
+      const int dim = static_cast<int>(nrrd_->dim);
+      const bool in_order = (component_ < 0 || size_between(0, component_) == 1) &&
+                            (series_ < 0 || size_between(series_ + 1, dim) == 1);
+      if (in_order) {
+        readSpan(step * points * width, points * width, to);
+        return values;
+      }
+      // Else everything is read once, and kept for the other steps.
+      if (whole_.empty()) {
+        whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
+        readSpan(0, nrrdElementNumber(nrrd_.get()), whole_.data());
+      }
+      const auto stride = [&](int axis) { return axis < 0 ? 0 : size_between(0, axis) * size; };
+      const char* from = whole_.data() + step * stride(series_);
+      const std::size_t along[] = {stride(space_[0]), stride(space_[1]), stride(space_[2])};
+      for (std::size_t k = 0; k < axisAt(space_[2]).size; ++k) {
+        for (std::size_t j = 0; j < axisAt(space_[1]).size; ++j) {
+          const char* row = from + k * along[2] + j * along[1];
+          for (std::size_t i = 0; i < axisAt(space_[0]).size; ++i) {
+            for (std::size_t c = 0; c < width; ++c, to += size) {
+              std::memcpy(to, row + i * along[0] + c * stride(component_), size);
+            }
+          }
+        }
+      }
+    } catch (const std::bad_alloc&) {
+      refuse("it takes more memory than there is", "import a part of it");
+    }
+    if (series_ < 0) whole_ = {};
+    return values;
+  }
+
+  /// Where a masked tensor's mask says that there is none.
+  static vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataArray* masked) {
+    auto hidden = vtkSmartPointer<vtkUnsignedCharArray>::New();
+    hidden->SetName(vtkDataSetAttributes::GhostArrayName());
+    hidden->SetNumberOfValues(masked->GetNumberOfTuples());
+    for (vtkIdType i = 0; i < masked->GetNumberOfTuples(); ++i) {
+      const bool there = masked->GetComponent(i, 0) >= 0.5;
+      hidden->SetValue(i, there ? 0 : vtkDataSetAttributes::HIDDENPOINT);
+    }
+    return hidden;
+  }
+
+  // ------------------------------------------------------------------ the space
+
+  /// RAS from the file's space.
+  [[nodiscard]] Mat3 turn() const {
+    switch (nrrd_->space) {
+      case nrrdSpaceLeftPosteriorSuperior:
+      case nrrdSpaceLeftPosteriorSuperiorTime:
+        return Vec3(-1.0, -1.0, 1.0).asDiagonal();
+      case nrrdSpaceLeftAnteriorSuperior:
+      case nrrdSpaceLeftAnteriorSuperiorTime:
+        return Vec3(-1.0, 1.0, 1.0).asDiagonal();
+      default:
+        return Mat3::Identity();
+    }
+  }
+
+  void place(Content& content) const {
+    Affine map;
+    const bool has_origin = nrrd_->spaceDim >= 3 && AIR_EXISTS(nrrd_->spaceOrigin[0]);
+    std::array<std::string, 3> units;
+    map.linear.setZero();
+    for (int c = 0; c < 3; ++c) {
+      const NrrdAxisInfo& axis = axisAt(space_[static_cast<std::size_t>(c)]);
+      if (directed_) {
+        for (int d = 0; d < 3; ++d) map.linear(d, c) = axis.spaceDirection[d];
+      } else {
+        placeAlong(c, axis, map, content.notes);
+      }
+      if (has_origin) map.origin[c] = nrrd_->spaceOrigin[c];
+      const char* unit = nrrd_->spaceDim >= 3 ? nrrd_->spaceUnits[c] : nullptr;
+      if (unit == nullptr) unit = axis.units;
+      if (unit != nullptr) units[static_cast<std::size_t>(c)] = unit;
+    }
+    map.linear = turn() * map.linear;
+    map.origin = turn() * map.origin;
+    content.file_from_index = map;
+    if (units[0] == units[1] && units[1] == units[2]) {
+      content.length_unit = units[0];
+    } else {
+      content.notes.push_back(
+          fmt::format("its axes have different units: {}", fmt::join(units, ", ")));
+    }
+    if (nrrd_->space == nrrdSpace3DLeftHanded || nrrd_->space == nrrdSpace3DLeftHandedTime) {
+      content.notes.emplace_back("its space is left-handed: it may be mirrored");
+    }
+    if (nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime) {
+      content.notes.emplace_back("its space is the scanner's, not the patient's: kept as it is");
+    }
+  }
+
+  /// An axis that has a spacing or an extent, but no direction.
+  static void placeAlong(int c, const NrrdAxisInfo& axis, Affine& map,
+                         std::vector<std::string>& notes) {
+    // What min and max are of is teem's default where the file does not say: the voxels' faces.
+    const bool node = axis.center == nrrdCenterNode;
+    double spacing = axis.spacing;
+    if (!AIR_EXISTS(spacing) && AIR_EXISTS(axis.min) && AIR_EXISTS(axis.max)) {
+      const double count = static_cast<double>(axis.size) - (node ? 1.0 : 0.0);
+      spacing = (axis.max - axis.min) / std::max(count, 1.0);
+    }
+    if (!AIR_EXISTS(spacing)) {
+      spacing = 1.0;
+      notes.push_back(fmt::format("axis {}: no spacing: 1 is taken", "xyz"[c]));
+    }
+    map.linear(c, c) = spacing;
+    if (AIR_EXISTS(axis.min)) map.origin[c] = axis.min + (node ? 0.0 : 0.5 * spacing);
+  }
+
+  /// Vectors and tensors in RAS; masks dropped, symmetric tensors in VTK's order.
+  vtkSmartPointer<vtkDataArray> inSpace(vtkSmartPointer<vtkDataArray> values,
+                                        Content& content) const {
+    if (meaning_ == Meaning::kScalar) return values;
+    if (meaning_ != Meaning::kVector) {
+      const int skip = meaning_ == Meaning::kMaskedTensor ? 1 : 0;
+      const bool symmetric = values->GetNumberOfComponents() - skip == 6;
+      std::vector<int> order =
+          symmetric ? kUpperTriangle : std::vector<int>{0, 1, 2, 3, 4, 5, 6, 7, 8};
+      for (int& c : order) c += skip;
+      if (symmetric || skip > 0) values = picked(values, order);
+    }
+    // M(row, column) is measurementFrame[column][row].
+    Mat3 M = Mat3::Identity();
+    const auto& frame = nrrd_->measurementFrame;
+    if (nrrd_->spaceDim >= 3 && AIR_EXISTS(frame[0][0])) {
+      for (int row = 0; row < 3; ++row) {
+        for (int column = 0; column < 3; ++column) M(row, column) = frame[column][row];
+      }
+    } else {
+      content.notes.emplace_back(
+          "no measurement frame: components are taken along its space's axes");
+    }
+    if (!M.allFinite()) refuse("its measurement frame is damaged", kMendHeader);
+    return turned(values, turn() * M);
+  }
+
+  Request request_;
+  std::string file_;
+  std::vector<Part> parts_;
+  std::size_t part_values_ = 0;
+  std::unique_ptr<Nrrd, FreeNrrd> nrrd_;
+  std::unique_ptr<NrrdIoState, FreeState> state_;
+  std::array<int, 3> space_{};
+  int component_ = -1;
+  int series_ = -1;
+  int guessed_ = nrrdKindUnknown;
+  bool directed_ = false;
+  Meaning meaning_ = Meaning::kScalar;
+  std::vector<char> whole_;
+  std::vector<std::string> notes_;
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> openNrrd(const Request& request) {
+  return std::make_unique<NrrdReader>(request);
+}
+
+}  // namespace palpate::importer

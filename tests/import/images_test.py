@@ -1,0 +1,643 @@
+#!/usr/bin/env python3
+"""Images as other programs write them, byte by byte: images_test.py BIN_DIR."""
+import bz2
+import csv
+import gzip
+import io
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+import zlib
+from pathlib import Path
+
+BIN = Path(sys.argv[1])
+
+SIZE = (4, 5, 6)
+INDICES = [(i, j, k) for k in range(6) for j in range(5) for i in range(4)]
+INNER = [(1, 1, 1), (2, 1, 4), (1, 3, 2), (2, 3, 4)]
+
+
+def scalar(i, j, k):
+    return 1 + i + 10 * j + 100 * k
+
+
+def vector(i, j, k):
+    return (1.0 + i, 20.0 + j, 300.0 + k)
+
+
+SCALARS = [scalar(*p) for p in INDICES]
+SHORTS = struct.pack("<120h", *SCALARS)
+BIG_SHORTS = struct.pack(">120h", *SCALARS)
+VECTORS = struct.pack("<360f", *(c for p in INDICES for c in vector(*p)))
+PLANES = struct.pack("<360f", *(vector(*p)[c] for c in range(3) for p in INDICES))
+
+IDENTITY = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def within(p):
+    """Not on the faces: a grid of one value alone has nothing to feel."""
+    return all(0 < p[a] < SIZE[a] - 1 for a in range(3))
+
+
+def times(matrix, v):
+    return tuple(sum(row[c] * v[c] for c in range(3)) for row in matrix)
+
+
+def place(columns, origin, index):
+    """Columns are what one step along i, j and k is in space."""
+    return tuple(origin[d] + sum(columns[a][d] * index[a] for a in range(3)) for d in range(3))
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.holder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.holder.cleanup)
+        self.dir = Path(self.holder.name)
+
+    def write(self, name, *contents):
+        path = self.dir / name
+        path.write_bytes(b"".join(c.encode() if isinstance(c, str) else c for c in contents))
+        return path
+
+    def convert(self, path, *words):
+        out = self.dir / "out.vdb"
+        out.unlink(missing_ok=True)
+        done = subprocess.run([str(BIN / "palpate-import"), str(path), str(out), *words],
+                              capture_output=True, text=True, timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return out
+
+    def refused(self, path, says, *words):
+        """One clear line on stderr, status 2, no file left."""
+        before = sorted(os.listdir(self.dir))
+        done = subprocess.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
+                               *words], capture_output=True, text=True, timeout=120)
+        lines = done.stderr.splitlines()
+        self.assertEqual(len(lines), 1, done.stderr)
+        self.assertTrue(lines[0].startswith("palpate: "), lines[0])
+        self.assertIn(says, lines[0])
+        self.assertEqual((done.returncode, done.stdout), (2, ""))
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def sample(self, volume, grid, points):
+        text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
+        done = subprocess.run([str(BIN / "palpate"), "sample", str(volume), "--grid", grid,
+                               "--points", "-"], input=text, capture_output=True, text=True,
+                              timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return list(csv.DictReader(io.StringIO(done.stdout)))
+
+    def holds(self, volume, grid, columns, origin, expected, indices=INNER, places=4):
+        """The grid has expected(i, j, k), a number or three, where (i, j, k) is in space."""
+        rows = self.sample(volume, grid, [place(columns, origin, p) for p in indices])
+        for index, row in zip(indices, rows):
+            value = expected(*index)
+            if isinstance(value, tuple):
+                found = [float(row[k]) for k in ("vx", "vy", "vz")]
+            else:
+                value, found = (value,), [float(row["value"])]
+            for a, b in zip(value, found):
+                self.assertAlmostEqual(a, b, places, (grid, index, row))
+
+
+def nrrd(*fields, kind="short", sizes="4 5 6", encoding="raw", endian="little"):
+    dimension = len(sizes.split())
+    return ("NRRD0005\n# by images_test.py\n" + f"type: {kind}\ndimension: {dimension}\n"
+            + f"sizes: {sizes}\nencoding: {encoding}\nendian: {endian}\n"
+            + "".join(f + "\n" for f in fields))
+
+
+DIRECTIONS = "space directions: (2,0.5,0) (0,3,0) (0,0.25,4)"
+COLUMNS = ((2, 0.5, 0), (0, 3, 0), (0, 0.25, 4))
+ORIGIN = "space origin: (10,-20,30)"
+AT = (10, -20, 30)
+
+
+def turned(turn, columns=COLUMNS, origin=AT):
+    return tuple(times(turn, c) for c in columns), times(turn, origin)
+
+
+RAS_FROM_LPS = ((-1, 0, 0), (0, -1, 0), (0, 0, 1))
+RAS_FROM_LAS = ((-1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+class Nrrd(Case):
+    @classmethod
+    def setUpClass(cls):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "a.nrrd"
+            path.write_bytes(b"NRRD0004\n\n")
+            done = subprocess.run([str(BIN / "palpate-import"), str(path), folder + "/out.vdb"],
+                                  capture_output=True, text=True, timeout=120)
+        if "without teem" in done.stderr:
+            raise unittest.SkipTest("built without teem")
+
+    def test_every_space_becomes_ras(self):
+        for space, turn in (("left-posterior-superior", RAS_FROM_LPS), ("LPS", RAS_FROM_LPS),
+                            ("left-anterior-superior", RAS_FROM_LAS),
+                            ("right-anterior-superior", IDENTITY),
+                            ("3D-right-handed", IDENTITY), ("3D-left-handed", IDENTITY)):
+            path = self.write("a.nrrd", nrrd(f"space: {space}", DIRECTIONS, ORIGIN), "\n", SHORTS)
+            self.holds(self.convert(path), "density", *turned(turn), scalar)
+        path = self.write("a.nrrd", nrrd("space dimension: 3", DIRECTIONS, ORIGIN), "\n", SHORTS)
+        self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
+
+    def test_every_encoding_and_byte_order(self):
+        text = " ".join(map(str, SCALARS))
+        for encoding, data in (("raw", SHORTS), ("gzip", gzip.compress(SHORTS)),
+                               ("bzip2", bz2.compress(SHORTS)), ("ascii", text.encode()),
+                               ("hex", SHORTS.hex().encode())):
+            path = self.write("a.nrrd", nrrd("spacings: 1 2 3", encoding=encoding), "\n", data)
+            self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
+                       scalar)
+        for data in (BIG_SHORTS, gzip.compress(BIG_SHORTS)):
+            encoding = "raw" if data is BIG_SHORTS else "gzip"
+            path = self.write("a.nrrd", nrrd("spacings: 1 2 3", encoding=encoding, endian="big"),
+                              "\n", data)
+            self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
+                       scalar)
+
+    def test_every_type(self):
+        for kind, letter in (("signed char", "b"), ("uchar", "B"), ("ushort", "H"), ("int", "i"),
+                             ("uint", "I"), ("longlong", "q"), ("ulonglong", "Q"), ("float", "f"),
+                             ("double", "d")):
+            values = [v % 100 for v in SCALARS]
+            path = self.write("a.nrrd", nrrd(kind=kind), "\n",
+                              struct.pack("<120" + letter, *values))
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
+                       lambda i, j, k: scalar(i, j, k) % 100)
+
+    def test_min_and_max_are_of_the_voxels_faces_unless_nodes(self):
+        mins = ("axis mins: 10 20 30", "axis maxs: 18 25 42")
+        path = self.write("a.nrrd", nrrd(*mins), "\n", SHORTS)
+        self.holds(self.convert(path), "density", ((2, 0, 0), (0, 1, 0), (0, 0, 2)), (11, 20.5, 31),
+                   scalar)
+        path = self.write("a.nrrd", nrrd("axis mins: 10 20 30", "axis maxs: 16 28 40",
+                                         "centers: node node node"), "\n", SHORTS)
+        self.holds(self.convert(path), "density", ((2, 0, 0), (0, 2, 0), (0, 0, 2)), (10, 20, 30),
+                   scalar)
+
+    def test_detached_headers(self):
+        one = SHORTS
+        self.write("whole.raw", b"junk" + one)
+        self.write("a b.raw", one)
+        for k in range(6):
+            self.write(f"part{k + 1:03d}.raw", one[k * 40:k * 40 + 40])
+            self.write(f"line{k}.txt", "one\ntwo\n", one[k * 40:k * 40 + 40])
+            self.write(f"skip{k}.raw", b"x" * k, one[k * 40:k * 40 + 40])
+        lists = "".join(f"part{k + 1:03d}.raw\n" for k in range(6))
+        lines = "".join(f"line{k}.txt\n" for k in range(6))
+        for fields in (("data file: whole.raw", "byte skip: 4"),
+                       ("byte skip: -1", "data file: whole.raw"),
+                       ("data file: a b.raw",),
+                       (f"datafile: {self.dir}/a b.raw",),
+                       ("data file: part%03d.raw 1 6 1",),
+                       ("data file: ./part%03d.raw 1 6 1 2",),
+                       ("data file: LIST\n" + lists,),
+                       ("line skip: 2", "data file: LIST 2\n" + lines)):
+            path = self.write("a.nhdr", nrrd(*fields))
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.nhdr", nrrd("data file: part%03d.raw 6 1 -1"))
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
+                   lambda i, j, k: scalar(i, j, 5 - k))
+        path = self.write("a.nhdr", nrrd("data file: part%03d.raw 1 6 1").replace("\n", "\r\n"))
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_vectors_turn_with_their_space(self):
+        fields = ("space: left-posterior-superior", ORIGIN)
+        columns, origin = turned(RAS_FROM_LPS)
+        for word in ("vector", "3-vector", "covariant-vector", "3-gradient", "normal", "3-normal"):
+            path = self.write("a.nrrd", nrrd(
+                *fields, "space directions: none (2,0.5,0) (0,3,0) (0,0.25,4)",
+                f"kinds: {word} space space space", kind="float", sizes="3 4 5 6"), "\n", VECTORS)
+            self.holds(self.convert(path), "vector", columns, origin,
+                       lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
+        # The components last.
+        path = self.write("a.nrrd", nrrd(
+            *fields, "space directions: (2,0.5,0) (0,3,0) (0,0.25,4) none",
+            "kinds: space space space vector", kind="float", sizes="4 5 6 3"), "\n", PLANES)
+        self.holds(self.convert(path), "vector", columns, origin,
+                   lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
+
+    def test_integer_vectors_can_be_turned(self):
+        data = struct.pack("<360B", *(int(c) % 200 for p in INDICES for c in vector(*p)))
+        path = self.write("a.nrrd", nrrd(
+            "space: LPS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+            "kinds: vector space space space", kind="uchar", sizes="3 4 5 6"), "\n", data)
+        self.holds(self.convert(path), "vector", *turned(RAS_FROM_LPS, IDENTITY, (0, 0, 0)),
+                   lambda i, j, k: times(RAS_FROM_LPS, tuple(c % 200 for c in vector(i, j, k))))
+
+    def test_a_measurement_frame_turns_vectors_first(self):
+        # The frame's columns are listed: x of the frame is y of the space, y is -x.
+        path = self.write("a.nrrd", nrrd(
+            "space: LAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+            "kinds: vector space space space", "measurement frame: (0,1,0) (-1,0,0) (0,0,1)",
+            kind="float", sizes="3 4 5 6"), "\n", VECTORS)
+        self.holds(self.convert(path), "vector", *turned(RAS_FROM_LAS, IDENTITY, (0, 0, 0)),
+                   lambda i, j, k: times(RAS_FROM_LAS, (-20.0 - j, 1.0 + i, 300.0 + k)))
+
+    def test_old_vectors_have_no_kinds(self):
+        path = self.write("a.nrrd", nrrd(kind="float", sizes="3 4 5 6"), "\n", VECTORS)
+        self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
+
+    def test_tensors_are_felt_by_direction_anisotropy_and_diffusivity(self):
+        # D = n n^T 3 + 1 with n = (0.6, 0.8, 0): eigenvalues 4, 1, 1.
+        n = (0.6, 0.8, 0.0)
+        full = [3 * n[a] * n[b] + (a == b) for a in range(3) for b in range(3)]
+        six = [full[i] for i in (0, 1, 2, 4, 5, 8)]
+        for word, values in (("3D-symmetric-matrix", six), ("3D-matrix", full),
+                             ("3D-masked-symmetric-matrix", [1.0] + six),
+                             ("3D-masked-matrix", [1.0] + full)):
+            width = len(values)
+            data = struct.pack(f"<{120 * width}f", *(c if within(p) else float(a == 0)
+                                                     for p in INDICES
+                                                     for a, c in enumerate(values)))
+            path = self.write("a.nrrd", nrrd(
+                "space: left-anterior-superior",
+                "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+                f"kinds: {word} space space space", kind="float", sizes=f"{width} 4 5 6"),
+                "\n", data)
+            out = self.convert(path)
+            at = turned(RAS_FROM_LAS, IDENTITY, (0, 0, 0))
+            self.holds(out, "tensor_direction", *at, lambda *_: (0.6, -0.8, 0.0))
+            # lambda 4, 1, 1: FA = 3 / sqrt(18)
+            self.holds(out, "tensor_anisotropy", *at, lambda *_: 3 / 18 ** 0.5)
+            self.holds(out, "tensor_diffusivity", *at, lambda *_: 2.0)
+
+    def test_a_tensors_measurement_frame(self):
+        # diag(3, 1, 1) in a frame whose x is the space's z.
+        data = struct.pack("<720f", *([3, 0, 0, 1, 0, 1] * 120))
+        path = self.write("a.nrrd", nrrd(
+            "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+            "kinds: 3D-symmetric-matrix space space space",
+            "measurement frame: (0,0,1) (0,1,0) (-1,0,0)", kind="float", sizes="6 4 5 6"),
+            "\n", data)
+        self.holds(self.convert(path), "tensor_direction", IDENTITY, (0, 0, 0),
+                   lambda *_: (0.0, 0.0, 1.0))
+
+    def test_masked_tensors_are_hidden(self):
+        values = []
+        for i, j, k in INDICES:
+            values += [0.0 if (i, j, k) == (1, 1, 1) else 1.0, 3, 0, 0, 1, 0, 1]
+        path = self.write("a.nrrd", nrrd(
+            "kinds: 3D-masked-symmetric-matrix space space space", kind="float",
+            sizes="7 4 5 6"), "\n", struct.pack("<840f", *values))
+        out = self.convert(path)
+        self.holds(out, "tensor_direction", IDENTITY, (0, 0, 0),
+                   lambda i, j, k: (0.0,) * 3 if (i, j, k) == (1, 1, 1) else (1.0, 0.0, 0.0))
+
+    def test_a_series_begins_with_its_first_step(self):
+        more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
+        path = self.write("a.nrrd", nrrd(
+            "space: RAS", "space directions: (1,0,0) (0,1,0) (0,0,1) none",
+            "kinds: space space space list", sizes="4 5 6 2"), "\n", more)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        # The series fastest, as diffusion-weighted files have it.
+        mixed = struct.pack("<240h", *(w for v in SCALARS for w in (v, -v)))
+        path = self.write("a.nrrd", nrrd(
+            "space: RAS", "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+            "kinds: list space space space", sizes="2 4 5 6"), "\n", mixed)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        # Four-dimensional space.
+        path = self.write("a.nrrd", nrrd(
+            "space: right-anterior-superior-time",
+            "space directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,2.5)",
+            "kinds: space space space time", sizes="4 5 6 2"), "\n", more)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_spacings_beside_directions_are_left_out(self):
+        path = self.write("a.nrrd", nrrd("space: RAS", DIRECTIONS, ORIGIN, "spacings: 7 7 7",
+                                         'units: "mm" "mm" "mm"'), "\n", SHORTS)
+        self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
+
+    def test_what_cannot_be_felt_is_refused(self):
+        for word, size in (("complex", 2), ("RGB-color", 3), ("3-color", 3), ("4-vector", 4),
+                           ("quaternion", 4), ("2D-symmetric-matrix", 3)):
+            path = self.write("a.nrrd", nrrd(f"kinds: {word} space space space", kind="uchar",
+                                             sizes=f"{size} 4 5 6"), "\n", bytes(120 * size))
+            self.refused(path, "cannot be felt")
+        path = self.write("a.nrrd", nrrd("kinds: vector space space space", kind="uchar",
+                                         sizes="2 4 5 6"), "\n", bytes(240))
+        self.refused(path, "2 components")
+        path = self.write("a.nrrd", nrrd(sizes="10 12"), "\n", SHORTS)
+        self.refused(path, "flat")
+        path = self.write("a.nrrd", nrrd("block size: 2", kind="block"), "\n", SHORTS)
+        self.refused(path, "blocks")
+
+    def test_damage(self):
+        good = nrrd("spacings: 1 1 1")
+        self.refused(self.write("a.nrrd", good, "\n", SHORTS[:100]), "truncated")
+        self.refused(self.write("a.nrrd", good), "ends within its header")
+        self.refused(self.write("a.nrrd", "NRRD0005\nsizes"), "ends within its header")
+        self.refused(self.write("a.nrrd", "NRRD0005\nsizes: what\n\n"), "header is damaged")
+        packed = gzip.compress(os.urandom(240))
+        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", packed[:150]), "read")
+        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", bytes(200)), "read")
+        self.refused(self.write("a.nrrd", nrrd(encoding="bzip2"), "\n",
+                                bz2.compress(SHORTS)[:60]), "read")
+        self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "1 2 " * 30), "truncated")
+        self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "9" * 5000), "no numbers")
+        self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "word " * 200), "read")
+        self.refused(self.write("a.nrrd", nrrd(encoding="hex"), "\n", "zz" * 300), "read")
+        self.refused(self.write("a.nrrd", nrrd("space: RAS", "space directions: (1,0,0) (0,1,0)"),
+                                "\n", SHORTS), "header is damaged")
+        self.refused(self.write("a.nrrd", nrrd("space: RAS",
+                                               "space directions: (1,0,0) (0,1,0) (1,1,0)"),
+                                "\n", SHORTS), "no volume")
+        self.refused(self.write("a.nrrd", nrrd("spacings: 1 0 1"), "\n", SHORTS), "")
+        self.refused(self.write("a.nrrd", nrrd("A" * 3000), "\n", SHORTS), "too long")
+
+    def test_long_comments_and_names_do_no_harm(self):
+        path = self.write("a.nrrd", nrrd("# " + "A" * 3000, "key:=" + "B" * 3000,
+                                         "content: " + "C" * 3000), "\n", SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_absurd_sizes(self):
+        for sizes in ("100000 100000 100000", "4000000000 2 2",
+                      "2000000000 2000000000 2000000000", "0 5 6", "-4 5 6",
+                      "99999999999999999999 2 2"):
+            self.refused(self.write("a.nrrd", nrrd(sizes=sizes), "\n", SHORTS), "a.nrrd")
+            self.refused(self.write("a.nrrd", nrrd(sizes=sizes, encoding="gzip"), "\n",
+                                    gzip.compress(SHORTS)), "a.nrrd")
+
+        self.refused(self.write("a.nrrd", nrrd(sizes="40000 40000 40000", encoding="bzip2"), "\n",
+                                bz2.compress(SHORTS)), "a.nrrd")
+
+    def test_data_files_are_not_trusted(self):
+        self.write("a.raw", SHORTS)
+        for field, says in (("none.raw", "cannot be read"), (".", "cannot be read"),
+                            ("", "cannot be read"), ("-", "pipe"),
+                            ("LIST\nnone.raw", "cannot be read"), ("LIST", "no data file"),
+                            ("%s%d 1 2 1", "pattern"), ("%n 1 2 1", "pattern"),
+                            ("%0999999d 1 2 1", "pattern"), ("a%d 1 9 0", "never ends"),
+                            ("a%d 1 2000000000 1", "never ends"), ("a%d 1 7 1", "divide"),
+                            ("/dev/zero", "cannot be read")):
+            self.refused(self.write("a.nhdr", nrrd(f"data file: {field}")), says)
+        self.refused(self.write("a.nhdr", nrrd("byte skip: 100", "data file: a.raw")), "")
+        self.refused(self.write("a.nhdr", nrrd("line skip: 100000", "data file: a.raw")), "")
+        self.refused(self.write("a.nhdr", nrrd("byte skip: -500", "data file: a.raw")), "too short")
+
+
+def meta(*fields, kind="MET_SHORT", data="LOCAL", **other):
+    head = {"ObjectType": "Image", "NDims": "3", "BinaryData": "True",
+            "BinaryDataByteOrderMSB": "False", "CompressedData": "False", "DimSize": "4 5 6",
+            "ElementType": kind}
+    head.update(other)
+    return ("".join(f"{k} = {v}\n" for k, v in head.items() if v is not None)
+            + "".join(f + "\n" for f in fields) + f"ElementDataFile = {data}\n")
+
+
+class MetaImage(Case):
+    # The first axis runs along y, the second along -x.
+    PLACED = ("TransformMatrix = 0 1 0 -1 0 0 0 0 1", "Offset = 10 20 30",
+              "ElementSpacing = 1 2 3")
+    COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
+
+    def test_the_place_is_exact(self):
+        path = self.write("a.mha", meta(*self.PLACED), SHORTS)
+        self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
+        path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = ???"), SHORTS)
+        self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
+        path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = RAI",
+                                        "CenterOfRotation = 1 2 3"), SHORTS)
+        self.holds(self.convert(path), "density",
+                   *turned(RAS_FROM_LPS, self.COLUMNS, (10, 20, 30)), scalar)
+        # The names of old files, and a sheared matrix.
+        path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
+                                        "ElementSize = 2 2 2"), SHORTS)
+        self.holds(self.convert(path), "density", ((2, 1, 0), (0, 2, 0), (0, 0, 2)), (1, 2, 3),
+                   scalar)
+
+    def test_data_local_and_beside(self):
+        self.write("a.raw", SHORTS)
+        self.write("a.zraw", zlib.compress(SHORTS))
+        for k in range(6):
+            self.write(f"s{k:02d}.raw", SHORTS[k * 40:k * 40 + 40])
+        slices = "LIST\n" + "\n".join(f"s{k:02d}.raw" for k in range(6))
+        for head in (meta(data="a.raw"), meta(data="a.zraw", CompressedData="True"),
+                     meta(data="s%02d.raw 0 5 1"), meta(data=slices)):
+            path = self.write("a.mhd", head)
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        self.write("h.raw", b"junk" + SHORTS)
+        for size in (4, -1):
+            path = self.write("a.mhd", meta(f"HeaderSize = {size}", data="h.raw"))
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.mha", meta(BinaryData="False"), " ".join(map(str, SCALARS)))
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.mha", meta(BinaryDataByteOrderMSB="True"), BIG_SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        packed = zlib.compress(BIG_SHORTS)
+        path = self.write("a.mha", meta(f"CompressedDataSize = {len(packed)}",
+                                        BinaryDataByteOrderMSB="True", CompressedData="True"),
+                          packed)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_every_type(self):
+        for kind, letter in (("MET_CHAR", "b"), ("MET_UCHAR", "B"), ("MET_USHORT", "H"),
+                             ("MET_INT", "i"), ("MET_UINT", "I"), ("MET_LONG", "i"),
+                             ("MET_ULONG", "I"), ("MET_LONG_LONG", "q"),
+                             ("MET_FLOAT", "f"), ("MET_DOUBLE", "d")):
+            path = self.write("a.mha", meta(kind=kind),
+                              struct.pack("<120" + letter, *(v % 100 for v in SCALARS)))
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
+                       lambda i, j, k: scalar(i, j, k) % 100)
+
+    def test_vectors_and_tensors(self):
+        path = self.write("a.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"), VECTORS)
+        self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
+        path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
+                                        "AnatomicalOrientation = RAI", kind="MET_FLOAT"), VECTORS)
+        self.holds(self.convert(path), "vector", *turned(RAS_FROM_LPS, IDENTITY, (0, 0, 0)),
+                   lambda i, j, k: times(RAS_FROM_LPS, vector(i, j, k)))
+        six = struct.pack("<720f", *([1, 0, 0, 1, 1, 1] * 120))  # y and z are 1 1, 1 1
+        path = self.write("a.mha", meta("ElementNumberOfChannels = 6", kind="MET_FLOAT"), six)
+        self.holds(self.convert(path, "--as", "tensor"), "tensor_direction", IDENTITY, (0, 0, 0),
+                   lambda *_: (0.0, 0.5 ** 0.5, 0.5 ** 0.5))
+        self.refused(path, "6 channels")
+
+    def test_slope_and_offset(self):
+        path = self.write("a.mha", meta("ElementToIntensityFunctionSlope = 0.5",
+                                        "ElementToIntensityFunctionOffset = 3"), SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
+                   lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
+
+    def test_damage(self):
+        self.write("a.raw", SHORTS)
+        self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")
+        self.refused(self.write("a.mhd", meta(data="none.raw")), "none.raw cannot be read")
+        self.refused(self.write("a.mhd", meta(data="")), "names no ElementDataFile")
+        self.refused(self.write("a.mhd", meta().rsplit("Element", 1)[0]),
+                     "names no ElementDataFile")
+        self.refused(self.write("a.mhd", meta(data="LIST\nnone.raw")), "none.raw cannot be read")
+        self.refused(self.write("a.mhd", meta(data="%s%n 1 6 1")), "pattern")
+        self.refused(self.write("a.mhd", meta(data="s%02d.raw 0 5 1")), "")
+        packed = zlib.compress(os.urandom(240))[:100]
+        self.refused(self.write("a.mha", meta(CompressedData="True"), packed), "compressed")
+        self.refused(self.write("a.mha", meta(CompressedData="True"), bytes(200)), "compressed")
+        self.write("a.zraw", zlib.compress(SHORTS)[:100])
+        self.refused(self.write("a.mhd", meta(CompressedData="True", data="a.zraw")), "compressed")
+        self.refused(self.write("a.mha", meta(kind="MET_WHAT"), SHORTS), "MET_WHAT")
+        self.refused(self.write("a.mha", meta(BinaryData="False"), "word " * 100), "no numbers")
+        self.refused(self.write("a.mha", meta("HeaderSize = 9999999"), SHORTS), "truncated")
+        self.refused(self.write("a.mhd", meta(data="LIST\n" + "a.raw\n" * 4)), "4 data files")
+        self.refused(self.write("a.mha", meta("TransformMatrix = 1 0 0 0"), SHORTS), "9 numbers")
+        self.refused(self.write("a.mha", meta("Offset = a b c"), SHORTS), "3 numbers")
+        self.refused(self.write("a.mha", meta("TransformMatrix = 1 0 0 1 0 0 0 0 1"), SHORTS),
+                     "no volume")
+        self.refused(self.write("a.mha", meta(ObjectType="Tube"), SHORTS), "Tube")
+        self.refused(self.write("a.mha", meta(NDims="2", DimSize="4 30"), SHORTS), "2 dimensions")
+        self.refused(self.write("a.mha", meta(NDims="4", DimSize="4 5 3 2"), SHORTS),
+                     "4 dimensions")
+        self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no dimensions")
+
+    def test_absurd_sizes(self):
+        for sizes in ("100000 100000 100000", "4000000000 2 2", "0 5 6", "-4 5 6", "4 5", "x y z"):
+            self.refused(self.write("a.mha", meta(DimSize=sizes), SHORTS), "a.mha")
+            self.refused(self.write("a.mha", meta(DimSize=sizes, CompressedData="True"),
+                                    zlib.compress(SHORTS)), "a.mha")
+        self.refused(self.write("a.mha", meta("ElementNumberOfChannels = 1000000"), SHORTS),
+                     "Channels")
+
+
+def nifti(dims, kind, bits, *, intent=0, sform=None, qfac=None, slope=0.0, inter=0.0, units=2,
+          pixdim=(1.0, 1.0, 1.0), step=0.0, magic=b"n+1\0", order="<"):
+    h = bytearray(348)
+    dims = list(dims)
+    struct.pack_into(order + "i", h, 0, 348)
+    struct.pack_into(order + "8h", h, 40, len(dims), *dims, *([1] * (7 - len(dims))))
+    struct.pack_into(order + "h", h, 68, intent)
+    struct.pack_into(order + "hh", h, 70, kind, bits)
+    struct.pack_into(order + "8f", h, 76, 1.0 if qfac is None else qfac, *pixdim, step, 0, 0, 0)
+    struct.pack_into(order + "f", h, 108, 352.0 if magic == b"n+1\0" else 0.0)
+    struct.pack_into(order + "ff", h, 112, slope, inter)
+    h[123] = units
+    if qfac is not None:
+        struct.pack_into(order + "h", h, 252, 1)
+        struct.pack_into(order + "6f", h, 256, 0, 0, 0, 5, 6, 7)  # no turn; an offset
+    if sform is not None:
+        struct.pack_into(order + "h", h, 254, 1)
+        for row in range(3):
+            struct.pack_into(order + "4f", h, 280 + 16 * row, *sform[row])
+    h[344:348] = magic
+    return bytes(h) + (b"\0\0\0\0" if magic == b"n+1\0" else b"")
+
+
+SHORT = (4, 16)
+FLOAT = (16, 32)
+
+
+class Nifti(Case):
+    ROWS = ((2, 0, 0, 10), (0.5, 3, 0.25, -20), (0, 0, 4, 30))
+
+    def test_the_place_is_exact(self):
+        path = self.write("a.nii", nifti(SIZE, *SHORT, sform=self.ROWS), SHORTS)
+        self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
+        mirrored = ((-2, 0, 0, 10), (0.5, 3, 0.25, -20), (0, 0, 4, 30))
+        path = self.write("a.nii", nifti(SIZE, *SHORT, sform=mirrored), SHORTS)
+        self.holds(self.convert(path), "density", ((-2, 0.5, 0), (0, 3, 0), (0, 0.25, 4)), AT,
+                   scalar)
+        for qfac in (1.0, -1.0):
+            path = self.write("a.nii", nifti(SIZE, *SHORT, qfac=qfac, pixdim=(1, 2, 3)), SHORTS)
+            self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3 * qfac)),
+                       (5, 6, 7), scalar)
+        path = self.write("a.nii", nifti(SIZE, *SHORT, pixdim=(1, 2, 3)), SHORTS)
+        self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
+                   scalar)
+
+    def test_packed_swapped_scaled_and_in_pairs(self):
+        path = self.write("a.nii.gz", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.nii", nifti(SIZE, *SHORT, order=">"), BIG_SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.nii", nifti(SIZE, *SHORT, slope=0.5, inter=3.0), SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
+                   lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
+        header = self.write("a.hdr", nifti(SIZE, *SHORT, magic=b"ni1\0"))
+        image = self.write("a.img", SHORTS)
+        for path in (header, image):
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_a_series_begins_with_its_first_step(self):
+        more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
+        path = self.write("a.nii", nifti((4, 5, 6, 2), *SHORT, step=2.5), more)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        path = self.write("a.nii", nifti((4, 5, 6, 1), *SHORT), SHORTS)
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+
+    def test_vectors_of_five_dimensions(self):
+        for intent in (1007, 1006):
+            path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
+                                             sform=self.ROWS), PLANES)
+            self.holds(self.convert(path), "vector", COLUMNS, AT, vector)
+        # Slices that VTK turns round.
+        path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007, qfac=-1.0), PLANES)
+        self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
+                   vector)
+
+    def test_symmetric_matrices(self):
+        # xx yx yy zx zy zz: y and z are 1 1, 1 1
+        planes = [v * within(p) for v in (1, 0, 1, 0, 1, 1) for p in INDICES]
+        path = self.write("a.nii", nifti((4, 5, 6, 1, 6), *FLOAT, intent=1005),
+                          struct.pack("<720f", *planes))
+        self.holds(self.convert(path), "tensor_direction", IDENTITY, (0, 0, 0),
+                   lambda *_: (0.0, 0.5 ** 0.5, 0.5 ** 0.5))
+        self.holds(self.dir / "out.vdb", "tensor_diffusivity", IDENTITY, (0, 0, 0), lambda *_: 1.0)
+
+    def test_four_dimensions_as_fsl_writes_vectors(self):
+        # Radiological: the voxels' x to the left. Components are along the voxels.
+        left = ((-2, 0, 0, 0), (0, 3, 0, 0), (0, 0, 4, 0))
+        path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=left), PLANES)
+        self.holds(self.convert(path, "--as", "vector"), "vector",
+                   ((-2, 0, 0), (0, 3, 0), (0, 0, 4)), (0, 0, 0),
+                   lambda i, j, k: (-1.0 - i, 20.0 + j, 300.0 + k))
+        # Neurological: the voxels' x to the right, and FSL mirrors x.
+        right = ((2, 0, 0, 0), (0, 0, 4, 0), (0, -3, 0, 0))
+        path = self.write("a.nii", nifti((4, 5, 6, 3), *FLOAT, sform=right), PLANES)
+        self.holds(self.convert(path, "--as", "vector"), "vector",
+                   ((2, 0, 0), (0, 0, -3), (0, 4, 0)), (0, 0, 0),
+                   lambda i, j, k: (-1.0 - i, 300.0 + k, -20.0 - j))
+        self.refused(path, "3 volumes", "--as", "tensor")
+
+    def test_four_dimensions_as_fsl_writes_tensors(self):
+        # xx xy xz yy yz zz along the voxels, x to the left: x and y are 1 1, 1 1
+        planes = [v for v in (1, 1, 0, 1, 0, 1) for _ in range(120)]
+        left = ((-1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0))
+        path = self.write("a.nii", nifti((4, 5, 6, 6), *FLOAT, sform=left),
+                          struct.pack("<720f", *planes))
+        self.holds(self.convert(path, "--as", "tensor"), "tensor_direction",
+                   ((-1, 0, 0), (0, 1, 0), (0, 0, 1)), (0, 0, 0),
+                   lambda *_: (0.5 ** 0.5, -(0.5 ** 0.5), 0.0))
+        self.refused(path, "6 volumes", "--as", "vector")
+
+    def test_what_cannot_be_felt_is_refused(self):
+        self.refused(self.write("a.nii", nifti(SIZE, 128, 24), bytes(360)), "colours")
+        self.refused(self.write("a.nii", nifti(SIZE, 2304, 32), bytes(480)), "colours")
+        self.refused(self.write("a.nii", nifti(SIZE, 32, 64), bytes(960)), "complex")
+        self.refused(self.write("a.nii", nifti((4, 5, 6, 1, 2), *FLOAT), bytes(960)), "2 values")
+        self.refused(self.write("a.nii", nifti((4, 30), *SHORT), SHORTS), "flat")
+
+    def test_damage(self):
+        whole = nifti(SIZE, *SHORT) + SHORTS
+        self.refused(self.write("a.nii", whole[:500]), "truncated")
+        packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
+        self.refused(self.write("a.nii.gz", packed[:-100]), "a.nii.gz")
+        self.refused(self.write("a.hdr", nifti(SIZE, *SHORT, magic=b"ni1\0")), "missing")
+        self.refused(self.write("a.nii", nifti(SIZE, 1536, 128), bytes(2000)), "a.nii")
+        self.refused(self.write("a.nii", nifti(SIZE, 77, 16), SHORTS), "a.nii")
+        self.refused(self.write("a.nii", nifti(SIZE, 16, 16), SHORTS), "a.nii")
+        flat = ((1, 0, 0, 0), (1, 0, 0, 0), (0, 0, 1, 0))
+        self.refused(self.write("a.nii", nifti(SIZE, *SHORT, sform=flat), SHORTS), "no volume")
+
+    def test_absurd_sizes(self):
+        for dims in ((32767, 32767, 32767), (32767, 32767, 32767, 32767, 3), (-4, 5, 6),
+                     (0, 5, 6)):
+            self.refused(self.write("a.nii", nifti(dims, *SHORT), SHORTS), "a.nii")
+            self.refused(self.write("a.nii.gz", gzip.compress(nifti(dims, *SHORT) + SHORTS)),
+                         "a.nii.gz")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], *sys.argv[2:]])

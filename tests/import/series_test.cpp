@@ -1,0 +1,161 @@
+// The steps of series, wherever their axis is in the file.
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <unistd.h>
+
+#include <catch2/catch.hpp>
+#include <fmt/format.h>
+#include <vtkDataArray.h>
+#include <vtkImageData.h>
+#include <vtkPointData.h>
+
+#include "scenes/import/reader.h"
+
+using namespace palpate;
+using namespace palpate::importer;
+
+namespace {
+
+constexpr int kSteps = 3;
+constexpr int kPoints = 2 * 3 * 4;
+
+/// A folder of its own, removed with what is in it.
+class Folder {
+ public:
+  Folder() : path_(std::filesystem::temp_directory_path() / fmt::format("series_{}", getpid())) {
+    std::filesystem::create_directory(path_);
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  ~Folder() { std::filesystem::remove_all(path_); }
+
+  /// A file of a header and shorts.
+  Request write(const std::string& name, const std::string& header,
+                const std::vector<std::int16_t>& values) const {
+    std::ofstream out(path_ / name, std::ios::binary);
+    out << header;
+    out.write(reinterpret_cast<const char*>(values.data()),
+              static_cast<std::streamsize>(2 * values.size()));
+    Request request;
+    request.file = path_ / name;
+    return request;
+  }
+
+ private:
+  std::filesystem::path path_;
+};
+
+std::int16_t valueAt(int step, int point, int component = 0) {
+  return static_cast<std::int16_t>(1000 * step + 10 * point + component);
+}
+
+void checkSteps(Reader& reader, int components = 1) {
+  REQUIRE(reader.times().size() == kSteps);
+  for (const int step : {2, 0, 1, 1}) {  // in any order, and again
+    const Content content = reader.read(static_cast<std::size_t>(step));
+    auto* image = vtkImageData::SafeDownCast(content.data);
+    REQUIRE(image != nullptr);
+    vtkDataArray* values = image->GetPointData()->GetArray(0);
+    REQUIRE(values->GetNumberOfTuples() == kPoints);
+    REQUIRE(values->GetNumberOfComponents() == components);
+    CHECK(values->GetDataType() == VTK_SHORT);
+    for (int point = 0; point < kPoints; ++point) {
+      for (int c = 0; c < components; ++c) {
+        CHECK(values->GetComponent(point, c) == valueAt(step, point, c));
+      }
+    }
+  }
+}
+
+std::string nrrd(const std::string& sizes, const std::string& fields) {
+  return fmt::format(
+      "NRRD0005\ntype: short\ndimension: {}\nsizes: {}\nencoding: raw\nendian: little\n{}",
+      1 + std::count(sizes.begin(), sizes.end(), ' '), sizes, fields);
+}
+
+std::string nifti(const std::vector<std::int16_t>& dims, float step) {
+  std::string header(352, '\0');
+  const auto put = [&](std::size_t at, auto value) {
+    std::memcpy(header.data() + at, &value, sizeof(value));
+  };
+  put(0, std::int32_t{348});
+  put(40, static_cast<std::int16_t>(dims.size()));
+  for (std::size_t i = 0; i < dims.size(); ++i) put(42 + 2 * i, dims[i]);
+  put(70, std::int16_t{4});
+  put(72, std::int16_t{16});
+  for (std::size_t i = 0; i < 4; ++i) put(76 + 4 * i, 1.0F);
+  put(92, step);
+  put(108, 352.0F);
+  std::memcpy(header.data() + 344, "n+1", 4);
+  return header;
+}
+
+}  // namespace
+
+TEST_CASE("an NRRD's steps are read one by one, its axis last, first or between", "[series]") {
+  const Folder folder;
+  std::vector<std::int16_t> last;
+  std::vector<std::int16_t> first;
+  std::vector<std::int16_t> between;  // component, series, space
+  for (int s = 0; s < kSteps; ++s) {
+    for (int p = 0; p < kPoints; ++p) last.push_back(valueAt(s, p));
+  }
+  for (int p = 0; p < kPoints; ++p) {
+    for (int s = 0; s < kSteps; ++s) {
+      first.push_back(valueAt(s, p));
+      for (int c = 0; c < 3; ++c) between.push_back(valueAt(s, p, c));
+    }
+  }
+  SECTION("last") {
+    auto reader = openNrrd(folder.write(
+        "a.nrrd", nrrd("2 3 4 3", "kinds: space space space time\nspacings: 1 1 1 0.25\n\n"),
+        last));
+    checkSteps(*reader);
+    CHECK(reader->times() == std::vector<double>{0.0, 0.25, 0.5});
+  }
+  SECTION("last, in a file a step") {
+    for (int s = 0; s < kSteps; ++s) {
+      const auto begin = last.begin() + static_cast<std::ptrdiff_t>(s) * kPoints;
+      static_cast<void>(folder.write(fmt::format("{}.raw", s), "", {begin, begin + kPoints}));
+    }
+    checkSteps(*openNrrd(folder.write(
+        "a.nhdr", nrrd("2 3 4 3", "kinds: space space space list\ndata file: %d.raw 0 2 1\n"),
+        {})));
+  }
+  SECTION("first") {
+    checkSteps(*openNrrd(
+        folder.write("a.nrrd", nrrd("3 2 3 4", "kinds: list space space space\n\n"), first)));
+  }
+  SECTION("between, of vectors") {
+    checkSteps(
+        *openNrrd(folder.write(
+            "a.nrrd", nrrd("3 3 2 3 4", "kinds: vector list space space space\n\n"), between)),
+        3);
+  }
+}
+
+TEST_CASE("a NIfTI file's steps are read one by one, of vectors as well", "[series]") {
+  const Folder folder;
+  std::vector<std::int16_t> scalars;
+  std::vector<std::int16_t> vectors;
+  for (int s = 0; s < kSteps; ++s) {
+    for (int p = 0; p < kPoints; ++p) scalars.push_back(valueAt(s, p));
+  }
+  for (int c = 0; c < 3; ++c) {
+    for (int s = 0; s < kSteps; ++s) {
+      for (int p = 0; p < kPoints; ++p) vectors.push_back(valueAt(s, p, c));
+    }
+  }
+  auto reader = openNifti(folder.write("a.nii", nifti({2, 3, 4, kSteps}, 2.5F), scalars));
+  checkSteps(*reader);
+  CHECK(reader->times() == std::vector<double>{0.0, 2.5, 5.0});
+  checkSteps(*openNifti(folder.write("b.nii", nifti({2, 3, 4, kSteps, 3}, 1.0F), vectors)), 3);
+}
+
+TEST_CASE("one volume is no series", "[series]") {
+  const Folder folder;
+  const std::vector<std::int16_t> values(kPoints);
+  CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());
+  CHECK(openNifti(folder.write("a.nii", nifti({2, 3, 4}, 1.0F), values))->times().empty());
+}

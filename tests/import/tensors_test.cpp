@@ -1,0 +1,155 @@
+// What is felt of diffusion tensors, against tensors made of known eigenvalues.
+#include "scenes/import/tensors.h"
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+#include <vtkDoubleArray.h>
+#include <vtkFloatArray.h>
+#include <vtkNew.h>
+#include <vtkShortArray.h>
+
+#include "scenes/import/values.h"
+
+using namespace palpate;
+using namespace palpate::importer;
+
+namespace {
+
+std::mt19937 generator(1729);
+
+Mat3 randomRotation() {
+  std::normal_distribution<double> normal;
+  Eigen::Quaterniond q(normal(generator), normal(generator), normal(generator), normal(generator));
+  return q.normalized().toRotationMatrix();
+}
+
+Mat3 tensor(const Mat3& axes, const Vec3& values) {
+  return axes * values.asDiagonal() * axes.transpose();
+}
+
+/// Basser and Pierpaoli's formula, by the distance to the mean.
+double anisotropy(const Vec3& l) {
+  return std::sqrt(1.5) * (l - Vec3::Constant(l.mean())).norm() / l.norm();
+}
+
+}  // namespace
+
+TEST_CASE("the direction is that of the greatest eigenvalue, whatever the frame", "[tensor]") {
+  std::uniform_real_distribution<double> uniform(0.0, 1.0);
+  for (int n = 0; n < 2000; ++n) {
+    const Mat3 axes = randomRotation();
+    const Vec3 values(1.2 + uniform(generator), uniform(generator), uniform(generator));
+    const double scale = std::pow(10.0, -12.0 + 15.0 * uniform(generator));
+    CAPTURE(n, values.transpose(), scale);
+    const Diffusion felt = diffusionOf(scale * tensor(axes, values));
+    CHECK(felt.direction.norm() == Approx(1.0));
+    CHECK(std::abs(felt.direction.dot(axes.col(0))) == Approx(1.0).epsilon(1e-9));
+    CHECK(felt.anisotropy == Approx(anisotropy(values)).epsilon(1e-9));
+    CHECK(felt.diffusivity == Approx(scale * values.mean()).epsilon(1e-9));
+  }
+}
+
+TEST_CASE("the first component of a direction that is not zero is positive", "[tensor]") {
+  for (int n = 0; n < 200; ++n) {
+    const Mat3 axes = randomRotation();
+    CHECK(diffusionOf(tensor(axes, {3, 1, 1})).direction.x() > 0.0);
+  }
+  CHECK(diffusionOf(Vec3(1, 2, 3).asDiagonal()).direction.isApprox(Vec3::UnitZ()));
+  CHECK(diffusionOf(Vec3(1, 3, 2).asDiagonal()).direction.isApprox(Vec3::UnitY()));
+  const Vec3 n = Vec3(0, -1, 1).normalized();
+  CHECK(diffusionOf(n * n.transpose()).direction.isApprox(-n));
+}
+
+TEST_CASE("anisotropy is 0 for a ball, 1 for a line and known between", "[tensor]") {
+  const Mat3 axes = randomRotation();
+  CHECK(diffusionOf(tensor(axes, {1, 1, 1})).anisotropy == Approx(0.0).margin(1e-12));
+  CHECK(diffusionOf(tensor(axes, {1, 0, 0})).anisotropy == Approx(1.0));
+  CHECK(diffusionOf(tensor(axes, {1, 1, 0})).anisotropy == Approx(std::sqrt(0.5)));
+  CHECK(diffusionOf(tensor(axes, {1.7, 0.3, 0.3})).anisotropy == Approx(0.7990).epsilon(1e-3));
+}
+
+TEST_CASE("a ball and nothing have no direction", "[tensor]") {
+  CHECK(diffusionOf(tensor(randomRotation(), {2, 2, 2})).direction.isZero());
+  CHECK(diffusionOf(Mat3::Zero()).direction.isZero());
+  CHECK(diffusionOf(-Mat3::Identity()).direction.isZero());
+}
+
+TEST_CASE("negative eigenvalues count as 0 in anisotropy, and in the mean as they are",
+          "[tensor]") {
+  const Diffusion felt = diffusionOf(tensor(randomRotation(), {2, 1, -0.5}));
+  CHECK(felt.anisotropy == Approx(anisotropy({2, 1, 0})));
+  CHECK(felt.diffusivity == Approx(2.5 / 3.0));
+}
+
+TEST_CASE("tensors that are not finite are felt as nothing", "[tensor]") {
+  for (const double bad :
+       {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    Mat3 D = Mat3::Identity();
+    D(1, 2) = bad;
+    const Diffusion felt = diffusionOf(D);
+    CHECK(felt.direction.isZero());
+    CHECK(felt.anisotropy == 0.0);
+    CHECK(felt.diffusivity == 0.0);
+  }
+}
+
+TEST_CASE("arrays of six and of nine components, of floats and of integers, agree", "[tensor]") {
+  const Mat3 D = (Mat3() << 4, 1, 2, 1, 5, 3, 2, 3, 6).finished();
+  const Diffusion expected = diffusionOf(D);
+  vtkNew<vtkShortArray> six;
+  six->SetNumberOfComponents(6);
+  vtkNew<vtkDoubleArray> nine;
+  nine->SetNumberOfComponents(9);
+  for (int n = 0; n < 5000; ++n) {
+    const double xx_yy_zz_xy_yz_xz[] = {4, 5, 6, 1, 3, 2};
+    six->InsertNextTuple(xx_yy_zz_xy_yz_xz);
+    nine->InsertNextTuple(D.data());
+  }
+  for (vtkDataArray* tensors :
+       {static_cast<vtkDataArray*>(six), static_cast<vtkDataArray*>(nine)}) {
+    const auto felt = diffusionOf(Array{"t", tensors});
+    CHECK(felt[0].name == "t_direction");
+    CHECK(felt[1].name == "t_anisotropy");
+    CHECK(felt[2].name == "t_diffusivity");
+    for (const vtkIdType i : {0, 4999}) {
+      for (int c = 0; c < 3; ++c) {
+        CHECK(felt[0].values->GetComponent(i, c) == Approx(expected.direction[c]));
+      }
+      CHECK(felt[1].values->GetComponent(i, 0) == Approx(expected.anisotropy));
+      CHECK(felt[2].values->GetComponent(i, 0) == Approx(5.0));
+    }
+  }
+}
+
+TEST_CASE("a tensor turned is the tensor of turned axes", "[tensor]") {
+  for (int n = 0; n < 100; ++n) {
+    const Mat3 axes = randomRotation();
+    const Mat3 R = randomRotation();
+    const Mat3 D = tensor(axes, {3, 2, 1});
+    vtkNew<vtkDoubleArray> six;
+    six->SetNumberOfComponents(6);
+    const double values[] = {D(0, 0), D(1, 1), D(2, 2), D(0, 1), D(1, 2), D(0, 2)};
+    six->InsertNextTuple(values);
+    vtkNew<vtkDoubleArray> nine;
+    nine->SetNumberOfComponents(9);
+    nine->InsertNextTuple(D.data());
+    const Mat3 expected = tensor(R * axes, {3, 2, 1});
+    const auto a = turned(six, R);
+    const auto b = turned(nine, R);
+    CHECK(tensorOf(a->GetTuple(0), 6).isApprox(expected, 1e-12));
+    CHECK(tensorOf(b->GetTuple(0), 9).isApprox(expected, 1e-12));
+  }
+}
+
+TEST_CASE("values are scaled only where the header says so", "[values]") {
+  vtkNew<vtkShortArray> values;
+  values->InsertNextValue(7);
+  CHECK(rescaled(values, 0.0, 5.0) == values.Get());
+  CHECK(rescaled(values, 1.0, 0.0) == values.Get());
+  CHECK(rescaled(values, std::nan(""), 0.0) == values.Get());
+  CHECK(rescaled(values, 2.0, 1.0)->GetComponent(0, 0) == 15.0);
+}
