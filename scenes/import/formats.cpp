@@ -70,6 +70,9 @@ bool isNifti(const std::string& b) {
   return has(b, 344, "n+1\0"sv) || has(b, 344, "ni1\0"sv) || has(b, 4, "n+2\0"sv) ||
          has(b, 4, "ni2\0"sv);
 }
+bool isDicom(const std::string& b) {
+  return has(b, 128, "DICM");
+}
 bool isNrrd(const std::string& b) {
   return has(b, 0, "NRRD000") || has(b, 0, "NRRD00.01");
 }
@@ -86,6 +89,7 @@ bool isVtkXml(const std::string& b) {
 /// In the order in which they are tried.
 const std::array kFormats = {
     Format{"NIfTI", isNifti, openNifti},
+    Format{"DICOM", isDicom, openDicom},
     Format{"NRRD", isNrrd, openNrrd},
     Format{"MetaImage", isMetaImage, openMetaImage},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
@@ -151,10 +155,7 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   if (!std::filesystem::exists(status)) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
-  if (std::filesystem::is_directory(status)) {
-    throw VolumeError(request.file.string(), "it is a folder without DICOM files",
-                      "give a file, or the folder of a series");
-  }
+  if (std::filesystem::is_directory(status)) return openDicom(request);
   if (!request.raw.empty()) return openRaw(request);
   const std::string bytes = beginningOf(request.file);
   if (bytes.empty()) {

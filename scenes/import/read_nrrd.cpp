@@ -630,7 +630,7 @@ class NrrdReader final : public Reader {
 
   // ------------------------------------------------------------------ the space
 
-  /// RAS from the file's space.
+  /// RAS from the file's space; right-handed from one that names no axes.
   [[nodiscard]] Mat3 turn() const {
     switch (nrrd_->space) {
       case nrrdSpaceLeftPosteriorSuperior:
@@ -639,6 +639,9 @@ class NrrdReader final : public Reader {
       case nrrdSpaceLeftAnteriorSuperior:
       case nrrdSpaceLeftAnteriorSuperiorTime:
         return Vec3(-1.0, 1.0, 1.0).asDiagonal();
+      case nrrdSpace3DLeftHanded:  // the hand's world is right-handed: else it would be mirrored
+      case nrrdSpace3DLeftHandedTime:
+        return Vec3(1.0, -1.0, 1.0).asDiagonal();
       default:
         return Mat3::Identity();
     }
@@ -671,7 +674,8 @@ class NrrdReader final : public Reader {
           fmt::format("its axes have different units: {}", fmt::join(units, ", ")));
     }
     if (nrrd_->space == nrrdSpace3DLeftHanded || nrrd_->space == nrrdSpace3DLeftHandedTime) {
-      content.notes.emplace_back("its space is left-handed: it may be mirrored");
+      content.notes.emplace_back(
+          "its space is left-handed: y is turned round, so that nothing is mirrored");
     }
     if (nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime) {
       content.notes.emplace_back("its space is the scanner's, not the patient's: kept as it is");

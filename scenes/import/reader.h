@@ -75,6 +75,8 @@ class Reader {
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);
 
 /// One format each. Throw VolumeError where the file does not fit.
+/// A file of a series, or a folder of them.
+[[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openExodus(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);

@@ -7,7 +7,6 @@
 #include <vtkCommand.h>
 #include <vtkLogger.h>
 #include <vtkNew.h>
-#include <vtkObjectFactory.h>
 #include <vtkOutputWindow.h>
 #include <vtkSmartPointer.h>
 
@@ -37,15 +36,21 @@ std::string shortened(const std::string& text) {
     if (c < 0x20 || c > 0x7e) c = '?';
   }
   constexpr std::size_t kLongest = 160;
-  if (out.size() > kLongest) out = out.substr(0, kLongest) + " ...";
+  if (out.size() > kLongest) {
+    out.resize(kLongest);
+    out += " ...";
+  }
   return out;
 }
 
 /// Where VTK speaks of trouble: readers inside of readers have no other listener.
 class Ear final : public vtkOutputWindow {
  public:
-  static Ear* New();
-  vtkTypeMacro(Ear, vtkOutputWindow);
+  static Ear* New() {
+    auto* ear = new Ear;  // VTK counts its references
+    ear->InitializeObjectBase();
+    return ear;
+  }
 
   void DisplayErrorText(const char* text) override {
     if (first_.empty()) first_ = text == nullptr ? "unknown" : text;
@@ -61,10 +66,9 @@ class Ear final : public vtkOutputWindow {
  private:
   std::string first_;
 };
-vtkStandardNewMacro(Ear)
 
-    /// VTK's window while it lives, then the one before.
-    class Listening {
+/// VTK's window while it lives, then the one before.
+class Listening {
  public:
   Listening() : before_(vtkOutputWindow::GetInstance()) {
     vtkOutputWindow::SetInstance(ear_);

@@ -104,8 +104,12 @@ vtkSmartPointer<vtkDataSet> readOriginal(const std::string& kind, const char* fi
     reader->SetImageRange(1, 93);
     reader->SetDataSpacing(3.2, 3.2, 1.5);
     reader->Update();
-    reader->GetOutput()->GetPointData()->GetScalars()->SetName("density");
-    return reader->GetOutput();
+    vtkImageData* image = reader->GetOutput();
+    image->GetPointData()->GetScalars()->SetName("density");
+    // This reader has the last row first, at 0; the header's space is left-handed, so that its
+    // first row is at 0 and the others go down. The same, moved.
+    image->SetOrigin(0.0, -63 * 3.2, 0.0);
+    return image;
   }
   if (kind == "brainsmall") {
     return readRaw(file, VTK_UNSIGNED_CHAR, {128, 128, 84}, 1, 62, false, palpate::Mat3::Identity(),

@@ -121,6 +121,7 @@ def turned(turn, columns=COLUMNS, origin=AT):
 
 
 RAS_FROM_LPS = ((-1, 0, 0), (0, -1, 0), (0, 0, 1))
+RIGHT_FROM_LEFT = ((1, 0, 0), (0, -1, 0), (0, 0, 1))
 RAS_FROM_LAS = ((-1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
@@ -139,7 +140,7 @@ class Nrrd(Case):
         for space, turn in (("left-posterior-superior", RAS_FROM_LPS), ("LPS", RAS_FROM_LPS),
                             ("left-anterior-superior", RAS_FROM_LAS),
                             ("right-anterior-superior", IDENTITY),
-                            ("3D-right-handed", IDENTITY), ("3D-left-handed", IDENTITY)):
+                            ("3D-right-handed", IDENTITY), ("3D-left-handed", RIGHT_FROM_LEFT)):
             path = self.write("a.nrrd", nrrd(f"space: {space}", DIRECTIONS, ORIGIN), "\n", SHORTS)
             self.holds(self.convert(path), "density", *turned(turn), scalar)
         path = self.write("a.nrrd", nrrd("space dimension: 3", DIRECTIONS, ORIGIN), "\n", SHORTS)

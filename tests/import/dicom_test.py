@@ -1,0 +1,553 @@
+#!/usr/bin/env python3
+"""DICOM series, written here byte by byte, as palpate-import reads them: dicom_test.py BIN_DIR."""
+import csv
+import io
+import math
+import os
+import random
+import struct
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+BIN = Path(sys.argv[1])
+
+CT = "1.2.840.10008.5.1.4.1.1.2"
+MR = "1.2.840.10008.5.1.4.1.1.4"
+ENHANCED_CT = "1.2.840.10008.5.1.4.1.1.2.1"
+REPORT = "1.2.840.10008.5.1.4.1.1.88.11"
+PLAIN = "1.2.840.10008.1.2.1"
+RLE = "1.2.840.10008.1.2.5"
+JPEG = "1.2.840.10008.1.2.4.70"
+SECRET = "Mustermann^Erika"
+
+
+def element(tag, vr, value):
+    """One data element, explicit VR, little endian."""
+    group, number = tag >> 16, tag & 0xFFFF
+    if vr == "SQ":
+        value = b"".join(struct.pack("<HHI", 0xFFFE, 0xE000, len(item)) + item for item in value)
+    elif vr in ("US", "SS"):
+        value = struct.pack("<H" if vr == "US" else "<h", value)
+    elif vr == "FD":
+        value = struct.pack("<d", value)
+    elif not isinstance(value, bytes):
+        value = value.encode()
+    if len(value) % 2:
+        value += b"\0" if vr in ("UI", "OB", "OW") else b" "
+    head = struct.pack("<HH", group, number) + vr.encode()
+    if vr in ("OB", "OW", "SQ", "UN", "UT"):
+        return head + struct.pack("<HI", 0, len(value)) + value
+    return head + struct.pack("<H", len(value)) + value
+
+
+def packed_bits(data):
+    """RLE, PackBits without any run."""
+    out = b""
+    for i in range(0, len(data), 128):
+        part = data[i:i + 128]
+        out += bytes([len(part) - 1]) + part
+    return out + b"\0" * (len(out) % 2)
+
+
+def rle(pixels):
+    """16 bits: all high bytes, then all low ones."""
+    high, low = packed_bits(pixels[1::2]), packed_bits(pixels[0::2])
+    return struct.pack("<16I", 2, 64, 64 + len(high), *[0] * 13) + high + low
+
+
+def lossless_jpeg(pixels, columns, rows):
+    """16 bits, predicted by the left neighbour; categories 0 to 16 have codes of 5 bits."""
+    values = struct.unpack(f"<{columns * rows}H", pixels)
+    bits = ""
+    for at, value in enumerate(values):
+        before = (values[at - 1] if at % columns else values[at - columns]) if at else 1 << 15
+        difference = (value - before + 32767) % 65536 - 32767
+        length = abs(difference).bit_length()
+        bits += f"{length:05b}"
+        if 0 < length < 16:
+            bits += f"{difference if difference > 0 else difference - 1 + (1 << length):0{length}b}"
+    bits += "1" * (-len(bits) % 8)
+    data = int(bits, 2).to_bytes(len(bits) // 8, "big").replace(b"\xff", b"\xff\0")
+    frame = struct.pack(">HHBHHBBBB", 0xFFC3, 11, 16, rows, columns, 1, 1, 0x11, 0)
+    table = struct.pack(">HHB", 0xFFC4, 19 + 17, 0) + bytes([0, 0, 0, 0, 17] + [0] * 11 +
+                                                            list(range(17)))
+    scan = struct.pack(">HHBBBBBB", 0xFFDA, 8, 1, 1, 0, 1, 0, 0)
+    whole = b"\xff\xd8" + frame + table + scan + data + b"\xff\xd9"
+    return whole + b"\0" * (len(whole) % 2)
+
+
+def encapsulated(item):
+    part = lambda number, length: struct.pack("<HHI", 0xFFFE, number, length)
+    return part(0xE000, 0) + part(0xE000, len(item)) + item + part(0xE0DD, 0)
+
+
+def dicom(elements, pixels=b"", kind=CT, syntax=PLAIN):
+    """A whole file. `elements` by tag: (VR, value), None to leave out."""
+    meta = element(0x00020002, "UI", kind) + element(0x00020003, "UI", "1.2.3.4")
+    meta += element(0x00020010, "UI", syntax)
+    body = b"".join(element(tag, *elements[tag]) for tag in sorted(elements) if elements[tag])
+    if syntax in (RLE, JPEG):
+        size = [elements[tag][1] for tag in (0x00280011, 0x00280010)]
+        item = rle(pixels) if syntax == RLE else lossless_jpeg(pixels, *size)
+        body += struct.pack("<HH2sHI", 0x7FE0, 0x10, b"OB", 0, 0xFFFFFFFF) + encapsulated(item)
+    elif pixels:
+        body += element(0x7FE00010, "OW", pixels)
+    return (b"\0" * 128 + b"DICM" + element(0x00020000, "UL", struct.pack("<I", len(meta))) + meta +
+            body)
+
+
+def text(numbers):
+    return "\\".join(f"{n:.12g}"[:16] for n in numbers)
+
+
+def cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+class Volume:
+    """A series: voxel (i, j, k) holds stored(i, j, k); its centre is at(i, j, k) in LPS."""
+
+    def __init__(self, size=(5, 4, 6), row=(1, 0, 0), column=(0, 1, 0), across=0.5, down=0.75,
+                 origin=(-10.25, 20.5, 100.0), step=None, uid="1.2.3", number=1,
+                 description="Thorax", modality="CT", **more):
+        self.size, self.row, self.column = size, row, column
+        self.across, self.down, self.origin = across, down, origin
+        self.step = step or [2.5 * c for c in cross(row, column)]
+        self.uid, self.number, self.description = uid, number, description
+        self.modality, self.more = modality, more
+        self.stored = lambda i, j, k: 1000 + 7 * i + 31 * j + 101 * k
+        self.slope, self.intercept = 1, -1024
+
+    def at(self, i, j, k):
+        return [self.origin[a] + self.row[a] * self.across * i + self.column[a] * self.down * j +
+                self.step[a] * k for a in range(3)]
+
+    def pixels(self, k):
+        columns, rows, _ = self.size
+        return b"".join(struct.pack("<h", self.stored(i, j, k))
+                        for j in range(rows) for i in range(columns))
+
+    def elements(self, k, **more):
+        out = {
+            0x00080008: ("CS", "ORIGINAL\\PRIMARY\\AXIAL"),
+            0x00080016: ("UI", CT),
+            0x00080060: ("CS", self.modality),
+            0x00081030: ("LO", "Chest study"),
+            0x0008103E: ("LO", self.description),
+            0x00100010: ("PN", SECRET),
+            0x00100020: ("LO", "ID-4711"),
+            0x00100030: ("DA", "19640229"),
+            0x0020000E: ("UI", self.uid),
+            0x00200011: ("IS", str(self.number)),
+            0x00200032: ("DS", text(self.at(0, 0, k))),
+            0x00200037: ("DS", text([*self.row, *self.column])),
+            0x00280002: ("US", 1),
+            0x00280004: ("CS", "MONOCHROME2"),
+            0x00280010: ("US", self.size[1]),
+            0x00280011: ("US", self.size[0]),
+            0x00280030: ("DS", text([self.down, self.across])),
+            0x00280100: ("US", 16),
+            0x00280101: ("US", 16),
+            0x00280102: ("US", 15),
+            0x00280103: ("US", 1),
+            0x00281052: ("DS", text([self.intercept])),
+            0x00281053: ("DS", text([self.slope])),
+        }
+        for tags in (self.more, more):
+            out.update({int(tag[1:], 16): value for tag, value in tags.items()})
+        return out
+
+    def file(self, k, syntax=PLAIN, **more):
+        return dicom(self.elements(k, **more), self.pixels(k), syntax=syntax)
+
+    def write(self, folder, prefix="IM", shuffle=True, syntax=PLAIN, slices=None):
+        """Under names that say nothing of the order."""
+        folder.mkdir(parents=True, exist_ok=True)
+        names = list(range(self.size[2]))
+        if shuffle:
+            random.Random(1).shuffle(names)
+        for k in slices or range(self.size[2]):
+            (folder / f"{prefix}{names[k]:03d}").write_bytes(self.file(k, syntax))
+        return folder
+
+
+def turned(a, b, c):
+    """Rows of a rotation: by a about z, b about y, c about x."""
+    ca, sa, cb, sb, cc, sc = (f(t) for t in (a, b, c) for f in (math.cos, math.sin))
+    return [[ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc],
+            [sa * cb, sa * sb * sc + ca * cc, sa * sb * cc - ca * sc],
+            [-sb, cb * sc, cb * cc]]
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        holder = tempfile.TemporaryDirectory()
+        self.addCleanup(holder.cleanup)
+        self.dir = Path(holder.name)
+        self.out = self.dir / "out.vdb"
+
+    def run_import(self, source, *more):
+        return subprocess.run([str(BIN / "palpate-import"), str(source), str(self.out), *more],
+                              capture_output=True, text=True, timeout=120)
+
+    def imported(self, source, *more):
+        done = self.run_import(source, *more)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn(SECRET.encode(), self.out.read_bytes())
+        self.assertNotIn(b"4711", self.out.read_bytes())
+        self.assertNotIn(b"19640229", self.out.read_bytes())
+
+    def refused(self, source, *more, says):
+        """One clear line on stderr, nothing on stdout, no file left."""
+        before = sorted(os.listdir(self.dir))
+        done = self.run_import(source, *more)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        lines = done.stderr.splitlines()
+        self.assertEqual(len(lines), 1, done.stderr)
+        self.assertTrue(lines[0].startswith("palpate: "), lines[0])
+        for part in [says] if isinstance(says, str) else says:
+            self.assertIn(part, lines[0])
+        self.assertNotIn(SECRET, lines[0])
+        self.assertEqual(done.stdout, "")
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def sampled(self, points, interpolation):
+        """The value at points (RAS, mm) and whether there are data."""
+        table = "x,y,z\n" + "".join(",".join(repr(c) for c in p) + "\n" for p in points)
+        done = subprocess.run([str(BIN / "palpate"), "sample", str(self.out), "--grid", "density",
+                               "--points", "-", "--interpolation", interpolation], input=table,
+                              capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return [(float(row["value"]), row["inside"] == "1")
+                for row in csv.DictReader(io.StringIO(done.stdout))]
+
+    def same(self, volume, expected=None, hidden=(), places=4):
+        """Every voxel has its value, at its place; the hidden ones have none."""
+        expected = expected or (lambda i, j, k: volume.slope * volume.stored(i, j, k) +
+                                volume.intercept)
+        voxels = [(i, j, k) for k in range(volume.size[2]) for j in range(volume.size[1])
+                  for i in range(volume.size[0])]
+        # The patient's left and back are DICOM's axes, right and front ours.
+        ras = [(-p[0], -p[1], p[2]) for p in (volume.at(*v) for v in voxels)]
+        # Between voxels values change with the place, the nearest voxel's is its own.
+        between = self.sampled(ras, "trilinear")
+        nearest = self.sampled(ras, "nearest")
+        without = {v for v, (_, inside) in zip(voxels, nearest) if not inside}
+        self.assertLessEqual(set(hidden), without)
+        # What equals the surroundings is left out as well.
+        self.assertLessEqual(len({expected(*v) for v in without - set(hidden)}), 1)
+        for voxel, (value, _), (own, _) in zip(voxels, between, nearest):
+            if voxel not in hidden:
+                self.assertAlmostEqual(own, expected(*voxel), 2, voxel)
+                self.assertAlmostEqual(value, expected(*voxel), places, voxel)
+
+
+class Places(Case):
+    def test_an_axial_series(self):
+        volume = Volume()
+        folder = volume.write(self.dir / "ct")
+        (folder / "readme.txt").write_text("no image")
+        (folder / "empty").write_bytes(b"")
+        (folder / "inner").mkdir()
+        self.imported(folder)
+        self.same(volume)
+
+    def test_a_sagittal_series_of_oblique_orientation(self):
+        rotation = turned(0.2, -0.15, 0.1)
+        axes = [[sum(rotation[a][b] * v[b] for b in range(3)) for a in range(3)]
+                for v in ((0, 1, 0), (0, 0, -1))]
+        for modality in "MR", "CT":
+            volume = Volume(row=axes[0], column=axes[1], modality=modality)
+            self.imported(volume.write(self.dir / modality))
+            # Directions are written with 12 digits.
+            self.same(volume, places=3)
+
+    def test_a_coronal_series_backwards(self):
+        volume = Volume(row=(-1, 0, 0), column=(0, 0, -1), step=[0, 1.25, 0])
+        self.imported(volume.write(self.dir / "mr"))
+        self.same(volume)
+
+    def test_a_tilted_gantry_shears(self):
+        tilt = math.radians(20)
+        # Slices lean about x, but the table moves along z.
+        volume = Volume(column=(0, math.cos(tilt), math.sin(tilt)), step=[0, 0, 2.5])
+        self.imported(volume.write(self.dir / "ct"))
+        self.same(volume)
+
+    def test_a_single_file_stands_for_its_series(self):
+        volume = Volume()
+        folder = volume.write(self.dir / "ct")
+        Volume(uid="9.9", size=(3, 3, 3)).write(folder, "other")
+        for name in "IM000", "IM004":
+            self.imported(folder / name)
+            self.same(volume)
+        os.chdir(folder)
+        self.addCleanup(os.chdir, "/")
+        self.imported("IM003")
+        self.same(volume)
+
+    def test_frames_of_one_file(self):
+        volume = Volume()
+        # The frames in another order than the slices.
+        order = [3, 0, 5, 1, 4, 2]
+
+        def frame(k):
+            groups = {
+                0x00209113: [element(0x00200032, "DS", text(volume.at(0, 0, k)))],
+                0x00289145: [element(0x00281052, "DS", "-1024") + element(0x00281053, "DS", "1")],
+            }
+            return b"".join(element(tag, "SQ", groups[tag]) for tag in sorted(groups))
+
+        shared = element(0x00209116, "SQ",
+                         [element(0x00200037, "DS", text([*volume.row, *volume.column]))])
+        shared += element(0x00289110, "SQ", [
+            element(0x00280030, "DS", text([volume.down, volume.across]))])
+        elements = volume.elements(0, t00280008=("IS", "6"), t00200032=None, t00200037=None,
+                                   t00280030=None, t00281052=None, t00281053=None,
+                                   t52009229=("SQ", [shared]),
+                                   t52009230=("SQ", [frame(k) for k in order]))
+        file = self.dir / "enhanced.dcm"
+        file.write_bytes(dicom(elements, b"".join(volume.pixels(k) for k in order), ENHANCED_CT))
+        self.imported(file)
+        self.same(volume)
+
+    def test_packed_pixels(self):
+        for syntax in RLE, JPEG:
+            volume = Volume(size=(20, 17, 4))
+            stored = volume.stored
+            volume.stored = lambda i, j, k: stored(i, j, k) * (-1) ** i
+            folder = volume.write(self.dir / syntax, syntax=syntax)
+            self.imported(folder)
+            self.same(volume)
+            file = folder / "IM001"
+            whole = file.read_bytes()
+            file.write_bytes(whole[:len(whole) - 200])
+            self.out.unlink()
+            self.refused(folder, says=["IM001", "bytes are missing"])
+            # Its only part is gone.
+            at = whole.index(b"OB\0\0\xff\xff\xff\xff") + 8
+            file.write_bytes(whole[:at + 8] + whole[-8:])
+            self.refused(folder, says="fewer pixels")
+        # Its picture ends in codes that there are not.
+        file.write_bytes(whole[:-400] + b"\xfe" * 392 + whole[-8:])
+        self.refused(folder, says=["IM001: its pixels are damaged", "JPEG"])
+        file.write_bytes(whole.replace(JPEG.encode(), b"1.2.840.10008.1.2.4.99"))
+        self.refused(folder, says="not read (1.2.840.10008.1.2.4.99)")
+
+
+class Values(Case):
+    def test_units_and_types(self):
+        # Whole and broken, signed and unsigned, beyond 16 bits, each slice its own.
+        for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
+            volume = Volume()
+            volume.slope, volume.intercept = slope, intercept
+            self.imported(volume.write(self.dir / f"{slope} {intercept}"))
+            self.same(volume, places=2 if slope == 100 else 4)
+        for bits, representation in (12, 0), (16, 0), (16, 1):
+            volume = Volume(t00280101=("US", bits), t00280102=("US", bits - 1),
+                            t00280103=("US", representation))
+            self.imported(volume.write(self.dir / f"{bits} {representation}"))
+            self.same(volume)
+
+    def test_each_slice_has_its_own_slope(self):
+        volume = Volume(modality="PT")
+        folder = self.dir / "pet"
+        folder.mkdir()
+        for k in range(6):
+            (folder / f"{k}").write_bytes(volume.file(k, t00281053=("DS", f"{0.5 + k}")))
+        self.imported(folder)
+        self.same(volume, lambda i, j, k: (0.5 + k) * volume.stored(i, j, k) - 1024, places=2)
+
+    def test_padding_is_no_data(self):
+        hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
+        plain = Volume().stored
+        stored = lambda i, j, k: -2000 if (i, j, k) in hidden else plain(i, j, k)
+        # As signed it is written, and as scanners write it too.
+        for tag in ("SS", -2000), ("US", 63536):
+            volume = Volume(t00280120=tag)
+            volume.stored = stored
+            self.imported(volume.write(self.dir / tag[0]))
+            self.same(volume, hidden=hidden)
+
+        values = {(0, 0, 0): -2000, (4, 3, 5): -1990, (2, 1, 3): -1980}
+        volume = Volume(t00280120=("SS", -2000), t00280121=("SS", -1990))
+        volume.stored = lambda i, j, k: values.get((i, j, k), plain(i, j, k))
+        self.imported(volume.write(self.dir / "range"))
+        self.same(volume, hidden={(0, 0, 0), (4, 3, 5)})
+
+
+class Choice(Case):
+    def test_one_of_several_series(self):
+        first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
+        second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
+        folder = first.write(self.dir / "both")
+        second.write(folder, "MR")
+        (folder / "report").write_bytes(dicom({0x0020000E: ("UI", "1.2.99")}, kind=REPORT))
+        self.refused(folder, says=["it has 2 series", '1: "Lung 1.0" CT 6 images',
+                                   '2: "Head" MR 3 images', "--series"])
+        for name, volume in (("1", first), ("2", second), ("1.2.30", first), ("1.2.4", second),
+                             ("Lung 1.0", first), ("Head", second)):
+            self.imported(folder, "--series", name)
+            self.same(volume)
+        self.out.unlink()
+        self.refused(folder, "--series", "3", says='there is no series "3" in it')
+        self.refused(folder, "--series", "head", says="Lung 1.0")
+        self.refused(folder / "report", says="no image")
+
+    def test_same_descriptions_are_told_apart(self):
+        folder = Volume(uid="1.1").write(self.dir / "both")
+        Volume(uid="1.2").write(folder, "B")
+        self.refused(folder, "--series", "Thorax", says="more than one")
+
+    def test_folders_without_dicom(self):
+        empty = self.dir / "empty"
+        empty.mkdir()
+        self.refused(empty, says="there is no DICOM file in it")
+        Volume().write(empty / "scan")
+        self.refused(empty, says='in its folder "scan"')
+        Volume().write(empty / "other")
+        self.refused(empty, says="2 of its folders")
+        self.refused(self.dir / "none", says="no such file")
+
+
+class Trouble(Case):
+    def test_missing_slices(self):
+        volume = Volume(size=(4, 4, 30), origin=(0, 0, 0))
+        self.refused(volume.write(self.dir / "one", slices=[k for k in range(30) if k != 6]),
+                     says="slices are missing between z = 12.5 and 17.5 mm: 1 of 30")
+        self.refused(volume.write(self.dir / "few", slices=[0, 1, 4, 5]),
+                     says="slices are missing between z = 2.5 and 10 mm: 2 of 6")
+        sagittal = Volume(row=(0, 1, 0), column=(0, 0, -1), origin=(0, 0, 0))
+        self.refused(sagittal.write(self.dir / "x", slices=[0, 1, 3, 4]), says="x = ")
+
+    def test_uneven_slices(self):
+        volume = Volume()
+        folder = volume.write(self.dir / "gap", shuffle=False)
+        moved = volume.at(0, 0, 5)
+        moved[2] += 0.2
+        (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
+        self.refused(folder, says="its slices are uneven: 2.7 mm apart")
+        # Less than 5 %.
+        moved[2] -= 0.1
+        (folder / "IM005").write_bytes(volume.file(5, t00200032=("DS", text(moved))))
+        self.imported(folder)
+        self.out.unlink()
+        moved = volume.at(0, 0, 3)
+        moved[0] += 1
+        (folder / "IM003").write_bytes(volume.file(3, t00200032=("DS", text(moved))))
+        self.refused(folder, says="not evenly in line")
+
+    def test_duplicates(self):
+        folder = Volume().write(self.dir / "ct")
+        (folder / "copy").write_bytes((folder / "IM002").read_bytes())
+        self.refused(folder, says=["2 images are at the same place, z = ", "copy", "IM002"])
+        for name in os.listdir(folder):
+            (folder / ("again" + name)).write_bytes((folder / name).read_bytes())
+        (folder / "again" "copy").unlink()
+        (folder / "copy").unlink()
+        self.refused(folder, says="2 images are at the same place")
+
+    def test_a_localiser_within_the_series(self):
+        folder = Volume().write(self.dir / "ct")
+        Volume(size=(9, 9, 1)).write(folder, "size")
+        self.refused(folder, says=["1 of 7 images differ", "localiser"])
+        (folder / "size000").unlink()
+        Volume(row=(0, 1, 0), column=(0, 0, -1), size=(5, 4, 2)).write(folder, "turned")
+        self.refused(folder, says="2 of 8 images differ")
+
+    def test_pictures_without_a_place(self):
+        screen = Volume(t00200032=None, t00200037=None, modality="OT")
+        self.refused(screen.write(self.dir / "screen"), says="do not say where they are")
+        part = Volume().write(self.dir / "part", shuffle=False)
+        (part / "IM002").write_bytes(Volume().file(2, t00280030=None))
+        self.refused(part, says="1 of 6 images do not say where they are")
+        for tag in ({"t00200037": ("DS", "1\\0\\0\\1\\0\\0")}, {"t00280030": ("DS", "0\\0")},
+                    {"t00200037": ("DS", "0\\0\\0\\0\\0\\0")}, {"t00200032": ("DS", "0\\0")}):
+            self.refused(Volume(**tag).write(self.dir / "nonsense"),
+                         says="do not say where they are")
+
+    def test_colour(self):
+        volume = Volume(t00280002=("US", 3), t00280004=("CS", "RGB"), t00280006=("US", 0))
+        volume.pixels = lambda k: bytes(5 * 4 * 3 * 2)
+        self.refused(volume.write(self.dir / "rgb"), says="in colour")
+
+    def test_one_slice_is_flat(self):
+        self.refused(Volume(size=(5, 4, 1)).write(self.dir / "one"), says="flat")
+
+    def test_cut_and_broken_files(self):
+        folder = Volume().write(self.dir / "ct")
+        file = folder / "IM002"
+        whole = file.read_bytes()
+        file.write_bytes(whole[:-10])
+        for source in folder, file, folder / "IM001":
+            self.refused(source, says=["IM002", "10 bytes are missing"])
+        # Wherever it is cut.
+        for length in range(133, len(whole) - 1, 7):
+            file.write_bytes(whole[:length])
+            self.refused(folder, says="IM002")
+        fuzz = random.Random(3)
+        for _ in range(100):
+            bad = bytearray(whole)
+            for _ in range(fuzz.randrange(1, 4)):
+                bad[fuzz.randrange(132, len(whole))] = fuzz.randrange(256)
+            file.write_bytes(bad)
+            done = self.run_import(folder)
+            self.assertIn(done.returncode, (0, 2), done.stderr)
+            self.assertLessEqual(len(done.stderr.splitlines()), 1, done.stderr)
+            self.out.unlink(missing_ok=True)
+
+    def test_a_size_that_its_pixels_do_not_have(self):
+        volume = Volume(t00280010=("US", 60000), t00280011=("US", 60000))
+        self.refused(volume.write(self.dir / "ct"), says="fewer pixels")
+
+
+class Time(Case):
+    def series(self, **tags):
+        """Two steps; the earlier one's values are the volume's, the later one's 5000 more."""
+        volume = Volume()
+        folder = self.dir / "4d"
+        folder.mkdir(exist_ok=True)
+        for k in range(6):
+            for t in range(2):
+                own = {tag: (vr, texts[t]) for tag, (vr, texts) in tags.items()}
+                volume.intercept = -1024 + 5000 * t
+                (folder / f"{(5 * k + 7 * t) % 13:02d}-{k}-{t}").write_bytes(volume.file(k, **own))
+        volume.intercept = -1024
+        return folder, volume
+
+    def test_the_first_step_is_the_earliest(self):
+        for tags in ({"t00181060": ("DS", ["20", "520"])}, {"t00200100": ("IS", ["1", "2"])},
+                     {"t00080032": ("TM", ["095959.5", "100000.25"])}):
+            folder, volume = self.series(**tags)
+            self.imported(folder)
+            self.same(volume)
+
+    def test_kinds_are_no_times(self):
+        folder, _ = self.series(t00181060=("DS", ["20", "520"]), t00180081=("DS", ["10", "90"]))
+        self.refused(folder, says="differ in echo time")
+        folder, _ = self.series(t00080032=("TM", ["100000", "100100"]),
+                                t00189087=("FD", [0.0, 1000.0]))
+        self.refused(folder, says="differ in diffusion weighting")
+
+    def test_missing_steps(self):
+        folder, _ = self.series(t00181060=("DS", ["20", "520"]))
+        next(folder.glob("*-3-1")).unlink()
+        self.refused(folder, says="2 images are at the same place")
+
+
+def built_without():
+    with tempfile.TemporaryDirectory() as name:
+        folder = Volume().write(Path(name) / "ct")
+        done = subprocess.run([str(BIN / "palpate-import"), str(folder), f"{name}/out.vdb"],
+                              capture_output=True, text=True, timeout=120)
+        return "built without vtk-dicom" in done.stderr
+
+
+if __name__ == "__main__":
+    if built_without():
+        print("palpate-import was built without vtk-dicom")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1])
