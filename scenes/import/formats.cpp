@@ -60,7 +60,21 @@ struct Format {
   bool (*begins)(const std::string& bytes);
   std::unique_ptr<Reader> (*open)(const Request& request);  ///< Null: known, but not imported.
   const char* remedy = nullptr;                             ///< Where it is not.
+  const char* option = "";                                  ///< That it alone has a use for.
 };
+
+/// Options that are not for this format would be passed over in silence.
+void refuseUnused(const Request& request, const std::string& format, std::string_view used) {
+  const auto refuse = [&](const char* name, bool given) {
+    if (!given || used == name) return;
+    throw Error(name,
+                fmt::format("{} is {}, which has no use for it", request.file.string(), format),
+                "leave it out");
+  };
+  refuse("--series", !request.series.empty());
+  refuse("--as", !request.as.empty());
+  refuse("--solution", !request.solution.empty());
+}
 
 bool isExodus(const std::string& b) {
   return has(b, 0, "CDF\1") || has(b, 0, "CDF\2") || has(b, 0, "CDF\5") || has(b, 0, "\x89HDF");
@@ -88,10 +102,10 @@ bool isVtkXml(const std::string& b) {
 
 /// In the order in which they are tried.
 const std::array kFormats = {
-    Format{"NIfTI", isNifti, openNifti},
-    Format{"DICOM", isDicom, openDicom},
+    Format{"NIfTI", isNifti, openNifti, nullptr, "--as"},
+    Format{"DICOM", isDicom, openDicom, nullptr, "--series"},
     Format{"NRRD", isNrrd, openNrrd},
-    Format{"MetaImage", isMetaImage, openMetaImage},
+    Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
     Format{"Exodus II", isExodus, openExodus},
@@ -112,14 +126,14 @@ const std::array kFormats = {
            },
            nullptr, "a surface has no volume: make a level set of it, as with OpenVDB's tools"},
     Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
-           "give a volume; a stack of slices can be stated with --raw"},
+           "put the slices of a volume together into NRRD or NIfTI"},
     Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
-           nullptr, "give a volume; a stack of slices can be stated with --raw"},
+           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
     Format{"a TIFF picture",
            [](const std::string& b) {
              return has(b, 0, {"II*\0", 4}) || has(b, 0, {"MM\0*", 4});
            },
-           nullptr, "give a volume; a stack of slices can be stated with --raw"},
+           nullptr, "put the slices of a volume together into NRRD or NIfTI"},
     Format{"a zip archive", [](const std::string& b) { return has(b, 0, "PK\3\4"); }, nullptr,
            "unpack it"},
     Format{"a tar archive", [](const std::string& b) { return has(b, 257, "ustar"); }, nullptr,
@@ -155,8 +169,17 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   if (!std::filesystem::exists(status)) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
-  if (std::filesystem::is_directory(status)) return openDicom(request);
-  if (!request.raw.empty()) return openRaw(request);
+  if (std::filesystem::is_directory(status)) {
+    refuseUnused(request, "a folder", "--series");
+    return openDicom(request);
+  }
+  if (!std::filesystem::is_regular_file(status)) {
+    throw VolumeError(request.file.string(), "it is no file", "give a file, or a DICOM folder");
+  }
+  if (!request.raw.empty()) {
+    refuseUnused(request, "taken as raw", "");
+    return openRaw(request);
+  }
   const std::string bytes = beginningOf(request.file);
   if (bytes.empty()) {
     throw VolumeError(request.file.string(), "it is empty, or its gzip is damaged",
@@ -164,12 +187,18 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   }
   for (const Format& format : kFormats) {
     if (!format.begins(bytes)) continue;
-    if (format.open != nullptr) return format.open(request);
+    if (format.open != nullptr) {
+      refuseUnused(request, format.name, format.option);
+      return format.open(request);
+    }
     throw VolumeError(request.file.string(),
                       fmt::format("it looks like {}, which is not imported", format.name),
                       format.remedy);
   }
-  if (isPlot3d(request)) return openPlot3d(request);
+  if (isPlot3d(request)) {
+    refuseUnused(request, "taken as PLOT3D", "--solution");
+    return openPlot3d(request);
+  }
   throw VolumeError(request.file.string(),
                     isText(bytes) ? "it looks like text, of no format that is imported"
                                   : "it is of no format that is imported, or damaged at its start",

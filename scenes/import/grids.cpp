@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -10,12 +9,14 @@
 #include <type_traits>
 
 #include <Eigen/LU>
+#include <fmt/format.h>
 #include <tbb/parallel_for.h>
-#include <vtkBitArray.h>
 #include <vtkSetGet.h>
 #include <vtkUnsignedCharArray.h>
 
 #include "engine/error.h"
+#include "scenes/import/quantile.h"
+#include "scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
@@ -91,93 +92,150 @@ Surroundings surroundingsOf(const Piece& image, const Values<T, 1>& values) {
     }
   }
   Surroundings out;
-  if (faces.empty()) return out;
-  const auto at = [&](double share) {
-    const auto place =
-        faces.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(faces.size() - 1));
-    std::nth_element(faces.begin(), place, faces.end());
-    return *place;
-  };
-  out.middle = at(0.5);
+  out.middle = quantile(faces, 0.5);
   for (float& value : faces) value = std::abs(value - out.middle);
-  out.spread = at(0.99);
+  out.spread = quantile(faces, 0.99);
   return out;
 }
 
+/// What is at a voxel.
+enum class Found : std::uint8_t { kValue, kHole, kOutside };
+
+/// The image's own voxels.
+template <class T, int C>
+struct OwnVoxels {
+  const Piece& image;
+  Values<T, C> values;
+  std::array<int, 3> size = image.size;
+
+  Found at(const Coord& c, typename Values<T, C>::Value& value) const {
+    const std::size_t point = pointAt(image, c.x(), c.y(), c.z());
+    value = values[point];
+    return isFinite(value) && !isHidden(image, point) ? Found::kValue : Found::kHole;
+  }
+};
+
+/// Cubes in the box about it, trilinear.
+template <class T, int C>
+struct Cubes {
+  const Piece& image;
+  Values<T, C> values;
+  std::array<int, 3> size;
+  Affine index_from_cube;  ///< Of the image.
+
+  Found at(const Coord& c, typename Values<T, C>::Value& value) const {
+    // An image's last voxels may lie a rounding error inside of the last cubes.
+    constexpr double kRounding = 1e-9;
+    const Vec3 p_I = index_from_cube.linear * Vec3(c.x(), c.y(), c.z()) + index_from_cube.origin;
+    std::array<int, 3> low{};
+    std::array<double, 3> part{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double last = image.size[a] - 1;
+      const double x = p_I[static_cast<Eigen::Index>(a)];
+      if (!(x >= -kRounding && x <= last + kRounding)) return Found::kOutside;
+      low[a] = static_cast<int>(std::clamp(std::floor(x), 0.0, std::max(last - 1.0, 0.0)));
+      part[a] = std::clamp(x - low[a], 0.0, 1.0);
+    }
+    openvdb::Vec3d sum(0.0);
+    for (unsigned corner = 0; corner < 8; ++corner) {
+      double weight = 1.0;
+      std::array<int, 3> at = low;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const bool upper = ((corner >> a) & 1U) != 0;
+        weight *= upper ? part[a] : 1.0 - part[a];
+        if (upper) ++at[a];
+      }
+      if (weight <= kRounding) continue;
+      const std::size_t point = pointAt(image, at[0], at[1], at[2]);
+      const auto v = values[point];
+      if (!isFinite(v) || isHidden(image, point)) return Found::kHole;
+      sum += weight * openvdb::Vec3d(v);
+    }
+    if constexpr (C == 1) {
+      value = static_cast<float>(sum.x());
+    } else {
+      value = openvdb::Vec3f(sum);
+    }
+    return Found::kValue;
+  }
+};
+
 /// What the workers found, put together.
-struct Sums {
-  std::mutex mutex;
+struct Counts {
+  std::uint64_t voxels = 0;
   std::uint64_t holes = 0;
   std::uint64_t loud = 0;  ///< Voxels that differ from the surroundings by more than these do.
   double lowest = std::numeric_limits<double>::infinity();
   double highest = -std::numeric_limits<double>::infinity();
+
+  void add(const Counts& other) {
+    voxels += other.voxels;
+    holes += other.holes;
+    loud += other.loud;
+    lowest = std::min(lowest, other.lowest);
+    highest = std::max(highest, other.highest);
+  }
 };
 
-template <class T, int C>
-Gridded build(const Piece& image, const Array& array, double tolerance, const Progress& progress) {
-  using Value = typename Values<T, C>::Value;
-  using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
-  using Leaf = typename GridT::TreeType::LeafNodeType;
-  const Values<T, C> values{static_cast<const T*>(array.values->GetVoidPointer(0))};
-  Value background(0.0F);
-  Surroundings surroundings;
-  if constexpr (C == 1) {
-    surroundings = surroundingsOf(image, values);
-    background = surroundings.middle;
+/// One leaf, null where no voxel of it is active.
+template <class Leaf, class Voxels, class Value>
+std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Value& background,
+                               double tolerance, double spread, Counts& counts) {
+  auto leaf = std::make_unique<Leaf>(origin, background);
+  Coord end;
+  for (int a = 0; a < 3; ++a) {
+    end[a] =
+        std::min(origin[a] + static_cast<int>(Leaf::DIM), voxels.size[static_cast<std::size_t>(a)]);
   }
+  Coord c;
+  for (c.z() = origin.z(); c.z() < end.z(); ++c.z()) {
+    for (c.y() = origin.y(); c.y() < end.y(); ++c.y()) {
+      for (c.x() = origin.x(); c.x() < end.x(); ++c.x()) {
+        Value value;
+        const Found found = voxels.at(c, value);
+        if (found == Found::kOutside) continue;
+        ++counts.voxels;
+        if (found == Found::kHole) {
+          ++counts.holes;
+          continue;
+        }
+        if (isNear(value, background, tolerance)) continue;
+        leaf->setValueOn(Leaf::coordToOffset(c), value);
+        if (!isNear(value, background, spread)) ++counts.loud;
+        counts.lowest = std::min(counts.lowest, sizeOf(value));
+        counts.highest = std::max(counts.highest, sizeOf(value));
+      }
+    }
+  }
+  if (leaf->isEmpty()) leaf.reset();
+  return leaf;
+}
 
-  // A row of leaves along j a task; each leaf is filled whole, and kept where a voxel is active.
+template <class GridT, class Voxels, class Value>
+Gridded build(const Voxels& voxels, const Value& background, double tolerance, double spread,
+              const Progress& progress) {
+  using Leaf = typename GridT::TreeType::LeafNodeType;
+  // A row of leaves along y a task.
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
-  const std::array<int, 3> leaves{(image.size[0] + kEdge - 1) / kEdge,
-                                  (image.size[1] + kEdge - 1) / kEdge,
-                                  (image.size[2] + kEdge - 1) / kEdge};
+  std::array<int, 3> leaves{};
+  for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
   const int rows = leaves[0] * leaves[2];
   std::vector<std::vector<std::unique_ptr<Leaf>>> made(static_cast<std::size_t>(rows));
-  Sums sums;
-  std::atomic<int> done{0};
-  std::mutex telling;
+  SharedProgress shared(progress, rows);
+  Counts counts;
+  std::mutex adding;
   tbb::parallel_for(0, rows, [&](int row) {
-    std::uint64_t holes = 0;
-    std::uint64_t loud = 0;
-    double lowest = std::numeric_limits<double>::infinity();
-    double highest = -lowest;
+    Counts own;
     for (int y = 0; y < leaves[1]; ++y) {
       const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (row / leaves[0]) * kEdge);
-      auto leaf = std::make_unique<Leaf>(origin, background);
-      const Coord end(std::min(origin.x() + kEdge, image.size[0]),
-                      std::min(origin.y() + kEdge, image.size[1]),
-                      std::min(origin.z() + kEdge, image.size[2]));
-      for (int k = origin.z(); k < end.z(); ++k) {
-        for (int j = origin.y(); j < end.y(); ++j) {
-          for (int i = origin.x(); i < end.x(); ++i) {
-            const std::size_t point = pointAt(image, i, j, k);
-            const Value value = values[point];
-            if (!isFinite(value) || isHidden(image, point)) {
-              ++holes;
-              continue;
-            }
-            if (isNear(value, background, tolerance)) continue;
-            leaf->setValueOn(Leaf::coordToOffset(Coord(i, j, k)), value);
-            if (!isNear(value, background, surroundings.spread)) ++loud;
-            lowest = std::min(lowest, sizeOf(value));
-            highest = std::max(highest, sizeOf(value));
-          }
-        }
-      }
-      if (!leaf->isEmpty()) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
+      auto leaf = makeLeaf<Leaf>(voxels, origin, background, tolerance, spread, own);
+      if (leaf) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
     }
     {
-      const std::lock_guard lock(sums.mutex);
-      sums.holes += holes;
-      sums.loud += loud;
-      sums.lowest = std::min(sums.lowest, lowest);
-      sums.highest = std::max(sums.highest, highest);
+      const std::lock_guard lock(adding);
+      counts.add(own);
     }
-    const int count = ++done;
-    if (progress && telling.try_lock()) {
-      progress(static_cast<double>(count) / rows);
-      telling.unlock();
-    }
+    shared.step();
   });
 
   auto grid = GridT::create(background);
@@ -186,45 +244,74 @@ Gridded build(const Piece& image, const Array& array, double tolerance, const Pr
     row.clear();
   }
   Gridded out;
-  out.grid = grid;
-  out.voxels = static_cast<std::uint64_t>(array.values->GetNumberOfTuples());
-  out.holes = sums.holes;
-  out.lowest = sums.lowest;
-  out.highest = sums.highest;
+  out.voxels = counts.voxels;
+  out.holes = counts.holes;
+  out.lowest = counts.lowest;
+  out.highest = counts.highest;
   out.background = sizeOf(background);
   out.tolerance = tolerance;
-  const double share = static_cast<double>(sums.loud) / static_cast<double>(out.voxels);
   const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
-  const auto active = static_cast<double>(grid->activeVoxelCount());
-  if (surroundings.spread > tolerance && surroundings.spread < 0.05 * range &&
-      share * static_cast<double>(out.voxels) < 0.9 * active) {
-    out.quieter_tolerance = surroundings.spread;
-    out.quieter_share = share;
+  if (spread > tolerance && spread < 0.05 * range &&
+      static_cast<double>(counts.loud) < 0.9 * static_cast<double>(grid->activeVoxelCount())) {
+    out.quieter_tolerance = spread;
+    out.quieter_share = static_cast<double>(counts.loud) / static_cast<double>(counts.voxels);
   }
+  out.grid = grid;
   return out;
 }
 
+/// As the file has the voxels, or on cubes of this edge if it is not 0.
+struct Lattice {
+  std::array<int, 3> size{};
+  Affine index_from_cube;
+  bool cubes = false;
+};
+
+template <class T, int C>
+Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
+                const Progress& progress) {
+  using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
+  const Values<T, C> values{static_cast<const T*>(array.values->GetVoidPointer(0))};
+  typename Values<T, C>::Value background(0.0F);
+  Surroundings surroundings;
+  if constexpr (C == 1) {
+    surroundings = surroundingsOf(image, values);
+    background = surroundings.middle;
+  }
+  if (lattice.cubes) {
+    return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
+                        background, tolerance, surroundings.spread, progress);
+  }
+  return build<GridT>(OwnVoxels<T, C>{image, values}, background, tolerance, surroundings.spread,
+                      progress);
+}
+
 template <int C>
-Gridded buildAny(const Piece& image, const Array& array, double tolerance,
+Gridded buildAny(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
                  const Progress& progress) {
   switch (array.values->GetDataType()) {
-    vtkTemplateMacro(return (build<VTK_TT, C>(image, array, tolerance, progress)));
+    vtkTemplateMacro(return (buildOn<VTK_TT, C>(lattice, image, array, tolerance, progress)));
     default:
       throw VolumeError(array.name, "its values are no numbers", "choose another with --field");
   }
 }
 
-}  // namespace
-
-Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
-                      const Progress& progress) {
+Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& array,
+                       double tolerance, const Progress& progress) {
   Gridded out = array.values->GetNumberOfComponents() == 1
-                    ? buildAny<1>(image, array, tolerance, progress)
-                    : buildAny<3>(image, array, tolerance, progress);
+                    ? buildAny<1>(lattice, image, array, tolerance, progress)
+                    : buildAny<3>(lattice, image, array, tolerance, progress);
   out.grid->setName(array.name);
   return out;
 }
 
+/// OpenVDB takes maps of little volume for singular.
+[[noreturn]] void refuseSmall(const std::string& file, double edge) {
+  throw VolumeError(file, fmt::format("voxels of {:g} are too small for OpenVDB", edge),
+                    "export it in a smaller unit of length, as mm for m");
+}
+
+/// Throws VolumeError for a map that is singular.
 openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const std::string& file) {
   const Mat3& M = file_from_index.linear;
   const double volume = std::abs(M.determinant());
@@ -239,7 +326,70 @@ openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const s
     for (int column = 0; column < 3; ++column) map(column, row) = M(row, column);
     map(3, row) = file_from_index.origin[row];
   }
-  return openvdb::math::Transform::createLinearTransform(map);
+  try {
+    return openvdb::math::Transform::createLinearTransform(map);
+  } catch (const openvdb::ArithmeticError&) {
+    refuseSmall(file, M.colwise().norm().minCoeff());
+  }
+}
+
+}  // namespace
+
+openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
+                                    const std::string& file) {
+  try {
+    const auto transform = openvdb::math::Transform::createLinearTransform(edge);
+    transform->postTranslate(origin);
+    return transform;
+  } catch (const openvdb::ArithmeticError&) {
+    refuseSmall(file, edge);
+  }
+}
+
+Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
+                      const std::string& file, const Progress& progress) {
+  const auto transform = transformOf(image.file_from_index, file);
+  Gridded out = buildOnLattice({}, image, array, tolerance, progress);
+  out.grid->setTransform(transform);
+  return out;
+}
+
+Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double tolerance,
+                    const std::string& file, const Progress& progress) {
+  (void)transformOf(image.file_from_index, file);  // for its refusal
+  const Affine& map = image.file_from_index;
+  Box box;
+  for (unsigned corner = 0; corner < 8; ++corner) {
+    Vec3 p_I;
+    for (std::size_t a = 0; a < 3; ++a) {
+      p_I[static_cast<Eigen::Index>(a)] = ((corner >> a) & 1U) != 0 ? image.size[a] - 1 : 0;
+    }
+    box.extend(map.linear * p_I + map.origin);
+  }
+  Lattice lattice;
+  lattice.cubes = true;
+  double voxels = 1.0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    const auto axis = static_cast<Eigen::Index>(a);
+    const double steps = std::floor((box.upper[axis] - box.lower[axis]) / voxel + 1e-9) + 1.0;
+    voxels *= steps;
+    if (!(steps < 1e6) || !(voxels <= kMostVoxels)) {
+      throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
+                        "give a larger --voxel");
+    }
+    lattice.size[a] = static_cast<int>(steps);
+  }
+  if (*std::max_element(lattice.size.begin(), lattice.size.end()) < 2) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
+                      "give a smaller --voxel");
+  }
+  const Mat3 index_from_file = map.linear.inverse();
+  lattice.index_from_cube.linear = index_from_file * voxel;
+  lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);
+  Gridded out = buildOnLattice(lattice, image, array, tolerance, progress);
+  out.grid->setTransform(
+      cubes(voxel, openvdb::Vec3d(box.lower.x(), box.lower.y(), box.lower.z()), file));
+  return out;
 }
 
 }  // namespace palpate::importer

@@ -72,6 +72,35 @@ bool writeAll(int file, const char* data, std::size_t count) {
   _exit(status);
 }
 
+struct Written {
+  std::filesystem::path partial;
+  std::filesystem::path file;
+};
+
+/// All of them, or none of those that were not there before.
+void appear(const std::vector<Written>& files) {
+  std::error_code error;
+  std::vector<std::filesystem::path> fresh;
+  for (const Written& one : files) {
+    const bool was_there = std::filesystem::exists(one.file, error);
+    // What stands behind a link changes, not the link.
+    std::filesystem::path target = one.file;
+    for (int links = 0; links < 40 && std::filesystem::is_symlink(target, error); ++links) {
+      target = target.parent_path() / std::filesystem::read_symlink(target, error);
+    }
+    error.clear();
+    std::filesystem::rename(one.partial, target, error);
+    if (error) {
+      const std::string why = error.message();
+      for (const std::filesystem::path& file : fresh) std::filesystem::remove(file, error);
+      for (const Written& other : files) std::filesystem::remove(other.partial, error);
+      throw Error(one.file.string(), fmt::format("it cannot be written ({})", why),
+                  "choose another place");
+    }
+    if (!was_there) fresh.push_back(target);
+  }
+}
+
 /// What the child says, until it closes the pipe.
 class Listener {
  public:
@@ -85,7 +114,7 @@ class Listener {
     }
   }
   void endProgress() { show_ = nullptr; }
-  [[nodiscard]] const std::vector<std::string>& partials() const { return partials_; }
+  [[nodiscard]] const std::vector<Written>& files() const { return files_; }
   [[nodiscard]] const std::string& output() const { return output_; }
   [[nodiscard]] bool complained() const { return complained_; }
 
@@ -107,7 +136,7 @@ class Listener {
         if (show_) show_(std::stod(text));
         break;
       case 'f':
-        partials_.push_back(text);
+        files_.push_back({text.substr(0, text.find('\0')), text.substr(text.find('\0') + 1)});
         break;
       default:
         break;
@@ -116,7 +145,7 @@ class Listener {
 
   std::string heard_;
   std::string output_;
-  std::vector<std::string> partials_;
+  std::vector<Written> files_;
   std::function<void(double)> show_;
   bool complained_ = false;
 };
@@ -143,8 +172,8 @@ void Teller::progress(double done) {
   told_ = percent;
   send('p', fmt::format("{}", done));
 }
-void Teller::partial(const std::string& file) {
-  send('f', file);
+void Teller::file(const std::string& partial, const std::string& file) {
+  send('f', partial + '\0' + file);
 }
 
 int runGuarded(const std::string& what, const std::function<int(Teller&)>& work) {
@@ -180,12 +209,13 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work)
 
   const bool ended = WIFEXITED(result);
   const int status = ended ? WEXITSTATUS(result) : cli::kBadInput;
-  if (status != cli::kDone) {
-    std::error_code error;
-    for (const std::string& file : listener.partials()) std::filesystem::remove(file, error);
-  } else {
+  if (status == cli::kDone) {
+    appear(listener.files());
     std::fwrite(listener.output().data(), 1, listener.output().size(), stdout);
+    return cli::kDone;
   }
+  std::error_code error;
+  for (const Written& one : listener.files()) std::filesystem::remove(one.partial, error);
   if (was_interrupted != 0) return cli::kInterrupted;
   if (!ended) {
     const int signal = WTERMSIG(result);
@@ -196,7 +226,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work)
       return cli::kEndedEarly;
     }
     cli::complain(what + ": reading it brought the reader down: it is damaged: export it again");
-  } else if (status != cli::kDone && !listener.complained()) {
+  } else if (!listener.complained()) {
     cli::complain(what + ": the reader gave up without a word: it is damaged: export it again");
   }
   return status;

@@ -12,11 +12,13 @@ class Teller {
  public:
   explicit Teller(int pipe) : pipe_(pipe) {}
 
-  void out(const std::string& text);      ///< To stdout, when the work has ended well.
-  void error(const std::string& line);    ///< "palpate: ..." to stderr.
-  void stage(const std::string& what);    ///< What progress is of from now on.
-  void progress(double done);             ///< 0 to 1.
-  void partial(const std::string& file);  ///< To be removed if the work does not end well.
+  void out(const std::string& text);    ///< To stdout, when the work has ended well.
+  void error(const std::string& line);  ///< "palpate: ..." to stderr.
+  void stage(const std::string& what);  ///< What progress is of from now on.
+  void progress(double done);           ///< 0 to 1.
+  /// Will write `partial`, which becomes `file` when all of the work has ended well, and is removed
+  /// if it has not.
+  void file(const std::string& partial, const std::string& file);
 
  private:
   void send(char kind, const std::string& text);
@@ -28,7 +30,8 @@ class Teller {
 /// Runs `work` in a child process and returns its exit status. Errors that it throws, and its end
 /// by a signal as well, become one line on stderr: Error is status 2, a lack of memory 1, a crash 2
 /// (the file is what is wrong), anything else 3. Interrupting or terminating this process ends the
-/// child at once: status 130. Partial files of work that did not end well are removed.
+/// child at once: status 130, unless it had done its work. The files that it announced appear
+/// together at its good end, or not at all.
 /// @param what  Named in the line about a crash: the file that is read.
 [[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work);
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
 #include <vector>
 
 #include <fmt/format.h>
@@ -13,6 +12,9 @@
 #include <openvdb/util/NullInterrupter.h>
 
 #include "engine/error.h"
+#include "scenes/import/grids.h"
+#include "scenes/import/quantile.h"
+#include "scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
@@ -54,20 +56,29 @@ class Surface {
 /// Passes OpenVDB's progress on; it is told from any thread.
 class Watcher final : public openvdb::util::NullInterrupter {
  public:
-  explicit Watcher(const Progress& progress) : progress_(progress) {}
+  explicit Watcher(const Progress& progress) : shared_(progress, 100) {}
 
   bool wasInterrupted(int percent = -1) override {
-    if (percent >= 0 && progress_ && telling_.try_lock()) {
-      progress_(percent / 100.0);
-      telling_.unlock();
-    }
+    if (percent >= 0) shared_.tell(percent / 100.0);
     return false;
   }
 
  private:
-  const Progress& progress_;
-  std::mutex telling_;
+  SharedProgress shared_;
 };
+
+/// The part of the original's surface that is a voxel or more from the level set's.
+double lostPart(const openvdb::tools::VolumeToMesh& mesher, const openvdb::FloatGrid& surface) {
+  const auto level = surface.getConstAccessor();
+  const double edge = surface.voxelSize().x();
+  std::size_t lost = 0;
+  for (std::size_t p = 0; p < mesher.pointListSize(); ++p) {
+    const Vec3d p_I = surface.worldToIndex(Vec3d(mesher.pointList()[p]));
+    if (std::abs(BoxSampler::sample(level, p_I)) >= edge) ++lost;
+  }
+  return static_cast<double>(lost) /
+         static_cast<double>(std::max<std::size_t>(mesher.pointListSize(), 1));
+}
 
 /// Where edges between voxels cross the surface: how far the original's surface is, to first order.
 std::vector<double> distances(const openvdb::FloatGrid& surface, const openvdb::FloatGrid& original,
@@ -108,9 +119,9 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                     const std::string& file, const Progress& progress) {
   const Vec3d edges = grid.voxelSize();
   const double edge = voxel > 0.0 ? voxel : std::min({edges.x(), edges.y(), edges.z()});
-  const auto transform = openvdb::math::Transform::createLinearTransform(edge);
+  const auto transform = cubes(edge, Vec3d(0.0), file);
   LevelSet out;
-  out.solid_above = static_cast<double>(grid.background()) <= iso;
+  out.solid_above = static_cast<double>(grid.background()) < iso;
   openvdb::tools::VolumeToMesh mesher(iso);
   mesher(grid);
   const Surface surface(mesher, *transform);
@@ -119,22 +130,35 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
                       fmt::format("nothing in \"{}\" has the value {:g}", grid.getName(), iso),
                       "give --iso within its range, see palpate info");
   }
+  // As many voxels as the surface has area, times the band.
+  const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
+  if (static_cast<double>(surface.polygonCount()) * refinement * refinement * 6.0 > 1e9) {
+    throw VolumeError(file, fmt::format("voxels of {:g} are too many for its surface", edge),
+                      "give a larger --voxel");
+  }
   // Without signs: OpenVDB takes what a surface encloses for its inside, and drops a cavity's.
   Watcher watcher(progress);
   out.grid = openvdb::tools::meshToVolume<openvdb::FloatGrid>(
       watcher, surface, *transform, kHalfWidth, kHalfWidth,
       openvdb::tools::UNSIGNED_DISTANCE_FIELD);
-  mesher.pointList().reset();
-  mesher.polygonPoolList().reset();
-  // The values know what is inside.
+  // The values know what is inside; a voxel of just this value is, as for OpenVDB.
   const auto accessor = grid.getConstAccessor();
+  std::uint64_t inside = 0;
   for (auto value = out.grid->beginValueOn(); value; ++value) {
     const Vec3d p = out.grid->indexToWorld(value.getCoord());
-    const bool above = BoxSampler::sample(accessor, grid.worldToIndex(p)) > iso;
+    const bool above = BoxSampler::sample(accessor, grid.worldToIndex(p)) >= iso;
     const float distance = std::abs(*value);
+    if (above == out.solid_above) ++inside;
     value.setValue(above == out.solid_above ? -distance : distance);
   }
   openvdb::tools::signedFloodFill(out.grid->tree());
+  if (inside == 0) {
+    throw VolumeError(file, fmt::format("what has the value {:g} is thinner than its voxels", iso),
+                      "give a smaller --voxel, or another value");
+  }
+  out.lost = lostPart(mesher, *out.grid);
+  mesher.pointList().reset();
+  mesher.polygonPoolList().reset();
 
   std::vector<double> errors = distances(*out.grid, grid, iso);
   out.crossings = errors.size();
@@ -142,10 +166,7 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
     double squares = 0.0;
     for (const double e : errors) squares += e * e;
     out.rms_error = std::sqrt(squares / static_cast<double>(errors.size())) / edge;
-    const auto p99 =
-        errors.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(errors.size() - 1));
-    std::nth_element(errors.begin(), p99, errors.end());
-    out.p99_error = *p99 / edge;
+    out.p99_error = quantile(errors, 0.99) / edge;
   }
   out.grid->setName(grid.getName());
   out.grid->setGridClass(openvdb::GRID_LEVEL_SET);

@@ -6,16 +6,15 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
 #include <vtkAppendFilter.h>
 #include <vtkBitArray.h>
 #include <vtkCellData.h>
 #include <vtkCellDataToPointData.h>
-#include <vtkCellTypes.h>
 #include <vtkCompositeDataIterator.h>
 #include <vtkCompositeDataSet.h>
 #include <vtkDataSetAttributes.h>
 #include <vtkFloatArray.h>
-#include <vtkGenericCell.h>
 #include <vtkImageData.h>
 #include <vtkMatrix4x4.h>
 #include <vtkNew.h>
@@ -26,6 +25,7 @@
 #include <vtkUnstructuredGrid.h>
 
 #include "engine/error.h"
+#include "scenes/import/mesh.h"
 #include "scenes/import/tensors.h"
 #include "scenes/import/vtk_run.h"
 
@@ -93,18 +93,57 @@ vtkSmartPointer<vtkDataArray> withThree(vtkDataArray* two) {
   return out;
 }
 
+/// VTK's readers take an array of any length, and it is read to the length that it should have.
+void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::string& file) {
+  for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
+    vtkDataArray* values = attributes->GetArray(a);
+    if (values == nullptr || values->GetNumberOfTuples() == count) continue;
+    throw VolumeError(file,
+                      fmt::format("its array \"{}\" has {} values for {} places",
+                                  values->GetName() == nullptr ? "" : values->GetName(),
+                                  values->GetNumberOfTuples(), count),
+                      "it is damaged: export it again");
+  }
+}
+
+/// A name as grids can have it: UTF-8 as far as it goes, no controls, not too long.
+std::string nameOf(vtkDataArray* values, std::vector<std::string>& notes) {
+  const std::string given = values->GetName() == nullptr ? "" : values->GetName();
+  std::string name = given;
+  name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads
+  constexpr std::size_t kLongest = 100;
+  if (name.size() > kLongest) name.resize(kLongest);
+  // What is no UTF-8 makes nlohmann-json throw: then all that is not ASCII goes.
+  bool plain = true;
+  try {
+    (void)nlohmann::json(name).dump();
+  } catch (const nlohmann::json::exception&) {
+    plain = false;
+  }
+  for (char& c : name) {
+    const auto u = static_cast<unsigned char>(c);
+    if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
+  }
+  if (name.empty()) name = "density";
+  if (!given.empty() && name != given && given.find_last_not_of(' ') + 1 != name.size()) {
+    notes.push_back(fmt::format("an array's name became \"{}\"", name));
+  }
+  return name;
+}
+
 /// The arrays of a piece's points, made ready; takes them out of `attributes`. Tensors become what
 /// can be felt of them, in images only: directions cannot be interpolated within a mesh's cells.
-std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, bool image,
+std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, const Content& content, bool image,
                               std::vector<std::string>& notes) {
   std::vector<Array> arrays;
   for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
     vtkSmartPointer<vtkDataArray> values = attributes->GetArray(a);
     if (values == nullptr || isNumbering(attributes, values)) continue;
-    std::string name = values->GetName() == nullptr ? "" : values->GetName();
-    if (name == vtkDataSetAttributes::GhostArrayName() || name == "vtkValidPointMask") continue;
-    name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads
-    if (name.empty()) name = "density";
+    const std::string given = values->GetName() == nullptr ? "" : values->GetName();
+    if (given == vtkDataSetAttributes::GhostArrayName() || given == "vtkValidPointMask") continue;
+    const std::string name = nameOf(values, notes);
+    const auto known = content.value_unit.find(name);
+    const std::string unit = known == content.value_unit.end() ? "" : known->second;
     if (vtkBitArray::SafeDownCast(values) != nullptr) {
       auto bytes = vtkSmartPointer<vtkUnsignedCharArray>::New();
       bytes->DeepCopy(values);
@@ -113,16 +152,16 @@ std::vector<Array> takeArrays(vtkDataSetAttributes* attributes, bool image,
     switch (values->GetNumberOfComponents()) {
       case 1:
       case 3:
-        arrays.push_back({name, values});
+        arrays.push_back({name, values, unit, "", false});
         break;
       case 2:
-        arrays.push_back({name, withThree(values)});
+        arrays.push_back({name, withThree(values), unit, "", false});
         notes.push_back(fmt::format("{}: two components, z is 0", name));
         break;
       case 6:
       case 9:
         if (image) {
-          for (Array& array : diffusionOf(Array{name, values})) {
+          for (Array& array : diffusionOf(Array{name, values, unit, "", false})) {
             arrays.push_back(std::move(array));
           }
           notes.push_back(fmt::format(
@@ -157,42 +196,77 @@ vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataSetAttributes* attributes,
   return any ? hidden : nullptr;
 }
 
+/// Calls with each cell's number and each of its corners' numbers.
+template <class Visit>
+void visitCorners(const std::array<int, 3>& size, Visit visit) {
+  vtkIdType cell = 0;
+  for (int k = 0; k + 1 < size[2]; ++k) {
+    for (int j = 0; j + 1 < size[1]; ++j) {
+      for (int i = 0; i + 1 < size[0]; ++i, ++cell) {
+        for (int corner = 0; corner < 8; ++corner) {
+          const vtkIdType row =
+              static_cast<vtkIdType>(k + corner / 4) * size[1] + j + corner / 2 % 2;
+          visit(cell, row * size[0] + i + corner % 2);
+        }
+      }
+    }
+  }
+}
+
+/// A cell at a hidden point has no data, and neither has a point of hidden cells only.
+void hideBoth(Piece& image, Piece& cells) {
+  const auto zeros = [](const Piece& piece) {
+    auto out = vtkSmartPointer<vtkUnsignedCharArray>::New();
+    out->SetNumberOfValues(static_cast<vtkIdType>(piece.size[0]) * piece.size[1] * piece.size[2]);
+    out->Fill(0);
+    return out;
+  };
+  if (image.hidden == nullptr && cells.hidden == nullptr) return;
+  const auto given_points = image.hidden == nullptr ? zeros(image) : image.hidden;
+  const auto given_cells = cells.hidden == nullptr ? zeros(cells) : cells.hidden;
+  image.hidden = zeros(image);
+  image.hidden->Fill(1);
+  cells.hidden = zeros(cells);
+  visitCorners(image.size, [&](vtkIdType cell, vtkIdType point) {
+    if (given_points->GetValue(point) != 0) cells.hidden->SetValue(cell, 1);
+    if (given_cells->GetValue(cell) == 0) image.hidden->SetValue(point, 0);
+  });
+  for (vtkIdType p = 0; p < given_points->GetNumberOfValues(); ++p) {
+    if (given_points->GetValue(p) != 0) image.hidden->SetValue(p, 1);
+  }
+  for (vtkIdType c = 0; c < given_cells->GetNumberOfValues(); ++c) {
+    if (given_cells->GetValue(c) != 0) cells.hidden->SetValue(c, 1);
+  }
+}
+
 /// An image, and another of its cells' centres where the cells have data.
 void takeImage(vtkDataSet* data, const std::array<int, 3>& size, const Affine& map,
-               const std::string& file, std::vector<Piece>& pieces,
+               const Content& content, const std::string& file, std::vector<Piece>& pieces,
                std::vector<std::string>& notes) {
   if (*std::min_element(size.begin(), size.end()) < 2) {
     throw VolumeError(file, fmt::format("it is flat: {} points", fmt::join(size, " x ")),
                       "give an image with thickness");
   }
+  checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
+  checkLengths(data->GetCellData(), data->GetNumberOfCells(), file);
   Piece image;
   image.size = size;
   image.file_from_index = map;
   image.hidden = hiddenOf(data->GetPointData(), vtkDataSetAttributes::HIDDENPOINT);
-  image.arrays = takeArrays(data->GetPointData(), true, notes);
+  image.arrays = takeArrays(data->GetPointData(), content, true, notes);
 
   Piece cells;
   cells.size = {size[0] - 1, size[1] - 1, size[2] - 1};
   cells.file_from_index = map;
   cells.file_from_index.origin += map.linear * Vec3::Constant(0.5);
   cells.hidden = hiddenOf(data->GetCellData(), vtkDataSetAttributes::HIDDENCELL);
-  cells.arrays = takeArrays(data->GetCellData(), true, notes);
+  cells.arrays = takeArrays(data->GetCellData(), content, true, notes);
+  hideBoth(image, cells);
   for (Array& array : cells.arrays) {
     notes.push_back(fmt::format("{}: a value a cell: its voxels are the cells", array.name));
   }
   if (!image.arrays.empty()) pieces.push_back(std::move(image));
   if (!cells.arrays.empty()) pieces.push_back(std::move(cells));
-}
-
-bool hasVolume(vtkDataSet* mesh) {
-  vtkNew<vtkCellTypes> types;
-  mesh->GetCellTypes(types);
-  vtkNew<vtkGenericCell> cell;
-  for (vtkIdType i = 0; i < types->GetNumberOfTypes(); ++i) {
-    cell->SetCellType(types->GetCellType(i));
-    if (cell->GetCellDimension() == 3) return true;
-  }
-  return false;
 }
 
 /// Adds one data set, meshes are collected; false if it has no volume.
@@ -203,7 +277,8 @@ bool takeOne(vtkDataSet* data, const Content& content, const std::string& file,
   std::array<int, 3> size{};
   if (auto* image = vtkImageData::SafeDownCast(data)) {
     image->GetDimensions(size.data());
-    takeImage(data, size, content.file_from_index.value_or(mapOf(image)), file, pieces, notes);
+    takeImage(data, size, content.file_from_index.value_or(mapOf(image)), content, file, pieces,
+              notes);
     return true;
   }
   auto* rectilinear = vtkRectilinearGrid::SafeDownCast(data);
@@ -216,26 +291,44 @@ bool takeOne(vtkDataSet* data, const Content& content, const std::string& file,
     }
     if (*std::min_element(size.begin(), size.end()) > 1) {
       if (const auto map = straightMapOf(data, size)) {
-        takeImage(data, size, *map, file, pieces, notes);
+        takeImage(data, size, *map, content, file, pieces, notes);
         return true;
       }
     }
   }
-  if (!hasVolume(data)) return false;
-  meshes.emplace_back(data);
+  checkLengths(data->GetPointData(), data->GetNumberOfPoints(), file);
+  checkLengths(data->GetCellData(), data->GetNumberOfCells(), file);
+  vtkSmartPointer<vtkDataSet> solid = solidCells(data, file, notes);
+  if (solid == nullptr) return false;
+  meshes.push_back(std::move(solid));
   return true;
 }
 
 /// All blocks as one, cell data at the points.
-Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::string& file,
-               std::vector<std::string>& notes) {
+Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const Content& content,
+               const std::string& file, std::vector<std::string>& notes) {
   vtkSmartPointer<vtkDataSet> mesh = meshes.front();
   if (meshes.size() > 1) {
     vtkNew<vtkAppendFilter> append;
-    for (const auto& block : meshes) append->AddInputData(block);
+    std::set<std::string> there;
+    for (const auto& block : meshes) {
+      append->AddInputData(block);
+      for (vtkDataSetAttributes* attributes :
+           {static_cast<vtkDataSetAttributes*>(block->GetPointData()),
+            static_cast<vtkDataSetAttributes*>(block->GetCellData())}) {
+        for (int a = 0; a < attributes->GetNumberOfArrays(); ++a) {
+          if (attributes->GetArrayName(a) != nullptr) there.insert(attributes->GetArrayName(a));
+        }
+      }
+    }
     run(append, file);
     mesh = append->GetOutput();
     notes.push_back(fmt::format("{} blocks as one", meshes.size()));
+    for (const std::string& name : there) {
+      if (mesh->GetPointData()->HasArray(name.c_str()) != 0) continue;
+      if (mesh->GetCellData()->HasArray(name.c_str()) != 0) continue;
+      notes.push_back(fmt::format("{}: left out: not in all blocks", name));
+    }
   }
   std::vector<std::string> moved;
   for (int a = 0; a < mesh->GetCellData()->GetNumberOfArrays(); ++a) {
@@ -243,7 +336,12 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
     if (array == nullptr || isNumbering(mesh->GetCellData(), array)) continue;
     const std::string name = array->GetName() == nullptr ? "" : array->GetName();
     if (name.empty() || name == vtkDataSetAttributes::GhostArrayName()) continue;
-    if (mesh->GetPointData()->HasArray(name.c_str()) == 0) moved.push_back(name);
+    if (mesh->GetPointData()->HasArray(name.c_str()) == 0) {
+      moved.push_back(name);
+    } else {
+      notes.push_back(
+          fmt::format("{}: its values by cell are left out: points have their own", name));
+    }
   }
   if (!moved.empty()) {
     vtkNew<vtkCellDataToPointData> points;
@@ -258,11 +356,7 @@ Piece takeMesh(std::vector<vtkSmartPointer<vtkDataSet>> meshes, const std::strin
   }
   Piece piece;
   piece.mesh = mesh;
-  // Which points and cells are hidden stays with the mesh.
-  vtkSmartPointer<vtkDataArray> ghosts =
-      mesh->GetPointData()->GetArray(vtkDataSetAttributes::GhostArrayName());
-  piece.arrays = takeArrays(mesh->GetPointData(), false, notes);
-  if (ghosts != nullptr) mesh->GetPointData()->AddArray(ghosts);
+  piece.arrays = takeArrays(mesh->GetPointData(), content, false, notes);
   return piece;
 }
 
@@ -295,13 +389,14 @@ std::vector<Piece> takeApart(const Content& content, const std::string& file,
     throw VolumeError(file, "there is no volume in it, only points, lines or surfaces, or nothing",
                       "give an image or a mesh of cells with volume");
   }
-  if (!meshes.empty()) pieces.push_back(takeMesh(std::move(meshes), file, notes));
+  if (!meshes.empty()) pieces.push_back(takeMesh(std::move(meshes), content, file, notes));
   // One name, one grid.
   std::set<std::string> taken;
   for (Piece& piece : pieces) {
     for (Array& array : piece.arrays) {
       std::string name = array.name;
       for (int n = 2; !taken.insert(name).second; ++n) name = fmt::format("{}_{}", array.name, n);
+      array.given = array.name;
       array.name = name;
     }
   }
@@ -324,7 +419,8 @@ void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
   }
   for (Piece& piece : pieces) {
     std::erase_if(piece.arrays, [&](const Array& array) {
-      return std::find(fields.begin(), fields.end(), array.name) == fields.end();
+      return std::find(fields.begin(), fields.end(), array.name) == fields.end() &&
+             std::find(fields.begin(), fields.end(), array.given) == fields.end();
     });
   }
   std::erase_if(pieces, [](const Piece& piece) { return piece.arrays.empty(); });

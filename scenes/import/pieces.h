@@ -19,6 +19,9 @@ namespace palpate::importer {
 struct Array {
   std::string name;
   vtkSmartPointer<vtkDataArray> values;
+  std::string unit;    ///< Of the values; empty: not known.
+  std::string given;   ///< Its name in the file, where others share it.
+  bool axial = false;  ///< Vectors whose sign means nothing, as a fibre's direction.
 };
 
 /// Points with arrays on them.

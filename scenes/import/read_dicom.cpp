@@ -1,21 +1,5 @@
 /// DICOM series through vtk-dicom. It parses files and unpacks pixels; which images make a volume,
 /// in which order and where they are is found here, since whatever does not fit must be told.
-#include "engine/error.h"
-#include "scenes/import/reader.h"
-
-#ifndef PALPATE_DICOM
-
-namespace palpate::importer {
-
-std::unique_ptr<Reader> openDicom(const Request& request) {
-  throw VolumeError(request.file.string(), "this palpate was built without vtk-dicom",
-                    "install libvtk-dicom-dev and build again");
-}
-
-}  // namespace palpate::importer
-
-#else
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -48,6 +32,8 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
 #include <vtkStringArray.h>
 #include <vtkUnsignedCharArray.h>
 
+#include "engine/error.h"
+#include "scenes/import/reader.h"
 #include "scenes/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -1089,5 +1075,3 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
 }
 
 }  // namespace palpate::importer
-
-#endif

@@ -11,6 +11,7 @@
 #include <vtkStreamingDemandDrivenPipeline.h>
 
 #include "engine/error.h"
+#include "scenes/import/netcdf_size.h"
 #include "scenes/import/reader.h"
 #include "scenes/import/vtk_run.h"
 
@@ -103,6 +104,13 @@ class Plot3dReader final : public Reader {
 }  // namespace
 
 std::unique_ptr<Reader> openExodus(const Request& request) {
+  std::error_code error;
+  const std::uint64_t there = std::filesystem::file_size(request.file, error);
+  if (const auto size = netcdfSize(request.file); size && !error && there < *size) {
+    throw VolumeError(request.file.string(),
+                      fmt::format("it is truncated: {} bytes of {}", there, *size),
+                      "copy or export it again");
+  }
   vtkNew<vtkExodusIIReader> reader;
   if (reader->CanReadFile(request.file.c_str()) == 0) {
     throw VolumeError(request.file.string(),

@@ -35,7 +35,7 @@ constexpr std::array kTypes{
     Type{"int64", VTK_LONG_LONG, 8},  Type{"uint64", VTK_UNSIGNED_LONG_LONG, 8},
     Type{"float32", VTK_FLOAT, 4},    Type{"float64", VTK_DOUBLE, 8}};
 
-/// As docs/interfaces.md has it.
+/// As docs/import.md has it.
 struct Layout {
   std::array<int, 3> size{};
   Type type{};
@@ -267,7 +267,7 @@ class RawReader final : public Reader {
     content.data = image;
     content.file_from_index = layout_.map;
     content.length_unit = layout_.length_unit;
-    if (have - offset > needed && layout_.after.empty() && layout_.skip == 0) {
+    if (have - offset > needed && layout_.after.empty() && layout_.skip >= 0) {
       content.notes.push_back(
           fmt::format("{} bytes behind the values were not read", have - offset - needed));
     }

@@ -1,13 +1,14 @@
 /// VTK's own files, legacy and XML.
-#include <algorithm>
-#include <cmath>
+#include <array>
+#include <cstdio>
+#include <fstream>
+#include <limits>
+#include <regex>
+#include <string>
 
-#include <vtkDataReader.h>
-#include <vtkFieldData.h>
+#include <fmt/format.h>
 #include <vtkGenericDataObjectReader.h>
-#include <vtkInformation.h>
 #include <vtkNew.h>
-#include <vtkStreamingDemandDrivenPipeline.h>
 #include <vtkXMLGenericDataObjectReader.h>
 
 #include "engine/error.h"
@@ -40,11 +41,51 @@ class LegacyReader final : public Reader {
   Request request_;
 };
 
+/// Of "x0 x1 y0 y1 z0 z1", the cells.
+double cellsOf(const std::string& extent) {
+  std::array<int, 6> e{};
+  if (std::sscanf(extent.c_str(), "%d %d %d %d %d %d", &e[0], &e[1], &e[2], &e[3], &e[4], &e[5]) !=
+      6) {
+    return 0.0;
+  }
+  return (static_cast<double>(e[1]) - e[0]) * (static_cast<double>(e[3]) - e[2]) *
+         (static_cast<double>(e[5]) - e[4]);
+}
+
+/// VTK leaves what no piece of a structured file covers as it finds the memory.
+void checkPieces(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  const std::regex whole_extent("WholeExtent=\"([^\"]*)\"");
+  const std::regex piece_extent("<Piece[^>]*[ \t]Extent=\"([^\"]*)\"");
+  double whole = 0.0;
+  double pieces = 0.0;
+  // Tags are short, what stands between them need not be: tag by tag.
+  std::string tag;
+  while (in.ignore(std::numeric_limits<std::streamsize>::max(), '<') && in.good()) {
+    if (in.peek() == '_') break;
+    constexpr std::size_t kLongest = 4096;
+    tag = "<";
+    for (int c = in.get(); c >= 0 && c != '>' && tag.size() < kLongest; c = in.get()) {
+      tag += static_cast<char>(c);
+    }
+    if (tag.rfind("<AppendedData", 0) == 0) break;
+    std::smatch match;
+    if (std::regex_search(tag, match, whole_extent)) whole = cellsOf(match[1]);
+    if (std::regex_search(tag, match, piece_extent)) pieces += cellsOf(match[1]);
+  }
+  if (whole > 0.0 && pieces < whole) {
+    throw VolumeError(file.string(),
+                      fmt::format("its pieces cover {:.3g} of {:.3g} cells", pieces, whole),
+                      "export all of it");
+  }
+}
+
 class XmlReader final : public Reader {
  public:
   explicit XmlReader(Request request) : request_(std::move(request)) {}
 
   Content read(std::size_t /*step*/) override {
+    checkPieces(request_.file);
     vtkNew<vtkXMLGenericDataObjectReader> reader;
     reader->SetFileName(request_.file.c_str());
     run(reader, request_.file.string(), request_.progress);

@@ -5,26 +5,22 @@
 #include <cmath>
 #include <limits>
 #include <memory>
-#include <mutex>
 #include <random>
 
 #include <fmt/format.h>
 #include <openvdb/tools/ChangeBackground.h>
-#include <openvdb/tools/GridTransformer.h>
 #include <openvdb/tools/Interpolation.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
-#include <vtkCellData.h>
-#include <vtkDataSetAttributes.h>
 #include <vtkGenericCell.h>
 #include <vtkIdList.h>
 #include <vtkNew.h>
-#include <vtkPointData.h>
-#include <vtkPoints.h>
 #include <vtkStaticCellLocator.h>
-#include <vtkUnsignedCharArray.h>
 
 #include "engine/error.h"
+#include "scenes/import/mesh.h"
+#include "scenes/import/quantile.h"
+#include "scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
@@ -37,9 +33,14 @@ using VectorTree = openvdb::Vec3STree;
 /// A place this far outside a cell, in its own coordinates of 0 to 1, still belongs to it: the
 /// first voxels stand on the mesh's bounds.
 constexpr double kOutside = 1e-5;
-/// More voxels than this about the mesh are refused: their leaves alone would take an hour.
-constexpr double kMostVoxels = 4e9;
 
+/// VTK's bounds are of x, then y, then z.
+double low(const double bounds[6], int axis) {
+  return bounds[static_cast<std::ptrdiff_t>(2) * axis];
+}
+double high(const double bounds[6], int axis) {
+  return bounds[static_cast<std::ptrdiff_t>(2) * axis + 1];
+}
 double volumeOf(const double bounds[6]) {
   return (bounds[1] - bounds[0]) * (bounds[3] - bounds[2]) * (bounds[5] - bounds[4]);
 }
@@ -51,44 +52,6 @@ struct Worker {
   std::vector<double> weights;
 };
 
-/// A mesh as the loops read it.
-class Mesh {
- public:
-  explicit Mesh(vtkDataSet* data)
-      : data_(data),
-        cells_(vtkUnsignedCharArray::SafeDownCast(
-            data->GetCellData()->GetArray(vtkDataSetAttributes::GhostArrayName()))),
-        points_(vtkUnsignedCharArray::SafeDownCast(
-            data->GetPointData()->GetArray(vtkDataSetAttributes::GhostArrayName()))) {
-    data->ComputeBounds();
-    // The first call prepares what later calls of any thread only read.
-    vtkNew<vtkGenericCell> cell;
-    if (data->GetNumberOfCells() > 0) data->GetCell(0, cell);
-  }
-
-  [[nodiscard]] vtkDataSet* data() const { return data_; }
-
-  /// Loads a cell; false if it has no volume or no data.
-  [[nodiscard]] bool load(vtkIdType index, vtkGenericCell* cell) const {
-    if (cells_ != nullptr && (cells_->GetValue(index) & vtkDataSetAttributes::HIDDENCELL) != 0) {
-      return false;
-    }
-    data_->GetCell(index, cell);
-    if (cell->GetCellDimension() != 3) return false;
-    for (vtkIdType i = 0; points_ != nullptr && i < cell->GetNumberOfPoints(); ++i) {
-      if ((points_->GetValue(cell->GetPointId(i)) & vtkDataSetAttributes::HIDDENPOINT) != 0) {
-        return false;
-      }
-    }
-    return true;
-  }
-
- private:
-  vtkDataSet* data_;
-  vtkUnsignedCharArray* cells_;
-  vtkUnsignedCharArray* points_;
-};
-
 /// Weights of the cell's points at p; false if it is outside.
 bool weighAt(const Vec3d& p, Worker& worker) {
   worker.weights.resize(static_cast<std::size_t>(worker.cell->GetNumberOfPoints()));
@@ -97,10 +60,24 @@ bool weighAt(const Vec3d& p, Worker& worker) {
   double parametric[3];
   double distance2 = 0.0;
   int part = 0;
-  const int inside =
+  const int found =
       worker.cell->EvaluatePosition(x, closest, part, parametric, distance2, worker.weights.data());
-  if (inside == 1) return true;
-  return inside == 0 && worker.cell->GetParametricDistance(parametric) <= kOutside;
+  if (found < 0 || !isInsideCell(worker.cell->GetCellType(), parametric, kOutside)) return false;
+  // Just outside, not every cell has weighed.
+  if (found == 0) worker.cell->InterpolateFunctions(parametric, worker.weights.data());
+  return true;
+}
+
+/// Loads the cell that holds p; false if none does.
+bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, Worker& worker) {
+  double box[6] = {p.x(), p.x(), p.y(), p.y(), p.z(), p.z()};
+  locator->FindCellsWithinBounds(box, worker.candidates);
+  worker.candidates->Sort();
+  for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
+    mesh->GetCell(worker.candidates->GetId(c), worker.cell);
+    if (weighAt(p, worker)) return true;
+  }
+  return false;
 }
 
 double valueAt(const Worker& worker, vtkDataArray* values, int component) {
@@ -172,10 +149,7 @@ float edgeValue(const openvdb::FloatGrid& grid) {
       break;
     }
   }
-  if (edge.empty()) return 0.0F;
-  const auto middle = edge.begin() + static_cast<std::ptrdiff_t>(edge.size() / 2);
-  std::nth_element(edge.begin(), middle, edge.end());
-  return *middle;
+  return quantile(edge, 0.5);
 }
 
 double lengthOf(float v) {
@@ -253,7 +227,7 @@ std::vector<Vec3d> somePlaces(const double bounds[6]) {
   for (int i = 0; i < kCount; ++i) {
     Vec3d p;
     for (int a = 0; a < 3; ++a) {
-      p[a] = std::uniform_real_distribution<>(bounds[2 * a], bounds[2 * a + 1])(random);
+      p[a] = std::uniform_real_distribution<>(low(bounds, a), high(bounds, a))(random);
     }
     places.push_back(p);
   }
@@ -262,20 +236,15 @@ std::vector<Vec3d> somePlaces(const double bounds[6]) {
 
 /// The mesh's own values against the grid's.
 template <class GridT>
-Differences compare(const Mesh& mesh, vtkStaticCellLocator* locator, vtkDataArray* values,
+Differences compare(vtkDataSet* mesh, vtkStaticCellLocator* locator, vtkDataArray* values,
                     const GridT& grid) {
   Differences differences;
   Worker worker;
-  worker.weights.resize(static_cast<std::size_t>(mesh.data()->GetMaxCellSize()));
   const auto accessor = grid.getConstAccessor();
   double bounds[6];
-  mesh.data()->GetBounds(bounds);
+  mesh->GetBounds(bounds);
   for (const Vec3d& p : somePlaces(bounds)) {
-    double x[3] = {p.x(), p.y(), p.z()};
-    double parametric[3];
-    const vtkIdType index =
-        locator->FindCell(x, 0.0, worker.cell, parametric, worker.weights.data());
-    if (index < 0 || !mesh.load(index, worker.cell) || !weighAt(p, worker)) continue;
+    if (!findCell(mesh, locator, p, worker)) continue;
     const Vec3d p_I = grid.worldToIndex(p);
     if (!hasAll(accessor, p_I)) {
       ++differences.edge_points;
@@ -296,11 +265,10 @@ Differences compare(const Mesh& mesh, vtkStaticCellLocator* locator, vtkDataArra
 }  // namespace
 
 double suggestVoxel(const Piece& mesh) {
-  const Mesh cells(mesh.mesh);
   vtkNew<vtkGenericCell> cell;
   std::vector<double> volumes;
   for (const vtkIdType index : someCells(mesh.mesh->GetNumberOfCells())) {
-    if (!cells.load(index, cell)) continue;
+    mesh.mesh->GetCell(index, cell);
     double bounds[6];
     cell->GetBounds(bounds);
     volumes.push_back(volumeOf(bounds));
@@ -310,9 +278,8 @@ double suggestVoxel(const Piece& mesh) {
   const double longest =
       std::max({bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]});
   if (volumes.empty()) return longest / 64.0;
-  const auto middle = volumes.begin() + static_cast<std::ptrdiff_t>(volumes.size() / 2);
-  std::nth_element(volumes.begin(), middle, volumes.end());
-  const double voxel = std::clamp(0.5 * std::cbrt(*middle), longest / 512.0, longest / 32.0);
+  const double voxel =
+      std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0);
   // A round number is easier to repeat.
   const double digit = std::pow(10.0, std::floor(std::log10(voxel)) - 1.0);
   return std::round(voxel / digit) * digit;
@@ -320,7 +287,10 @@ double suggestVoxel(const Piece& mesh) {
 
 std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std::string& file,
                                     const Progress& progress) {
-  const Mesh mesh(piece.mesh);
+  vtkDataSet* mesh = piece.mesh;
+  // The first call prepares what later calls of any thread only read.
+  mesh->ComputeBounds();
+  mesh->GetCell(0, vtkNew<vtkGenericCell>());
   double bounds[6];
   piece.mesh->GetBounds(bounds);
   std::array<int, 3> size{};
@@ -338,8 +308,7 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
     throw VolumeError(file, fmt::format("voxels of {:g} are larger than it is", voxel),
                       "give a smaller --voxel");
   }
-  const auto transform = openvdb::math::Transform::createLinearTransform(voxel);
-  transform->postTranslate(Vec3d(bounds[0], bounds[2], bounds[4]));
+  const auto transform = cubes(voxel, Vec3d(bounds[0], bounds[2], bounds[4]), file);
 
   vtkNew<vtkStaticCellLocator> locator;
   locator->SetDataSet(piece.mesh);
@@ -356,16 +325,15 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
   std::vector<std::vector<std::vector<Sheet::Leaf>>> made(static_cast<std::size_t>(rows));
   std::vector<std::atomic<std::uint64_t>> holes(sheets.size());
   std::atomic<std::uint64_t> inside{0};
-  std::atomic<int> done{0};
-  std::mutex telling;
+  SharedProgress shared(progress, rows);
   tbb::enumerable_thread_specific<Worker> workers;
   tbb::parallel_for(0, rows, [&](int row) {
     Worker& worker = workers.local();
     for (int x = 0; x < leaves[0]; ++x) {
       const Coord origin(x * kEdge, (row % leaves[1]) * kEdge, (row / leaves[1]) * kEdge);
-      const Vec3d low = transform->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
-      const Vec3d high = transform->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
-      double box[6] = {low.x(), high.x(), low.y(), high.y(), low.z(), high.z()};
+      const Vec3d lower = transform->indexToWorld(origin.asVec3d() - Vec3d(kOutside));
+      const Vec3d upper = transform->indexToWorld(origin.asVec3d() + Vec3d(kEdge - 1 + kOutside));
+      double box[6] = {lower.x(), upper.x(), lower.y(), upper.y(), lower.z(), upper.z()};
       locator->FindCellsWithinBounds(box, worker.candidates);
       if (worker.candidates->GetNumberOfIds() == 0) continue;
       worker.candidates->Sort();  // whatever order the locator has, the lowest cell wins
@@ -373,15 +341,15 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       std::vector<Sheet::Leaf> here;
       openvdb::util::NodeMask<3> taken;
       for (vtkIdType c = 0; c < worker.candidates->GetNumberOfIds(); ++c) {
-        if (!mesh.load(worker.candidates->GetId(c), worker.cell)) continue;
+        mesh->GetCell(worker.candidates->GetId(c), worker.cell);
         double cell[6];
         worker.cell->GetBounds(cell);
         // The voxels of this leaf that the cell's bounds hold.
         Coord first;
         Coord last;
         for (int a = 0; a < 3; ++a) {
-          const double from = (cell[2 * a] - bounds[2 * a]) / voxel;
-          const double to = (cell[2 * a + 1] - bounds[2 * a]) / voxel;
+          const double from = (low(cell, a) - low(bounds, a)) / voxel;
+          const double to = (high(cell, a) - low(bounds, a)) / voxel;
           first[a] = std::max(origin[a], static_cast<int>(std::ceil(from - kOutside)));
           last[a] = std::min({origin[a] + kEdge - 1, size[static_cast<std::size_t>(a)] - 1,
                               static_cast<int>(std::floor(to + kOutside))});
@@ -406,11 +374,7 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       inside += taken.countOn();
       if (!here.empty()) made[static_cast<std::size_t>(row)].push_back(std::move(here));
     }
-    const int count = ++done;
-    if (progress && telling.try_lock()) {
-      progress(static_cast<double>(count) / rows);
-      telling.unlock();
-    }
+    shared.step();
   });
 
   std::vector<Resampled> out;
@@ -457,63 +421,48 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
 
 namespace {
 
+/// At the image's own voxels, of those that have data.
 template <class GridT>
-Resampled onCubes(const GridT& in, const Gridded& image, double voxel) {
-  openvdb::CoordBBox active = in.evalActiveVoxelBoundingBox();
-  openvdb::BBoxd box;
-  for (int corner = 0; corner < 8; ++corner) {
-    const Coord at((corner & 1) != 0 ? active.max().x() : active.min().x(),
-                   (corner & 2) != 0 ? active.max().y() : active.min().y(),
-                   (corner & 4) != 0 ? active.max().z() : active.min().z());
-    box.expand(in.indexToWorld(at));
-  }
-  auto out = GridT::create(in.background());
-  const auto transform = openvdb::math::Transform::createLinearTransform(voxel);
-  transform->postTranslate(box.min());
-  out->setTransform(transform);
-  openvdb::tools::resampleToMatch<openvdb::tools::BoxSampler>(in, *out);
-
-  Resampled resampled;
-  resampled.made = image;
-  resampled.made.grid = out;
-  takeRange(*out, resampled.made);
-  // At the image's own voxels.
+Differences compareAt(const Piece& image, const Array& array, const GridT& grid) {
   Differences differences;
-  const auto accessor = out->getConstAccessor();
-  for (auto value = in.cbeginValueOn(); value; ++value) {
-    const Vec3d p_I = out->worldToIndex(in.indexToWorld(value.getCoord()));
-    if (!hasAll(accessor, p_I)) {
-      ++differences.edge_points;
-      continue;
+  const auto accessor = grid.getConstAccessor();
+  const int components = array.values->GetNumberOfComponents();
+  const Coord last = Coord(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1);
+  // A few of them: where they are many, by a stride that is no divisor of a row.
+  const vtkIdType count = array.values->GetNumberOfTuples();
+  const vtkIdType stride = count / 200000 + 1;
+  for (vtkIdType point = 0; point < count; point += stride) {
+    if (image.hidden != nullptr && image.hidden->GetValue(point) != 0) continue;
+    Vec3d v(0.0);
+    for (int c = 0; c < components; ++c) v[c] = array.values->GetComponent(point, c);
+    if (!v.isFinite()) continue;
+    const auto row = static_cast<vtkIdType>(last.x() + 1);
+    const auto slice = row * (last.y() + 1);
+    const Vec3 p = image.file_from_index.linear * Vec3(static_cast<double>(point % row),
+                                                       static_cast<double>(point % slice / row),
+                                                       static_cast<double>(point / slice)) +
+                   image.file_from_index.origin;
+    const auto there =
+        openvdb::tools::BoxSampler::sample(accessor, grid.worldToIndex(Vec3d(p.x(), p.y(), p.z())));
+    if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
+      differences.add(std::abs(v.x() - static_cast<double>(there)));
+    } else {
+      differences.add((v - Vec3d(there)).length());
     }
-    const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
-    differences.add(std::abs(lengthOf(there - *value)));
   }
-  const bool vector = !std::is_same_v<GridT, openvdb::FloatGrid>;
-  resampled.error = differences.relativeTo(vector ? image.highest : image.highest - image.lowest);
-  out->setName(in.getName());
-  return resampled;
+  return differences;
 }
 
 }  // namespace
 
-Resampled resampleGrid(const Gridded& image, double voxel, const std::string& file) {
-  const openvdb::CoordBBox box = image.grid->evalActiveVoxelBoundingBox();
-  const Vec3d edge = image.grid->transform().voxelSize();
-  const Vec3d size = edge * box.dim().asVec3d() / voxel;
-  if (!(size.x() * size.y() * size.z() <= kMostVoxels)) {
-    throw VolumeError(file, fmt::format("voxels of {:g} are too many to fill it", voxel),
-                      "give a larger --voxel");
+ResamplingError errorOf(const Piece& image, const Array& array, const Gridded& made) {
+  if (const auto scalar = openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid)) {
+    const double low = std::min(made.lowest, made.background);
+    return compareAt(image, array, *scalar)
+        .relativeTo(std::max(made.highest, made.background) - low);
   }
-  Resampled out =
-      image.grid->isType<openvdb::FloatGrid>()
-          ? onCubes(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(image.grid), image, voxel)
-          : onCubes(*openvdb::gridConstPtrCast<openvdb::Vec3SGrid>(image.grid), image, voxel);
-  if (out.made.grid->empty()) {
-    throw VolumeError(file, fmt::format("voxels of {:g} are larger than what is in it", voxel),
-                      "give a smaller --voxel");
-  }
-  return out;
+  return compareAt(image, array, *openvdb::gridConstPtrCast<openvdb::Vec3SGrid>(made.grid))
+      .relativeTo(made.highest);
 }
 
 }  // namespace palpate::importer

@@ -25,7 +25,8 @@ struct Resampled {
 };
 
 /// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along the
-/// longest side of the mesh, and not less than 32.
+/// longest side of the mesh, and not less than 32; a 64th of that side where no cell has volume. In
+/// the file's unit.
 [[nodiscard]] double suggestVoxel(const Piece& mesh);
 
 /// All arrays of a mesh at once, on the same voxels: the first at the lowest corner of its bounds,
@@ -36,7 +37,7 @@ struct Resampled {
                                                   const std::string& file,
                                                   const Progress& progress);
 
-/// A grid of an image on cubes of another size, trilinear.
-[[nodiscard]] Resampled resampleGrid(const Gridded& image, double voxel, const std::string& file);
+/// What gridOnCubes changed: at up to 200,000 of the image's own voxels.
+[[nodiscard]] ResamplingError errorOf(const Piece& image, const Array& array, const Gridded& made);
 
 }  // namespace palpate::importer

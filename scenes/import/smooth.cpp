@@ -18,16 +18,22 @@
 namespace palpate::importer {
 
 Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file) {
-  vtkNew<vtkImageData> native;
+  // Floats, and then no other copy: an array may be all the memory that there is.
+  vtkNew<vtkImageData> image_data;
   std::array<int, 3> size = image.size;
-  native->SetDimensions(size.data());
-  native->GetPointData()->SetScalars(array.values);
-  vtkNew<vtkImageCast> cast;
-  cast->SetInputData(native);
-  cast->SetOutputScalarTypeToFloat();
-  run(cast, file);
-  const auto* before = static_cast<const float*>(cast->GetOutput()->GetScalarPointer());
-  const vtkIdType count = array.values->GetNumberOfValues();
+  image_data->SetDimensions(size.data());
+  image_data->GetPointData()->SetScalars(array.values);
+  {
+    vtkNew<vtkImageCast> cast;
+    cast->SetInputData(image_data);
+    cast->SetOutputScalarTypeToFloat();
+    run(cast, file);
+    array.values = cast->GetOutput()->GetPointData()->GetScalars();
+    image_data->GetPointData()->SetScalars(array.values);
+  }
+  const vtkSmartPointer<vtkDataArray> original = array.values;
+  const auto* before = static_cast<const float*>(original->GetVoidPointer(0));
+  const vtkIdType count = original->GetNumberOfValues();
   const auto bad = std::count_if(before, before + count, [](float v) { return !std::isfinite(v); });
   if (bad > 0 || image.hidden != nullptr) {
     throw VolumeError(
@@ -37,7 +43,7 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
 
   const Vec3 spacing = image.file_from_index.linear.colwise().norm().transpose();
   vtkNew<vtkImageGaussianSmooth> gauss;
-  gauss->SetInputConnection(cast->GetOutputPort());
+  gauss->SetInputData(image_data);
   gauss->SetDimensionality(3);
   gauss->SetStandardDeviations(width / spacing[0], width / spacing[1], width / spacing[2]);
   gauss->SetRadiusFactors(3.0, 3.0, 3.0);

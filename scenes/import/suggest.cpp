@@ -228,7 +228,7 @@ class Suggestion {
       }
       c.flow = lookAt(static_cast<const openvdb::Vec3SGrid&>(*c.input->grid), *c.input);
       if (c.flow.constant) {
-        leaveOut(c, "constant");
+        leaveOut(c, "nearly all values alike");
       } else {
         chosen = &c;
       }
@@ -287,7 +287,7 @@ class Suggestion {
       if (c.input->axial || !c.input->grid->isType<openvdb::Vec3SGrid>()) continue;
       c.flow = lookAt(static_cast<const openvdb::Vec3SGrid&>(*c.input->grid), *c.input);
       if (c.flow.constant) {
-        leaveOut(c, "constant");
+        leaveOut(c, "nearly all values alike");
       } else {
         vectors.push_back(&c);
       }
@@ -348,7 +348,7 @@ class Suggestion {
       const ScalarLook& look = c.look;
       const bool varies = look.range() > 0.0 && (!look.boundaries.empty() || drags(look));
       if (!varies) {
-        leaveOut(c, "constant");
+        leaveOut(c, "nearly all values alike");
         continue;
       }
       // Evenly spread values before a few peaks, objects and what people look for before others.

@@ -82,9 +82,16 @@ std::array<Array, 3> diffusionOf(const Array& tensors) {
     default:
       throw VolumeError(tensors.name, "its values are no numbers", "choose another with --field");
   }
-  return {Array{tensors.name + "_direction", direction},
-          Array{tensors.name + "_anisotropy", anisotropy},
-          Array{tensors.name + "_diffusivity", diffusivity}};
+  std::array<Array, 3> out;
+  out[0].name = tensors.name + "_direction";
+  out[0].values = direction;
+  out[0].axial = true;
+  out[1].name = tensors.name + "_anisotropy";
+  out[1].values = anisotropy;
+  out[2].name = tensors.name + "_diffusivity";
+  out[2].values = diffusivity;
+  out[2].unit = tensors.unit;
+  return out;
 }
 
 }  // namespace palpate::importer

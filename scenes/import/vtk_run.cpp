@@ -1,6 +1,7 @@
 #include "scenes/import/vtk_run.h"
 
 #include <cctype>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <vtkCallbackCommand.h>
@@ -56,14 +57,21 @@ class Ear final : public vtkOutputWindow {
     if (first_.empty()) first_ = text == nullptr ? "unknown" : text;
   }
   void DisplayText(const char* /*text*/) override {}
-  void DisplayWarningText(const char* /*text*/) override {}
-  void DisplayGenericWarningText(const char* /*text*/) override {}
+  void DisplayWarningText(const char* text) override { hearWarning(text); }
+  void DisplayGenericWarningText(const char* text) override { hearWarning(text); }
   void DisplayDebugText(const char* /*text*/) override {}
 
   /// The first error.
   [[nodiscard]] const std::string& heard() const { return first_; }
 
  private:
+  /// "Error reading ascii data" is a warning to VTK.
+  void hearWarning(const char* text) {
+    if (text != nullptr && std::string_view(text).find("rror reading") != std::string_view::npos) {
+      DisplayErrorText(text);
+    }
+  }
+
   std::string first_;
 };
 

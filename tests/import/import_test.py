@@ -16,8 +16,8 @@ import unittest
 import zlib
 from pathlib import Path
 
-PALPATE = str(Path(sys.argv[1]) / "palpate")
-MAKE_SERIES = sys.argv[2]
+PALPATE = str((Path(sys.argv[1]) / "palpate").resolve())
+MAKE_SERIES = str(Path(sys.argv[2]).resolve())
 
 
 def call(*words, timeout=120):
@@ -271,6 +271,41 @@ class Images(Case):
             self.assertIn(words, data)
 
 
+    def test_places_beside_holes_are_holes_on_other_voxels_too(self):
+        values = image_values(12, 12, 12, lambda i, j, k: float("nan") if i in (5, 6)
+                              else 1000.0 + i + 10 * j * (k % 3))
+        source = self.write("a.vti", vti(12, 12, 12, [("s", 1, values)]))
+        report = self.imported(source, "--voxel", 0.5)
+        s = grid_report(report, "s")
+        self.assertEqual(s["voxels"], 23 ** 3)
+        self.assertEqual(s["holes"], 5 * 23 ** 2)
+        rows = self.sample("s", [(4, 3, 3), (5.5, 3, 3), (6, 3, 3), (7, 3, 4)])
+        self.assertEqual([r["inside"] for r in rows], [1, 0, 0, 1])
+        self.assertEqual([rows[0]["value"], rows[3]["value"]], [1004, 1037])
+
+    def test_blanked_cells_and_points_of_an_image_have_no_data(self):
+        cells = [2 if i == 0 else 0 for i in range(27)]
+        ghosts = f'''<CellData><DataArray type="UInt8" Name="vtkGhostType" format="ascii">
+{" ".join(str(32 if c else 0) for c in cells)}</DataArray></CellData>'''
+        text = vti(4, 4, 4, [("s", 1, [1.0 + i for i in range(64)])])
+        report = self.imported(self.write("a.vti", text.replace("<CellData></CellData>", ghosts)))
+        self.assertEqual(grid_report(report, "s")["holes"], 1)
+
+    def test_whole_numbers_that_floats_cannot_hold_are_told_of(self):
+        data = struct.pack("<8i", *(2 ** 24 + 2 * i + 1 for i in range(8)))
+        report = self.imported(self.write("a.raw", data), "--raw",
+                               json.dumps({"size": [2, 2, 2], "type": "int32"}))
+        self.assertTrue(any("rounded" in note for note in report["notes"]))
+
+    def test_what_it_was_measured_in_is_kept(self):
+        source = self.write("a.raw", struct.pack("<8h", *range(8)))
+        self.imported(source, "--raw", json.dumps({"size": [2, 2, 2], "type": "int16",
+                                                   "unit": "mm"}), "--voxel", 0.3)
+        data = (self.dir / "out.vdb").read_bytes()
+        for words in (b"length_unit", b"mm", b"resampled_to", b"resampling_rms"):
+            self.assertIn(words, data)
+
+
 class Meshes(Case):
     def places(self, lower, upper, count=200):
         rng = random.Random(4)
@@ -290,6 +325,56 @@ class Meshes(Case):
             for row in self.sample("s", self.places((1, 1, 1), (5, 5, 5))):
                 truth = linear((row["x"], row["y"], row["z"]))
                 self.assertAlmostEqual(row["value"], truth, delta=2e-5)
+
+    def test_each_voxel_has_the_value_of_the_cell_that_holds_it(self):
+        """Random values at the points: no cell but the right one gives the right value."""
+        points, cells = box_of_tetrahedra(4)
+        rng = random.Random(8)
+        values = [rng.uniform(-1, 1) for _ in points]
+        data = f"POINT_DATA {len(points)}\n" + scalars("s", values)
+        report = self.imported(self.write("a.vtk", unstructured(points, cells, [10] * len(cells),
+                                                                data)), "--voxel", 0.25)
+        value_at = dict(zip(points, values))
+        places = [tuple(rng.randrange(17) / 4 for _ in range(3)) for _ in range(300)]
+        for row in self.sample("s", places):
+            # Kuhn's tetrahedra: from the low corner along the axes in falling order of the rest.
+            p = (row["x"], row["y"], row["z"])
+            low = [min(int(x), 3) for x in p]
+            rest = sorted(((x - c, a) for a, (x, c) in enumerate(zip(p, low))), reverse=True)
+            corner, truth, before = list(low), 0.0, 1.0
+            for part, axis in rest:
+                truth += (before - part) * value_at[tuple(map(float, corner))]
+                corner[axis] += 1
+                before = part
+            truth += before * value_at[tuple(map(float, corner))]
+            self.assertAlmostEqual(row["value"], truth, places=5)
+        self.assertGreater(report["grids"][0]["resampling"]["rms"], 0.001)
+
+    def test_cells_are_no_wider_than_they_are(self):
+        tetrahedron = ([(0, 0, 0), (4, 0, 0), (0, 4, 0), (0, 0, 4)], [[0, 1, 2, 3]], [10],
+                       lambda x, y, z: x + y + z <= 4)
+        wedge = ([(0, 0, 0), (0, 4, 0), (4, 0, 0), (0, 0, 4), (0, 4, 4), (4, 0, 4)],
+                 [[0, 1, 2, 3, 4, 5]], [13], lambda x, y, z: x + y <= 4)
+        pyramid = ([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0), (2, 2, 4)], [[0, 1, 2, 3, 4]],
+                   [14], lambda x, y, z: max(abs(x - 2), abs(y - 2)) <= 2 - z / 2)
+        prism = ([(0, 0, 0), (2, 0, 0), (4, 2, 0), (2, 4, 0), (0, 4, 0),
+                  (0, 0, 4), (2, 0, 4), (4, 2, 4), (2, 4, 4), (0, 4, 4)], [list(range(10))], [15],
+                 lambda x, y, z: x - y <= 2 and x + y <= 6)
+        for points, cells, types, inside in (tetrahedron, wedge, pyramid, prism):
+            data = f"POINT_DATA {len(points)}\n" + scalars("s", [1.0 + sum(p) for p in points])
+            report = self.imported(self.write("a.vtk", unstructured(points, cells, types, data)),
+                                   "--voxel", 0.5)
+            truth = sum(inside(i / 2, j / 2, k / 2)
+                        for i in range(9) for j in range(9) for k in range(9))
+            self.assertEqual(report["grids"][0]["active_voxels"], truth, types)
+
+    def test_cells_without_volume_add_nothing_to_the_average(self):
+        points = [(float(x), float(y), float(z)) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+        data = "CELL_DATA 2\n" + scalars("c", [100.0, 0.0])
+        report = self.imported(self.write("a.vtk", unstructured(
+            points, [list(range(8)), [0, 1, 2, 3]], [11, 8], data)), "--voxel", 0.25)
+        self.assertEqual(report["grids"][0]["lowest"], 100)
+        self.assertTrue(any("without volume" in note for note in report["notes"]))
 
     def test_first_and_last_voxels_stand_on_the_bounds(self):
         report = self.imported(self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3])),
@@ -386,6 +471,36 @@ class Series(Case):
         self.refused(source, self.dir / "o.vdb", "--time", "x", says="0 to 9")
 
 
+    def test_a_series_comes_whole_or_not_at_all(self):
+        """4-D NIfTI: the third step is cut off, or constant."""
+        def nifti(steps, cut=0):
+            header = bytearray(352)
+            struct.pack_into("<i", header, 0, 348)
+            struct.pack_into("<8h", header, 40, 4, 4, 4, 4, len(steps), 1, 1, 1)
+            struct.pack_into("<2h", header, 70, 4, 16)
+            struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+            struct.pack_into("<f", header, 108, 352.0)
+            header[344:348] = b"n+1\0"
+            return bytes(header) + b"".join(struct.pack("<64h", *s) for s in steps)
+        ramp = list(range(64))
+        source = self.write("a.nii", nifti([ramp, ramp, [7] * 64, ramp]))
+        reports = self.imported(source, "--time", "all")
+        self.assertTrue(any("no file" in note for note in reports[2]["notes"]))
+        made = sorted(name for name in os.listdir(self.dir) if name.endswith(".vdb"))
+        self.assertEqual(made, ["out_0000.vdb", "out_0001.vdb", "out_0003.vdb"])
+        for name in made:
+            (self.dir / name).unlink()
+        # The last file cannot appear: then none does.
+        (self.dir / "out_0003.vdb").mkdir()
+        (self.dir / "out_0003.vdb" / "x").mkdir()
+        self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
+                     says="out_0003.vdb")
+
+    def test_a_step_alone_is_reported_alone(self):
+        source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
+        self.assertEqual(len(self.imported(source, "--time", "all")), 1)
+
+
 class Raw(Case):
     LAYOUT = {"size": [4, 3, 2], "type": "int16", "spacing": [1, 2, 3]}
 
@@ -465,6 +580,23 @@ class LevelSets(Case):
                 self.assertAlmostEqual(self.sample("s", [(15 + x, 15, 15)])[0]["value"], x - 10,
                                        delta=0.25)
 
+    def test_a_mask_is_solid_where_it_has_the_value(self):
+        values = image_values(12, 12, 12, lambda i, j, k: float(3 <= min(i, j, k)
+                                                                 and max(i, j, k) < 9))
+        self.imported(self.write("a.vti", vti(12, 12, 12, [("s", 1, values)])), "--iso", 1)
+        self.assertLess(self.sample("s", [(6, 6, 6)])[0]["value"], 0)
+
+    def test_what_is_thinner_than_its_voxels_is_refused_and_what_is_lost_is_told(self):
+        values = image_values(40, 40, 40, lambda i, j, k: 100.0 * (k == 20))
+        source = self.write("a.vti", vti(40, 40, 40, [("s", 1, values)]))
+        self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 17, says="thinner")
+        self.refused(source, self.dir / "o.vdb", "--iso", 50, "--voxel", 1e-3, says="too many")
+
+    def test_vectors_are_left_out_of_it_with_a_word(self):
+        source = self.write("a.vti", vti(9, 9, 9, [("s", 1, range(729)), ("v", 3, range(3 * 729))]))
+        report = self.imported(source, "--iso", 300)
+        self.assertTrue(any("v: left out" in note for note in report["notes"]))
+
     def test_a_cavity_stays_hollow(self):
         self.imported(self.ball((1, 1, 1), cavity=5), "--iso", 500)
         values = [r["value"] for r in self.sample("s", [(15, 15, 15 + r) for r in (3, 7.5, 12)])]
@@ -503,6 +635,30 @@ class Scenes(Case):
         self.assertTrue(all(mode["description"] for mode in text["modes"]))
         summary = json.loads(run("feel", scene, "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
+
+    def test_it_finds_its_volume_from_wherever_it_is(self):
+        source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
+        (self.dir / "a").mkdir()
+        (self.dir / "b").mkdir()
+        done = subprocess.run([PALPATE, "import", "../a.vti", "o.vdb", "--scene", "../b/s.json"],
+                              cwd=self.dir / "a", capture_output=True, text=True, timeout=60)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        run("check", self.dir / "b" / "s.json")
+        printed = run("import", source, self.dir / "out.vdb", "--scene", "-").stdout
+        self.assertEqual(json.loads(printed)["palpate"], 1)
+
+    def test_a_volume_without_a_scene_is_still_a_volume(self):
+        values = image_values(8, 8, 8, lambda i, j, k: float(k == 4))
+        report = self.imported(self.write("a.vti", vti(8, 8, 8, [("s", 1, values)])), "--scene",
+                               self.dir / "s.json")
+        self.assertEqual((self.dir / "s.json").exists(),
+                         not any("no scene" in note for note in report["notes"]))
+
+    def test_only_directions_of_tensors_are_axial(self):
+        v = [c for i in range(64) for c in (1.0 + i % 4, 0.5, 0.25 * (i % 3))]
+        source = self.write("a.vti", vti(4, 4, 4, [("wind_direction", 3, v)]))
+        self.imported(source, "--scene", self.dir / "s.json")
+        self.assertNotIn("axial", (self.dir / "s.json").read_text())
 
     def test_no_volume_without_its_scene(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
@@ -556,8 +712,52 @@ class Refusals(Case):
         self.refused(mesh, out, "--smooth", 1, says="mesh")
         self.refused(mesh, out, "--voxel", 1e-5, says="too many")
         self.refused(mesh, out, "--voxel", 50, says="larger than it is")
+        self.refused(mesh, out, "--tolerance", 1, says="mesh")
+        for tolerance in ("nan", "-5"):
+            self.refused(source, out, "--tolerance", tolerance, says="--tolerance")
+        self.refused(source, out, "--as", "banana", says="--as")
+        self.refused(source, out, "--as", "vector", says="no use for it")
+        self.refused(source, out, "--series", "2", says="no use for it")
+        self.refused(source, out, "--solution", mesh, says="no use for it")
+        self.refused(source, out, "--scene", out, says="replace")
+        self.refused(source, out, "--scene", source, says="replace")
+        self.refused(source, self.dir, says="folder")
         self.refused(source, out, "--nonsense", says="usage")
         self.refused(source, says="usage")
+
+    def test_files_that_are_cut_or_do_not_add_up(self):
+        out = self.dir / "o.vdb"
+        text = rectilinear([0, 1, 2.5], [0, 1, 2], [0, 1, 3])
+        for part in (0.4, 0.6, 0.8, 0.95):
+            self.refused(self.write("a.vtk", text[:int(part * len(text))]), out, says="a.vtk")
+        image = legacy("STRUCTURED_POINTS", "DIMENSIONS 4 4 4\nORIGIN 0 0 0\nSPACING 1 1 1", "")
+        binary = image.replace("ASCII", "BINARY").encode() + (
+            b"POINT_DATA 64\nSCALARS s float\nLOOKUP_TABLE default\n"
+            + struct.pack(">64f", *range(64)))
+        self.imported(self.write("b.vtk", binary))
+        (self.dir / "out.vdb").unlink()
+        self.refused(self.write("b.vtk", binary[:-9]), out, says="b.vtk")
+        short = legacy("STRUCTURED_POINTS", "DIMENSIONS 4 4 4\nORIGIN 0 0 0\nSPACING 1 1 1",
+                       "POINT_DATA 64\nFIELD f 1\ns 1 10 float\n" + words_of(range(10)))
+        self.refused(self.write("c.vtk", short), out, says="10 values for 64")
+        points, cells = box_of_tetrahedra(1)
+        cells[0][0] = 77
+        self.refused(self.write("d.vtk", unstructured(
+            points, cells, [10] * 6, "POINT_DATA 8\n" + scalars("s", range(8)))), out,
+            says="name points")
+        piece = vti(4, 4, 8, [("s", 1, range(128))]).replace(
+            'WholeExtent="0.0 3.0 0.0 3.0 0.0 7.0"', "").replace('Piece Extent="0 3 0 3 0 7"',
+                                                                 'Piece Extent="0 3 0 3 0 3"')
+        self.refused(self.write("e.vti", piece), out, says="pieces cover")
+        whole = (self.dir / "series.ex2")
+        subprocess.run([MAKE_SERIES, whole], check=True)
+        data = whole.read_bytes()
+        for part in (0.5, 0.9, 0.999):
+            self.refused(self.write("f.ex2", data[:int(part * len(data))]), out, says="truncated")
+        self.refused(self.write("tiny.vti", vti(3, 3, 3, [("s", 1, range(27))],
+                                                spacing=(1e-5, 1e-5, 1e-5))), out, says="too small")
+        os.mkfifo(self.dir / "pipe")
+        self.refused(self.dir / "pipe", out, says="no file")
 
     def test_what_was_there_stays_when_an_import_fails(self):
         old = self.write("o.vdb", "old")
@@ -631,11 +831,19 @@ class Running(Case):
 
     def test_it_takes_at_most_three_times_the_memory_of_the_grids(self):
         small = self.imported(self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))])))["memory"]
-        source, layout = self.big(192)
-        for words in ((), ("--smooth", "1")):
-            memory = self.imported(source, "--raw", layout, *words)["memory"]
-            self.assertLess(memory["peak"] - small["peak"], 3 * memory["grids"], words)
-            print(f"memory {words}: {(memory['peak'] - small['peak']) / memory['grids']:.2f}")
+        rng = random.Random(6)
+        n = 160
+        for kind, width in (("uint8", 1), ("float32", 4), ("float64", 8)):
+            data = rng.randbytes(n ** 3) if width == 1 else b"".join(
+                struct.pack(f"<{n * n}{'f' if width == 4 else 'd'}",
+                            *(rng.random() for _ in range(n * n))) for _ in range(n))
+            source = self.write("big.raw", data)
+            layout = json.dumps({"size": [n, n, n], "type": kind})
+            for words in ((), ("--smooth", "1")):
+                memory = self.imported(source, "--raw", layout, *words)["memory"]
+                times = (memory["peak"] - small["peak"]) / memory["grids"]
+                self.assertLess(times, 3, (kind, words))
+                print(f"memory {kind} {words}: {times:.2f}")
 
 
 if __name__ == "__main__":

@@ -111,7 +111,7 @@ TEST_CASE("arrays of six and of nine components, of floats and of integers, agre
   }
   for (vtkDataArray* tensors :
        {static_cast<vtkDataArray*>(six), static_cast<vtkDataArray*>(nine)}) {
-    const auto felt = diffusionOf(Array{"t", tensors});
+    const auto felt = diffusionOf(Array{"t", tensors, "", "", false});
     CHECK(felt[0].name == "t_direction");
     CHECK(felt[1].name == "t_anisotropy");
     CHECK(felt[2].name == "t_diffusivity");

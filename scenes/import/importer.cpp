@@ -1,0 +1,247 @@
+#include "scenes/import/importer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <utility>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <openvdb/openvdb.h>
+
+#include "engine/error.h"
+#include "scenes/cli/version.h"
+#include "scenes/import/pieces.h"
+#include "scenes/import/smooth.h"
+#include "scenes/import/suggest.h"
+
+namespace palpate::importer {
+namespace {
+
+/// Why an image has no grid.
+std::string emptyBecause(const Imported& imported) {
+  const Gridded& made = imported.made;
+  if (made.holes == made.voxels) return "none of its voxels has data";
+  if (made.tolerance > 0.0) return "all its voxels lie within the tolerance of the background";
+  return "all its voxels have one value";
+}
+
+std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
+                               const Telling& telling) {
+  if (options.smooth > 0.0) {
+    throw Error("--smooth", "it works on images, and " + in + " is a mesh",
+                "smooth it in the scene: \"smooth\": N");
+  }
+  if (options.tolerance) {
+    throw Error("--tolerance", "it works on images, and " + in + " is a mesh", "leave it out");
+  }
+  telling.stage("resampling");
+  const double voxel = options.voxel > 0.0 && !options.iso ? options.voxel : suggestVoxel(piece);
+  std::vector<Imported> out;
+  std::vector<Resampled> all = resampleMesh(piece, voxel, in, telling.progress);
+  for (std::size_t a = 0; a < all.size(); ++a) {
+    Imported imported;
+    imported.made = std::move(all[a].made);
+    imported.resampling = all[a].error;
+    imported.voxel = voxel;
+    imported.unit = piece.arrays[a].unit;
+    imported.axial = piece.arrays[a].axial;
+    out.push_back(std::move(imported));
+  }
+  return out;
+}
+
+/// What a float cannot hold of an array, or nothing.
+std::string floatLoss(const Array& array) {
+  constexpr double kExact = 16777216.0;  // 2^24
+  switch (array.values->GetDataType()) {
+    case VTK_CHAR:
+    case VTK_SIGNED_CHAR:
+    case VTK_UNSIGNED_CHAR:
+    case VTK_SHORT:
+    case VTK_UNSIGNED_SHORT:
+    case VTK_FLOAT:
+      return "";
+    default:
+      break;
+  }
+  const bool whole = array.values->GetDataType() != VTK_DOUBLE;
+  double most = 0.0;
+  for (int c = 0; c < array.values->GetNumberOfComponents(); ++c) {
+    double range[2];
+    array.values->GetFiniteRange(range, c);
+    most = std::max({most, std::abs(range[0]), std::abs(range[1])});
+  }
+  if (most > static_cast<double>(std::numeric_limits<float>::max())) {
+    return "values beyond 3.4e38 are no data";
+  }
+  return whole && most > kExact ? "whole numbers above 16,777,216 are rounded" : "";
+}
+
+Imported fromImage(const Options& options, const Piece& piece, Array array, const std::string& in,
+                   const Telling& telling, std::vector<std::string>& notes) {
+  telling.stage(array.name);
+  if (const std::string loss = floatLoss(array); !loss.empty()) {
+    notes.push_back(fmt::format("{}: {}", array.name, loss));
+  }
+  Imported imported;
+  imported.unit = array.unit;
+  imported.axial = array.axial;
+  double tolerance = options.tolerance.value_or(0.0);
+  if (options.smooth > 0.0) {
+    const Smoothed smoothed = smoothImage(piece, array, options.smooth, in);
+    imported.smoothing = smoothed.rms_change;
+    // The filter leaves tails of next to nothing about everything.
+    if (!options.tolerance) tolerance = 1e-3 * smoothed.range;
+  }
+  if (options.voxel > 0.0 && !options.iso) {
+    imported.made = gridOnCubes(piece, array, options.voxel, tolerance, in, telling.progress);
+    imported.resampling = errorOf(piece, array, imported.made);
+    imported.voxel = options.voxel;
+    imported.image = openvdb::CoordBBox();
+  } else {
+    imported.made = gridFromImage(piece, array, tolerance, in, telling.progress);
+    imported.image =
+        openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
+  }
+  return imported;
+}
+
+/// Replaces the one scalar by its level set.
+void takeSurface(const Options& options, const std::string& length_unit, const std::string& in,
+                 const Telling& telling, Step& step) {
+  std::vector<std::string> scalars;
+  std::vector<std::string> others;
+  for (const Imported& imported : step.grids) {
+    const openvdb::GridBase& grid = *imported.made.grid;
+    (grid.isType<openvdb::FloatGrid>() ? scalars : others).push_back(grid.getName());
+  }
+  if (scalars.size() != 1) {
+    throw Error("--iso",
+                scalars.empty() ? "there is no scalar in it"
+                                : fmt::format("it has {} scalars: {}", scalars.size(),
+                                              fmt::join(scalars, ", ")),
+                scalars.empty() ? "leave it out" : "choose one with --field");
+  }
+  if (!others.empty()) {
+    step.notes.push_back(fmt::format("{}: left out: --iso is of scalars", fmt::join(others, ", ")));
+  }
+  std::erase_if(step.grids, [](const Imported& imported) {
+    return !imported.made.grid->isType<openvdb::FloatGrid>();
+  });
+  telling.stage("level set");
+  Imported& imported = step.grids.front();
+  Gridded& made = imported.made;
+  imported.level_set = levelSetOf(*openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid),
+                                  *options.iso, options.voxel, in, telling.progress);
+  imported.unit = length_unit;
+  made.grid = imported.level_set->grid;
+  made.background = static_cast<double>(imported.level_set->grid->background());
+  made.lowest = -made.background;
+  made.highest = made.background;
+  made.voxels = imported.level_set->grid->activeVoxelCount();
+  made.quieter_tolerance = 0.0;
+}
+
+/// Where it comes from and what was done to it.
+void setMetadata(const Options& options, const Content& content, const Step& step,
+                 const Imported& imported) {
+  openvdb::GridBase& grid = *imported.made.grid;
+  const auto text = [&](const char* key, const std::string& value) {
+    if (!value.empty()) grid.insertMeta(key, openvdb::StringMetadata(value));
+  };
+  const auto number = [&](const char* key, double value) {
+    grid.insertMeta(key, openvdb::DoubleMetadata(value));
+  };
+  text("source", options.request.file.filename().string());
+  text("imported_by", std::string("palpate ") + cli::kVersion);
+  text("description", content.description);
+  text("length_unit", content.length_unit);
+  text("value_unit", imported.unit);
+  if (imported.resampling) {
+    number("resampled_to", imported.voxel);
+    if (imported.resampling->points > 0) number("resampling_rms", imported.resampling->rms);
+  }
+  if (options.smooth > 0.0) number("smooth", options.smooth);
+  if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
+  if (imported.level_set) number("iso", *options.iso);
+  if (step.time) number("time", *step.time);
+  if (grid.isType<openvdb::Vec3SGrid>()) {
+    grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
+    grid.setIsInWorldSpace(true);
+  } else if (!imported.level_set) {
+    grid.setGridClass(openvdb::GRID_FOG_VOLUME);
+  }
+}
+
+}  // namespace
+
+Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling) {
+  const std::string in = options.request.file.string();
+  telling.stage("reading");
+  Content content = reader.read(step);
+  Step out;
+  out.modality = content.modality;
+  out.notes = content.notes;
+  const std::vector<double> times = reader.times();
+  if (step < times.size()) out.time = times[step];
+  std::vector<Piece> pieces = takeApart(content, in, out.notes);
+  content.data = nullptr;  // from here on an array's memory is its own
+  select(pieces, options.request.fields, in);
+
+  for (Piece& piece : pieces) {
+    if (!piece.isImage()) {
+      for (Imported& imported : fromMesh(options, piece, in, telling)) {
+        out.grids.push_back(std::move(imported));
+      }
+      continue;
+    }
+    for (Array& array : piece.arrays) {
+      // One array at a time is in memory twice.
+      Imported imported =
+          fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes);
+      const std::string name = imported.made.grid->getName();
+      if (imported.made.grid->empty()) {
+        out.notes.push_back(fmt::format("{}: left out: {}", name, emptyBecause(imported)));
+      } else {
+        out.grids.push_back(std::move(imported));
+      }
+    }
+  }
+  if (options.iso && !out.grids.empty()) {
+    takeSurface(options, content.length_unit, in, telling, out);
+  }
+  for (const Imported& imported : out.grids) setMetadata(options, content, out, imported);
+  return out;
+}
+
+void writeVdb(const std::filesystem::path& file, const Step& step) {
+  openvdb::GridCPtrVec grids;
+  for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
+  try {
+    openvdb::io::File out(file);
+    out.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
+    out.write(grids);
+    out.close();
+  } catch (const std::exception&) {
+    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
+  }
+}
+
+std::string sceneFor(const std::string& vdb, const Step& step) {
+  std::vector<SuggestInput> inputs;
+  for (const Imported& imported : step.grids) {
+    SuggestInput input;
+    input.grid = imported.made.grid;
+    input.modality = step.modality;
+    input.value_unit = imported.level_set ? "" : imported.unit;
+    input.axial = imported.axial;
+    input.inactive_is_data = imported.image.has_value();
+    if (imported.image && !imported.image->empty()) input.extent = *imported.image;
+    inputs.push_back(std::move(input));
+  }
+  return suggestScene(vdb, inputs);
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,70 @@
+/// From an open file to grids that can be felt, a step of it at a time.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "scenes/import/grids.h"
+#include "scenes/import/level_set.h"
+#include "scenes/import/reader.h"
+#include "scenes/import/resample.h"
+
+namespace palpate::importer {
+
+/// What the user asked for.
+struct Options {
+  Request request;
+  std::filesystem::path out;
+  double voxel = 0.0;               ///< In the file's unit; 0: the image's own, or a suggested one.
+  double smooth = 0.0;              ///< Standard deviation, in the file's unit; 0: none.
+  std::optional<double> tolerance;  ///< In the values' unit, >= 0; else chosen.
+  std::optional<double> iso;        ///< Make a level set of the surface of this value.
+  std::string time;                 ///< "", a step's number, or "all".
+  std::filesystem::path scene;      ///< Empty: none; -: standard output.
+  bool json = false;                ///< Report as JSON.
+};
+
+/// A grid and how it came about.
+struct Imported {
+  Gridded made;
+  std::string unit;    ///< Of the values; empty: not known.
+  bool axial = false;  ///< Vectors whose sign means nothing.
+  std::optional<ResamplingError> resampling;
+  double voxel = 0.0;      ///< Of the resampling.
+  double smoothing = 0.0;  ///< Rms change of the values.
+  std::optional<LevelSet> level_set;
+  /// An image's voxels, by which a scene knows where it is cut; empty if it was resampled. Not set
+  /// for a mesh, whose inactive voxels are no data.
+  std::optional<openvdb::CoordBBox> image;
+};
+
+/// One step of a file, imported.
+struct Step {
+  std::optional<double> time;
+  Modality modality = Modality::kUnknown;
+  std::vector<Imported> grids;
+  std::vector<std::string> notes;  ///< What was assumed or lost, a line each.
+};
+
+/// Told what is being done, and how far that is.
+struct Telling {
+  std::function<void(const std::string& what)> stage;
+  Progress progress;
+};
+
+/// Reads a step and makes its grids, with their metadata. A step without anything to feel has no
+/// grids, and its notes say why. Throws Error.
+[[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
+                              const Telling& telling);
+
+/// Writes the grids with Blosc. Throws Error, and leaves what there is of the file.
+void writeVdb(const std::filesystem::path& file, const Step& step);
+
+/// A first scene for a .vdb with these grids; `vdb` as the scene shall say it. Throws VolumeError
+/// if nothing in it varies.
+[[nodiscard]] std::string sceneFor(const std::string& vdb, const Step& step);
+
+}  // namespace palpate::importer

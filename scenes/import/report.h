@@ -1,0 +1,19 @@
+/// What an import says of itself.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "scenes/import/importer.h"
+
+namespace palpate::importer {
+
+/// For people: the file, its grids and what was lost, a line each.
+[[nodiscard]] std::string textOf(const std::filesystem::path& out, const Step& step);
+
+/// The same, as docs/interfaces.md has it.
+[[nodiscard]] nlohmann::ordered_json jsonOf(const std::filesystem::path& out, const Step& step);
+
+}  // namespace palpate::importer
