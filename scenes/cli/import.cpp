@@ -9,7 +9,8 @@
 namespace palpate::cli {
 
 void addImport(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb, through VTK");
+  CLI::App* verb =
+      app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb, through VTK");
   verb->prefix_command();
   verb->set_help_flag();  // palpate-import has its own
   verb->callback([verb, &body] {

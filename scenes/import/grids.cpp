@@ -338,7 +338,7 @@ openvdb::math::Transform::Ptr transformOf(const Affine& file_from_index, const s
 openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
                                     const std::string& file) {
   try {
-    const auto transform = openvdb::math::Transform::createLinearTransform(edge);
+    auto transform = openvdb::math::Transform::createLinearTransform(edge);
     transform->postTranslate(origin);
     return transform;
   } catch (const openvdb::ArithmeticError&) {

@@ -588,6 +588,8 @@ class NrrdReader final : public Reader {
       const bool in_order = (component_ < 0 || size_between(0, component_) == 1) &&
                             (series_ < 0 || size_between(series_ + 1, dim) == 1);
       if (in_order) {
+        // Teem adds hexadecimal digits up in what it finds.
+        if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
         readSpan(step * points * width, points * width, to);
         return values;
       }

@@ -427,7 +427,8 @@ Differences compareAt(const Piece& image, const Array& array, const GridT& grid)
   Differences differences;
   const auto accessor = grid.getConstAccessor();
   const int components = array.values->GetNumberOfComponents();
-  const Coord last = Coord(image.size[0] - 1, image.size[1] - 1, image.size[2] - 1);
+  const vtkIdType row = image.size[0];
+  const vtkIdType rows = image.size[1];
   // A few of them: where they are many, by a stride that is no divisor of a row.
   const vtkIdType count = array.values->GetNumberOfTuples();
   const vtkIdType stride = count / 200000 + 1;
@@ -436,12 +437,13 @@ Differences compareAt(const Piece& image, const Array& array, const GridT& grid)
     Vec3d v(0.0);
     for (int c = 0; c < components; ++c) v[c] = array.values->GetComponent(point, c);
     if (!v.isFinite()) continue;
-    const auto row = static_cast<vtkIdType>(last.x() + 1);
-    const auto slice = row * (last.y() + 1);
-    const Vec3 p = image.file_from_index.linear * Vec3(static_cast<double>(point % row),
-                                                       static_cast<double>(point % slice / row),
-                                                       static_cast<double>(point / slice)) +
-                   image.file_from_index.origin;
+    const vtkIdType i = point % row;
+    const vtkIdType j = point / row % rows;
+    const vtkIdType k = point / row / rows;
+    const Vec3 p =
+        image.file_from_index.linear *
+            Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) +
+        image.file_from_index.origin;
     const auto there =
         openvdb::tools::BoxSampler::sample(accessor, grid.worldToIndex(Vec3d(p.x(), p.y(), p.z())));
     if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {

@@ -79,7 +79,9 @@ class Case(unittest.TestCase):
         self.assertEqual(len(lines), 1, done.stderr)
         self.assertTrue(lines[0].startswith("palpate: "), lines[0])
         self.assertIn(says, lines[0])
-        self.assertEqual((done.returncode, done.stdout), (2, ""))
+        # 1: the sanitizers' allocator ends the program that asks for too much.
+        self.assertIn(done.returncode, (1, 2) if "gave up" in lines[0] else (2,))
+        self.assertEqual(done.stdout, "")
         self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     def sample(self, volume, grid, points):

@@ -318,8 +318,9 @@ TEST_CASE("noise alone is no surface", "[suggest]") {
 TEST_CASE("what does not vary is refused, with what there was", "[suggest]") {
   const SuggestInput still = vector([](const Vec3d&) { return Vec3f(0.0F, -15.0F, 0.0F); }, "vel");
   const SuggestInput same = scalar([](const Vec3d&) { return 3.0F; }, 16, "same");
-  CHECK_THROWS_WITH(suggestScene("data.vdb", {same, still}),
-                    Contains("same (nearly all values alike)") && Contains("vel (nearly all values alike)"));
+  CHECK_THROWS_WITH(
+      suggestScene("data.vdb", {same, still}),
+      Contains("same (nearly all values alike)") && Contains("vel (nearly all values alike)"));
   CHECK_THROWS_AS(suggestScene("data.vdb", {}), VolumeError);
   SuggestInput empty;
   empty.grid = openvdb::FloatGrid::create();
