@@ -445,10 +445,10 @@ class Import(Case):
     def test_bad_images(self):
         out = self.dir / "never.vdb"
         cut = self.nifti("cut.nii", cut=500)
-        self.refused("import", cut, out, says="VTK cannot read it")
+        self.refused("import", cut, out, says="truncated")
         text = self.dir / "text.nii"
         text.write_text("hello")
-        self.refused("import", text, out, says="not a NIfTI")
+        self.refused("import", text, out, says="looks like text")
         self.refused("import", self.dir / "gone.nii", out, says="no such file")
         good = self.nifti("good.nii")
         self.refused("import", good, self.dir / "never.txt", says=".vdb")
