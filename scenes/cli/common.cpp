@@ -59,15 +59,21 @@ OrderedJson toJson(const Vec3& v) {
   return OrderedJson::array({v.x(), v.y(), v.z()});
 }
 
+std::filesystem::path behindLinks(std::filesystem::path path) {
+  std::error_code error;
+  for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
+    path = path.parent_path() / std::filesystem::read_symlink(path, error);
+  }
+  return path;
+}
+
 WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
   if (path_ == "-") {
     file_ = stdout;
     return;
   }
   std::error_code error;
-  for (int links = 0; links < 40 && std::filesystem::is_symlink(path_, error); ++links) {
-    path_ = path_.parent_path() / std::filesystem::read_symlink(path_, error);
-  }
+  path_ = behindLinks(path_);
   partial_ = path_;
   const auto status = std::filesystem::status(path_, error);
   const bool in_place =

@@ -48,6 +48,9 @@ void complain(const std::string& line);
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
 
+/// What stands behind a symbolic link, that is to change when a file of this name is replaced.
+[[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
+
 /// A file that appears whole or not at all: written beside its place and renamed by commit().
 /// `-` is standard output; a pipe or device that is there already is written to as it is.
 class WholeFile {

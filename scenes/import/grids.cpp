@@ -46,12 +46,6 @@ bool isFinite(float v) {
 bool isFinite(const openvdb::Vec3f& v) {
   return std::isfinite(v.x()) && std::isfinite(v.y()) && std::isfinite(v.z());
 }
-double sizeOf(float v) {
-  return v;
-}
-double sizeOf(const openvdb::Vec3f& v) {
-  return openvdb::Vec3d(v).length();
-}
 bool isNear(float a, float b, double tolerance) {
   return std::abs(static_cast<double>(a) - static_cast<double>(b)) <= tolerance;
 }
@@ -202,8 +196,8 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
         if (isNear(value, background, tolerance)) continue;
         leaf->setValueOn(Leaf::coordToOffset(c), value);
         if (!isNear(value, background, spread)) ++counts.loud;
-        counts.lowest = std::min(counts.lowest, sizeOf(value));
-        counts.highest = std::max(counts.highest, sizeOf(value));
+        counts.lowest = std::min(counts.lowest, lengthOf(value));
+        counts.highest = std::max(counts.highest, lengthOf(value));
       }
     }
   }
@@ -248,7 +242,7 @@ Gridded build(const Voxels& voxels, const Value& background, double tolerance, d
   out.holes = counts.holes;
   out.lowest = counts.lowest;
   out.highest = counts.highest;
-  out.background = sizeOf(background);
+  out.background = lengthOf(background);
   out.tolerance = tolerance;
   const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
   if (spread > tolerance && spread < 0.05 * range &&

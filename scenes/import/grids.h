@@ -26,6 +26,14 @@ struct Gridded {
   double quieter_share = 0.0;
 };
 
+/// What a range is of: a scalar itself, a vector's length.
+[[nodiscard]] inline double lengthOf(float v) {
+  return v;
+}
+[[nodiscard]] inline double lengthOf(const openvdb::Vec3f& v) {
+  return openvdb::Vec3d(v).length();
+}
+
 /// The values of an image as floats. Inactive, hence no data or surroundings, are: values that are
 /// not finite or hidden, and those within the tolerance of the background, which they become. The
 /// background of a scalar is the median of the values on the faces of the image, what surrounds the

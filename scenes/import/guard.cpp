@@ -83,11 +83,7 @@ void appear(const std::vector<Written>& files) {
   std::vector<std::filesystem::path> fresh;
   for (const Written& one : files) {
     const bool was_there = std::filesystem::exists(one.file, error);
-    // What stands behind a link changes, not the link.
-    std::filesystem::path target = one.file;
-    for (int links = 0; links < 40 && std::filesystem::is_symlink(target, error); ++links) {
-      target = target.parent_path() / std::filesystem::read_symlink(target, error);
-    }
+    const std::filesystem::path target = cli::behindLinks(one.file);
     error.clear();
     std::filesystem::rename(one.partial, target, error);
     if (error) {

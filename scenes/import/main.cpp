@@ -3,6 +3,7 @@
 #include <cmath>
 #include <exception>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <unistd.h>
 
@@ -64,9 +65,13 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   if (to_stdout) return scene;
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
-  cli::WholeFile file(partial);
-  file.write(scene);
-  file.commit();
+  // The parent makes it whole: there is no second partial file for it to know of.
+  std::ofstream file(partial, std::ios::binary);
+  file << scene << std::flush;
+  if (!file) {
+    throw Error(options.scene.string(), "it cannot be written",
+                "choose another place, or make room");
+  }
   return "";
 }
 

@@ -108,9 +108,9 @@ void checkLengths(vtkDataSetAttributes* attributes, vtkIdType count, const std::
 
 /// A name as grids can have it: UTF-8 as far as it goes, no controls, not too long.
 std::string nameOf(vtkDataArray* values, std::vector<std::string>& notes) {
-  const std::string given = values->GetName() == nullptr ? "" : values->GetName();
-  std::string name = given;
+  std::string name = values->GetName() == nullptr ? "" : values->GetName();
   name.erase(name.find_last_not_of(' ') + 1);  // Exodus pads
+  const std::string given = name;
   constexpr std::size_t kLongest = 100;
   if (name.size() > kLongest) name.resize(kLongest);
   // What is no UTF-8 makes nlohmann-json throw: then all that is not ASCII goes.
@@ -124,11 +124,8 @@ std::string nameOf(vtkDataArray* values, std::vector<std::string>& notes) {
     const auto u = static_cast<unsigned char>(c);
     if (u < 0x20 || u == 0x7f || (!plain && u > 0x7f)) c = '_';
   }
-  if (name.empty()) name = "density";
-  if (!given.empty() && name != given && given.find_last_not_of(' ') + 1 != name.size()) {
-    notes.push_back(fmt::format("an array's name became \"{}\"", name));
-  }
-  return name;
+  if (name != given) notes.push_back(fmt::format("an array's name became \"{}\"", name));
+  return name.empty() ? "density" : name;
 }
 
 /// The arrays of a piece's points, made ready; takes them out of `attributes`. Tensors become what

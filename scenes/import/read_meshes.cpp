@@ -78,28 +78,20 @@ class ExodusReader final : public Reader {
   std::vector<double> times_;
 };
 
-class Plot3dReader final : public Reader {
- public:
-  explicit Plot3dReader(Request request) : request_(std::move(request)) {}
-
-  Content read(std::size_t /*step*/) override {
-    vtkNew<vtkMultiBlockPLOT3DReader> reader;
-    reader->SetXYZFileName(request_.file.c_str());
-    reader->SetQFileName(request_.solution.c_str());
-    reader->AutoDetectFormatOn();
-    reader->SetScalarFunctionNumber(-1);
-    reader->SetVectorFunctionNumber(-1);
-    for (const int function : {100, 110, 120, 200}) reader->AddFunction(function);
-    run(reader, request_.file.string(), request_.progress,
-        "give a grid with --solution Q, both of one size and format");
-    Content content;
-    content.data = reader->GetOutput();
-    return content;
-  }
-
- private:
-  Request request_;
-};
+Content readPlot3d(const Request& request) {
+  vtkNew<vtkMultiBlockPLOT3DReader> reader;
+  reader->SetXYZFileName(request.file.c_str());
+  reader->SetQFileName(request.solution.c_str());
+  reader->AutoDetectFormatOn();
+  reader->SetScalarFunctionNumber(-1);
+  reader->SetVectorFunctionNumber(-1);
+  for (const int function : {100, 110, 120, 200}) reader->AddFunction(function);
+  run(reader, request.file.string(), request.progress,
+      "give a grid with --solution Q, both of one size and format");
+  Content content;
+  content.data = reader->GetOutput();
+  return content;
+}
 
 }  // namespace
 
@@ -129,7 +121,7 @@ std::unique_ptr<Reader> openPlot3d(const Request& request) {
   if (!std::filesystem::is_regular_file(request.solution, error)) {
     throw VolumeError(request.solution.string(), "no such file", "check the path of --solution");
   }
-  return std::make_unique<Plot3dReader>(request);
+  return oneStep(request, readPlot3d);
 }
 
 }  // namespace palpate::importer

@@ -18,28 +18,20 @@
 namespace palpate::importer {
 namespace {
 
-class LegacyReader final : public Reader {
- public:
-  explicit LegacyReader(Request request) : request_(std::move(request)) {}
-
-  Content read(std::size_t /*step*/) override {
-    vtkNew<vtkGenericDataObjectReader> reader;
-    reader->SetFileName(request_.file.c_str());
-    reader->ReadAllScalarsOn();
-    reader->ReadAllVectorsOn();
-    reader->ReadAllNormalsOn();
-    reader->ReadAllTensorsOn();
-    reader->ReadAllFieldsOn();
-    run(reader, request_.file.string(), request_.progress);
-    Content content;
-    content.data = reader->GetOutput();
-    if (reader->GetHeader() != nullptr) content.description = reader->GetHeader();
-    return content;
-  }
-
- private:
-  Request request_;
-};
+Content readLegacy(const Request& request) {
+  vtkNew<vtkGenericDataObjectReader> reader;
+  reader->SetFileName(request.file.c_str());
+  reader->ReadAllScalarsOn();
+  reader->ReadAllVectorsOn();
+  reader->ReadAllNormalsOn();
+  reader->ReadAllTensorsOn();
+  reader->ReadAllFieldsOn();
+  run(reader, request.file.string(), request.progress);
+  Content content;
+  content.data = reader->GetOutput();
+  if (reader->GetHeader() != nullptr) content.description = reader->GetHeader();
+  return content;
+}
 
 /// Of "x0 x1 y0 y1 z0 z1", the cells.
 double cellsOf(const std::string& extent) {
@@ -80,32 +72,24 @@ void checkPieces(const std::filesystem::path& file) {
   }
 }
 
-class XmlReader final : public Reader {
- public:
-  explicit XmlReader(Request request) : request_(std::move(request)) {}
-
-  Content read(std::size_t /*step*/) override {
-    checkPieces(request_.file);
-    vtkNew<vtkXMLGenericDataObjectReader> reader;
-    reader->SetFileName(request_.file.c_str());
-    run(reader, request_.file.string(), request_.progress);
-    Content content;
-    content.data = reader->GetOutput();
-    return content;
-  }
-
- private:
-  Request request_;
-};
+Content readXml(const Request& request) {
+  checkPieces(request.file);
+  vtkNew<vtkXMLGenericDataObjectReader> reader;
+  reader->SetFileName(request.file.c_str());
+  run(reader, request.file.string(), request.progress);
+  Content content;
+  content.data = reader->GetOutput();
+  return content;
+}
 
 }  // namespace
 
 std::unique_ptr<Reader> openVtkLegacy(const Request& request) {
-  return std::make_unique<LegacyReader>(request);
+  return oneStep(request, readLegacy);
 }
 
 std::unique_ptr<Reader> openVtkXml(const Request& request) {
-  return std::make_unique<XmlReader>(request);
+  return oneStep(request, readXml);
 }
 
 }  // namespace palpate::importer

@@ -70,6 +70,10 @@ class Reader {
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
 };
 
+/// A reader of a format that has no series: all its work is `read`.
+[[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,
+                                              Content (*read)(const Request&));
+
 /// Finds what a file is, by its first bytes and else by its name, and opens it. Throws VolumeError,
 /// with what the file looks like where it cannot be imported.
 [[nodiscard]] std::unique_ptr<Reader> openAny(const Request& request);

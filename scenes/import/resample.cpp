@@ -6,6 +6,8 @@
 #include <limits>
 #include <memory>
 #include <random>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 #include <openvdb/tools/ChangeBackground.h>
@@ -152,13 +154,6 @@ float edgeValue(const openvdb::FloatGrid& grid) {
   return quantile(edge, 0.5);
 }
 
-double lengthOf(float v) {
-  return v;
-}
-double lengthOf(const openvdb::Vec3f& v) {
-  return Vec3d(v).length();
-}
-
 /// Range of the active values.
 template <class GridT>
 void takeRange(const GridT& grid, Gridded& made) {
@@ -218,44 +213,60 @@ std::vector<vtkIdType> someCells(vtkIdType cells) {
   return some;
 }
 
-/// Places anywhere in the mesh's bounds.
-std::vector<Vec3d> somePlaces(const double bounds[6]) {
+/// A place in the mesh, and the points of its cell by weight.
+struct Place {
+  Vec3d p;
+  std::vector<std::pair<vtkIdType, double>> weights;
+
+  [[nodiscard]] double valueOf(vtkDataArray* values, int component) const {
+    double sum = 0.0;
+    for (const auto& [point, weight] : weights) {
+      sum += weight * values->GetComponent(point, component);
+    }
+    return sum;
+  }
+};
+
+/// Of places anywhere in the mesh's bounds those that are in it; found once for all arrays.
+std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
   constexpr int kCount = 50000;
   std::mt19937_64 random(2);
-  std::vector<Vec3d> places;
-  places.reserve(kCount);
+  double bounds[6];
+  mesh->GetBounds(bounds);
+  Worker worker;
+  std::vector<Place> places;
   for (int i = 0; i < kCount; ++i) {
-    Vec3d p;
+    Place place;
     for (int a = 0; a < 3; ++a) {
-      p[a] = std::uniform_real_distribution<>(low(bounds, a), high(bounds, a))(random);
+      place.p[a] = std::uniform_real_distribution<>(low(bounds, a), high(bounds, a))(random);
     }
-    places.push_back(p);
+    if (!findCell(mesh, locator, place.p, worker)) continue;
+    for (std::size_t w = 0; w < worker.weights.size(); ++w) {
+      place.weights.emplace_back(worker.cell->GetPointId(static_cast<vtkIdType>(w)),
+                                 worker.weights[w]);
+    }
+    places.push_back(std::move(place));
   }
   return places;
 }
 
 /// The mesh's own values against the grid's.
 template <class GridT>
-Differences compare(vtkDataSet* mesh, vtkStaticCellLocator* locator, vtkDataArray* values,
-                    const GridT& grid) {
+Differences compare(const std::vector<Place>& places, vtkDataArray* values, const GridT& grid) {
   Differences differences;
-  Worker worker;
   const auto accessor = grid.getConstAccessor();
-  double bounds[6];
-  mesh->GetBounds(bounds);
-  for (const Vec3d& p : somePlaces(bounds)) {
-    if (!findCell(mesh, locator, p, worker)) continue;
-    const Vec3d p_I = grid.worldToIndex(p);
+  for (const Place& place : places) {
+    const Vec3d p_I = grid.worldToIndex(place.p);
     if (!hasAll(accessor, p_I)) {
       ++differences.edge_points;
       continue;
     }
     const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
     if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
-      differences.add(std::abs(valueAt(worker, values, 0) - static_cast<double>(there)));
+      differences.add(std::abs(place.valueOf(values, 0) - static_cast<double>(there)));
     } else {
       Vec3d v;
-      for (int c = 0; c < 3; ++c) v[c] = valueAt(worker, values, c);
+      for (int c = 0; c < 3; ++c) v[c] = place.valueOf(values, c);
       differences.add((v - Vec3d(there)).length());
     }
   }
@@ -377,6 +388,7 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
     shared.step();
   });
 
+  const std::vector<Place> places = somePlaces(mesh, locator);
   std::vector<Resampled> out;
   for (std::size_t s = 0; s < sheets.size(); ++s) {
     Resampled resampled;
@@ -390,7 +402,7 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       }
       grid->setTransform(transform->copy());
       takeRange(*grid, resampled.made);
-      const Differences differences = compare(mesh, locator, sheets[s].array().values, *grid);
+      const Differences differences = compare(places, sheets[s].array().values, *grid);
       const double range = sheets[s].isVector() ? resampled.made.highest
                                                 : resampled.made.highest - resampled.made.lowest;
       resampled.error = differences.relativeTo(range);
