@@ -16,6 +16,20 @@ Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
   return spring;
 }
 
+VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted, const Vec3& offset,
+                               double dissipated, double dt) noexcept {
+  VaryingStiffness next = last;
+  next.tank = std::min(kStiffnessTank, last.tank + std::max(0.0, dissipated));
+  if (!(wanted > 0.0) || !std::isfinite(wanted) || !(dt > 0.0)) return next;
+  const double most = kStiffnessRate * dt;
+  const double per_stiffness = 0.5 * offset.squaredNorm();  // d energy / d k
+  double change = std::clamp(wanted - last.value, -most, most);
+  if (change * per_stiffness > next.tank) change = next.tank / per_stiffness;
+  next.value += change;
+  next.tank = std::clamp(next.tank - change * per_stiffness, 0.0, kStiffnessTank);
+  return next;
+}
+
 LimitedForce limitForce(const Vec3& wanted, const Vec3& previous, double dt,
                         const ForceLimits& limits) noexcept {
   LimitedForce out;

@@ -25,6 +25,32 @@ struct CouplingParams {
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
                                  const Vec3& offset_rate) noexcept PALPATE_NONBLOCKING;
 
+/// How fast a varying stiffness may change [N/m per s]: over 5 mm of spring 25 N/s, felt as smooth.
+inline constexpr double kStiffnessRate = 5000.0;
+/// The most that pays for stiffening at a time [J]: 300 to 800 N/m at 6 mm.
+inline constexpr double kStiffnessTank = 0.01;
+
+/// A coupling stiffness that follows a transfer function.
+struct VaryingStiffness {
+  double value = 0.0;  ///< k [N/m]; 0: not yet set.
+  double tank = 0.0;  ///< Energy that the proxy has dissipated and that may stiffen the spring [J].
+};
+
+/// Brings the stiffness nearer to `wanted`, at a limited rate and passively: a stiffer spring holds
+/// (k_new - k)/2 |offset|^2 more, which must come out of the tank. What the proxy's own motion
+/// dissipates (friction, viscosity, yielding) and what a softening spring gives up fills it. So in
+/// free space the stiffness follows at once at the rate; pressed against a hard surface it waits
+/// for something to be dissipated, or for the hand to let go.
+///
+/// @param wanted      [N/m]; not finite or <= 0 (no data): the stiffness stays.
+/// @param offset      x_proxy - x_probe [m].
+/// @param dissipated  In this tick [J]; negative counts as none.
+/// @param dt          [s]
+/// RT: no allocation.
+[[nodiscard]] VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted,
+                                             const Vec3& offset, double dissipated,
+                                             double dt) noexcept PALPATE_NONBLOCKING;
+
 /// What a device and its user allow.
 struct ForceLimits {
   double peak = 3.3;     ///< [N], > 0. Default: the weakest common arm (Touch), safe for any.

@@ -36,7 +36,8 @@ struct alignas(64) FieldCache {
 struct FieldFrame {
   double voxel = 1e-3;           ///< Size of the smallest detail, a voxel's shortest edge [m].
   double metres_per_unit = 1.0;  ///< Metres of hand travel per unit of the data's own space.
-  Box bounds;                    ///< Outside it there is no data [m].
+  Box bounds;                    ///< Outside it there is no data, and it is not asked [m].
+  double background = 0.0;       ///< A scalar's value there.
 };
 
 /// A scalar field in W. Const and shared between threads; what a read changes is in the cache.

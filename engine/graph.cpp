@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <set>
+#include <sstream>
+#include <tuple>
 
 #include "engine/error.h"
 
@@ -36,14 +39,8 @@ class Compiler {
       throw SceneError("/modes", std::to_string(spec_.modes.size()) + " modes",
                        "use at most " + std::to_string(kMaxModes));
     }
-    for (std::size_t i = 0; i < spec_.modes.size(); ++i) {
-      addMode(spec_.modes[i], "/modes/" + std::to_string(i));
-    }
-    if (graph_.scalar_fields.size() + graph_.vector_fields.size() > kMaxFields) {
-      throw SceneError("/volumes",
-                       "the modes read more than " + std::to_string(kMaxFields) + " volumes",
-                       "use fewer");
-    }
+    for (std::size_t i = 0; i < spec_.modes.size(); ++i) addMode(i);
+    addStiffness();
     for (const auto& [name, field] : fields_) {
       if (read_.count(name) == 0) graph_.unused.push_back(name);
     }
@@ -125,30 +122,43 @@ class Compiler {
     return static_cast<int>(names.size()) - 1;
   }
 
+  void checkRoom() const {
+    if (graph_.scalar_fields.size() + graph_.vector_fields.size() < kMaxFields) return;
+    throw SceneError("/volumes",
+                     "the modes read more than " + std::to_string(kMaxFields) + " volumes",
+                     "use fewer");
+  }
+
   /// The read of a volume, made at the first call.
   ScalarRead& scalarRead(const std::string& name) {
     read_.insert(name);
     const auto& field = std::get<0>(fields_.at(name));
     const auto at = std::find(graph_.scalar_names.begin(), graph_.scalar_names.end(), name);
-    if (at != graph_.scalar_names.end()) {
-      return graph_.scalar_reads[static_cast<std::size_t>(at - graph_.scalar_names.begin())];
+    const auto i = static_cast<std::size_t>(at - graph_.scalar_names.begin());
+    if (at == graph_.scalar_names.end()) {
+      checkRoom();
+      graph_.scalar_names.push_back(name);
+      graph_.scalar_fields.push_back(field);
+      graph_.scalar_frames.push_back(field->frame());
+      graph_.scalar_reads.push_back({static_cast<int>(i)});
     }
-    graph_.scalar_names.push_back(name);
-    graph_.scalar_fields.push_back(field);
-    graph_.scalar_reads.push_back({static_cast<int>(graph_.scalar_fields.size()) - 1});
-    return graph_.scalar_reads.back();
+    current_.scalars |= std::uint64_t{1} << i;
+    return graph_.scalar_reads[i];
   }
   VectorRead& vectorRead(const std::string& name) {
     read_.insert(name);
     const auto& field = std::get<1>(fields_.at(name));
     const auto at = std::find(graph_.vector_names.begin(), graph_.vector_names.end(), name);
-    if (at != graph_.vector_names.end()) {
-      return graph_.vector_reads[static_cast<std::size_t>(at - graph_.vector_names.begin())];
+    const auto i = static_cast<std::size_t>(at - graph_.vector_names.begin());
+    if (at == graph_.vector_names.end()) {
+      checkRoom();
+      graph_.vector_names.push_back(name);
+      graph_.vector_fields.push_back(field);
+      graph_.vector_frames.push_back(field->frame());
+      graph_.vector_reads.push_back({static_cast<int>(i)});
     }
-    graph_.vector_names.push_back(name);
-    graph_.vector_fields.push_back(field);
-    graph_.vector_reads.push_back({static_cast<int>(graph_.vector_fields.size()) - 1});
-    return graph_.vector_reads.back();
+    current_.vectors |= std::uint64_t{1} << i;
+    return graph_.vector_reads[i];
   }
 
   int once(int& slot, bool vector, const std::string& name) {
@@ -245,75 +255,186 @@ class Compiler {
     return *std::get<0>(field->second);
   }
 
-  /// The strength's input: `by`, else the mode's own.
+  /// Compiles one material property of a mode. A factor reads its own `by`, else the mode's, else
+  /// the mode's own property, which is asked for only where it matters.
   template <class OwnInput>
-  Strength strength(const ModeSpec& mode, const std::string& path, OwnInput own) {
-    Strength out{mode.strength, -1};
-    if (!mode.by.empty()) {
-      const Slot slot = resolve(path + "/by", mode.by);
-      if (slot.vector) {
-        throw SceneError(path + "/by", "\"" + mode.by + "\" is a vector",
-                         "give a scalar, as the magnitude of it");
+  Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::string& path,
+                    const std::string& key, double most, OwnInput own) {
+    const std::vector<TransferSpec::Factor>& factors = spec.factors;
+    const std::string at = path + "/" + key;
+    if (factors.empty()) throw SceneError(at, "it is a product of nothing", "give its factors");
+    Transfer out;
+    const bool zero = spec.highest() == 0.0;
+    // A single constant with `by` acts only where that has data.
+    const bool mask = key == "strength" && factors.size() == 1 && !mode.by.empty();
+    for (std::size_t i = 0; i < factors.size(); ++i) {
+      const TransferSpec::Factor& factor = factors[i];
+      const std::string here = factors.size() > 1 ? at + "/product/" + std::to_string(i) : at;
+      int scalar = -1;
+      if (!factor.by.empty()) checkScalar(factor.by, here + "/by");
+      if (zero) continue;
+      if (!factor.by.empty()) {
+        scalar = scalarInput(factor.by, here + "/by");
+      } else if (!factor.curve.isConstant() || mask) {
+        scalar = mode.by.empty() ? own() : scalarInput(mode.by, path + "/by");
       }
-      out.scalar = slot.index;
-    } else if (!mode.strength.isConstant()) {
-      out.scalar = own();
+      out.factors.push_back({factor.curve, scalar});
+    }
+    // What a product can reach is as bounded as a number.
+    if (!(spec.highest() <= most)) {
+      throw SceneError(at, "it can exceed " + shortNumber(most), "make it or its factors smaller");
     }
     return out;
   }
 
-  void addMode(const ModeSpec& mode, const std::string& path) {
+  template <class OwnInput>
+  Transfer strength(const ModeSpec& mode, const std::string& path, OwnInput own) {
+    return transfer(mode.strength, mode, path, "strength", kMostStrength, own);
+  }
+  template <class OwnInput>
+  Transfer friction(const ModeSpec& mode, const std::string& path, OwnInput own) {
+    return transfer(mode.friction, mode, path, "friction", kMostFriction, own);
+  }
+  template <class OwnInput>
+  Transfer viscosity(const ModeSpec& mode, const std::string& path, OwnInput own) {
+    return transfer(mode.viscosity, mode, path, "viscosity", kMostStrength, own);
+  }
+
+  static std::string shortNumber(double value) {
+    std::ostringstream out;
+    out << value;
+    return out.str();
+  }
+
+  int scalarInput(const std::string& name, const std::string& path) {
+    checkScalar(name, path);
+    return resolve(path, name).index;
+  }
+
+  /// Throws where a key says something that the mode would not do.
+  void checkKeys(const ModeSpec& mode, const std::string& path) {
+    const bool surface = mode.kind == ModeKind::kSurface || mode.kind == ModeKind::kIsosurface;
+    if (!surface && (mode.friction.highest() > 0.0 || mode.viscosity.highest() > 0.0)) {
+      throw SceneError(
+          path, std::string("mode ") + wordFor(mode.kind) + " has no friction and no viscosity",
+          "use surface or isosurface for them");
+    }
+    if (mode.by.empty()) return;
+    checkScalar(mode.by, path + "/by");
+    const auto reads = [](const TransferSpec& spec) {
+      return std::any_of(spec.factors.begin(), spec.factors.end(), [](const auto& factor) {
+        return factor.by.empty() && !factor.curve.isConstant();
+      });
+    };
+    if (mode.strength.factors.size() != 1 && !reads(mode.strength) && !reads(mode.friction) &&
+        !reads(mode.viscosity)) {
+      throw SceneError(path + "/by", "no factor of the mode's curves reads it", "remove it");
+    }
+  }
+
+  /// Throws where a name is unknown or no scalar, also if nobody comes to read it.
+  void checkScalar(const std::string& name, const std::string& path) {
+    std::set<std::string> open;
+    if (!isVector(path, name, open)) return;
+    throw SceneError(path, "\"" + name + "\" is a vector", "give a scalar, as the magnitude of it");
+  }
+
+  /// True where it can never act.
+  static bool isSilent(const ModeSpec& mode) {
+    return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
+           mode.viscosity.highest() == 0.0;
+  }
+
+  void addMode(std::size_t index) {
+    const ModeSpec& mode = spec_.modes[index];
+    const std::string path = "/modes/" + std::to_string(index);
+    const std::string name = mode.name.empty() ? path : mode.name;
+    checkKeys(mode, path);
+    current_ = {};
+    support_ = {};
+    if (isSilent(mode)) {
+      // Checked like any other, and then as if it were not there: nothing is read for it.
+      const auto before = std::tuple(graph_, read_, used_);
+      (void)compileMode(mode, path);
+      std::tie(graph_, read_, used_) = before;
+      graph_.silent.push_back(name);
+      return;
+    }
+    graph_.modes.push_back(compileMode(mode, path));
+    graph_.mode_fields.push_back({support_, current_});
+    graph_.mode_sources.push_back(index);
+    graph_.mode_names.push_back(name);
+  }
+
+  Mode compileMode(const ModeSpec& mode, const std::string& path) {
     switch (mode.kind) {
       case ModeKind::kForce:
-        addForce(mode, path);
-        break;
+        return force(mode, path);
       case ModeKind::kViscosity: {
         Slot slot = resolve(path + "/of", mode.of);
         if (slot.vector) slot = {false, magnitudeOf(slot.index)};
-        graph_.modes.emplace_back(
-            ViscosityMode{slot.index, strength(mode, path, [&] { return slot.index; })});
-        break;
+        support_ = current_;
+        return ViscosityMode{slot.index, strength(mode, path, [&] { return slot.index; })};
       }
       case ModeKind::kSurface: {
         scalarVolume(mode, path);
-        const int gradient = gradientOf(mode.of);
-        graph_.modes.emplace_back(
-            SurfaceMode{gradient, outwardSign(mode.solid),
-                        strength(mode, path, [&] { return valueOf(mode.of); })});
-        break;
+        SurfaceMode surface;
+        surface.gradient = gradientOf(mode.of);
+        surface.sign = outwardSign(mode.solid);
+        support_ = current_;
+        const auto own = [&] { return valueOf(mode.of); };
+        surface.strength = strength(mode, path, own);
+        surface.friction = friction(mode, path, own);
+        surface.viscosity = viscosity(mode, path, own);
+        return surface;
       }
       case ModeKind::kIsosurface:
-        addIsosurface(mode, path);
-        break;
-      case ModeKind::kFollow: {
-        const Slot slot = resolveVector(mode, path);
-        graph_.modes.emplace_back(
-            FollowMode{slot.index, strength(mode, path, [&] { return magnitudeOf(slot.index); })});
-        break;
+        return isosurface(mode, path);
+      case ModeKind::kFollow:
+      case ModeKind::kTransverseDamping: {
+        const int vector = vectorOf(mode, path);
+        return FollowMode{vector, strength(mode, path, [&] { return magnitudeOf(vector); })};
       }
+      case ModeKind::kFrontShape:
+        return frontShape(mode, path);
+      case ModeKind::kVortexTube:
+        return vortexTube(mode, path);
+      case ModeKind::kGuide:
+        return guide(mode, path);
+      case ModeKind::kUser:
+        return userMode(mode, path);
     }
-    graph_.mode_names.push_back(mode.name.empty() ? path : mode.name);
+    return {};
   }
 
   static double outwardSign(Solid solid) noexcept { return solid == Solid::kAbove ? -1.0 : 1.0; }
 
-  void addForce(const ModeSpec& mode, const std::string& path) {
-    Slot slot = resolve(path + "/of", mode.of);
+  /// The vector that a mode is made of, which is also its support.
+  int vectorOf(const ModeSpec& mode, const std::string& path) {
+    const Slot slot = resolveVector(mode, path);
+    support_ = current_;
+    return slot.index;
+  }
+
+  Mode force(const ModeSpec& mode, const std::string& path) {
+    const Slot slot = resolve(path + "/of", mode.of);
     ForceMode force;
     if (slot.vector) {
       force.vector = slot.index;
       force.sign = mode.sense.value_or(Sense::kAttract) == Sense::kAttract ? 1.0 : -1.0;
+      support_ = current_;
       force.strength = strength(mode, path, [&] { return magnitudeOf(slot.index); });
     } else {
       scalarVolume(mode, path);
       force.vector = gradientOf(mode.of);
       force.sign = mode.sense.value_or(Sense::kRepel) == Sense::kAttract ? 1.0 : -1.0;
+      support_ = current_;
       force.strength = strength(mode, path, [&] { return slot.index; });
     }
-    graph_.modes.emplace_back(force);
+    return force;
   }
 
-  void addIsosurface(const ModeSpec& mode, const std::string& path) {
+  Mode isosurface(const ModeSpec& mode, const std::string& path) {
     const FieldFrame& frame = scalarVolume(mode, path).frame();
     if (!(mode.depth_voxels > 0.0) || !std::isfinite(mode.depth_voxels)) {
       throw SceneError(path + "/depth", "it must be > 0", "give a depth in voxels, as 3");
@@ -330,18 +451,145 @@ class Compiler {
     iso.voxel = frame.voxel;
     iso.metres_per_unit = frame.metres_per_unit;
     iso.depth = mode.depth_voxels * frame.voxel;
-    iso.strength = strength(mode, path, [&] { return iso.value; });
-    graph_.modes.emplace_back(iso);
+    support_ = current_;
+    const auto own = [&] { return iso.value; };
+    iso.strength = strength(mode, path, own);
+    iso.friction = friction(mode, path, own);
+    iso.viscosity = viscosity(mode, path, own);
+    return iso;
   }
+
+  Mode frontShape(const ModeSpec& mode, const std::string& path) {
+    if (!(mode.snap_voxels >= 0.0) || !std::isfinite(mode.snap_voxels)) {
+      throw SceneError(path + "/snap_drag", "it must be >= 0", "give a distance in voxels, as 4");
+    }
+    FrontShapeMode front;
+    front.vector = vectorOf(mode, path);
+    front.two_sided = mode.two_sided;
+    front.snap = mode.snap_voxels * frameOf(support_).voxel;
+    front.strength = strength(mode, path, [&] { return magnitudeOf(front.vector); });
+    return front;
+  }
+
+  Mode vortexTube(const ModeSpec& mode, const std::string& path) {
+    const auto field = fields_.find(mode.of);
+    if (field == fields_.end() || field->second.index() != 1) {
+      std::set<std::string> open;
+      isVector(path + "/of", mode.of, open);  // throws where the name is unknown
+      throw SceneError(path + "/of",
+                       "mode vortex_tube needs a vector volume and \"" + mode.of + "\" is none",
+                       "give a velocity; the curl is taken of it");
+    }
+    VortexTubeMode tube;
+    tube.vector = vectorOf(mode, path);
+    tube.curl = once(vectorRead(mode.of).curl, true, "curl of " + mode.of);
+    tube.voxel = frameOf(support_).voxel;
+    tube.metres_per_unit = frameOf(support_).metres_per_unit;
+    tube.strength = strength(mode, path, [&] { return magnitudeOf(tube.curl); });
+    return tube;
+  }
+
+  Mode guide(const ModeSpec& mode, const std::string& path) {
+    const GuideSpec& spec = mode.guide;
+    const double length = spec.direction.norm();
+    if (spec.shape == PrimitiveKind::kForce) {
+      throw SceneError(path + "/shape", "a guide is a point, a line or a plane", "choose one");
+    }
+    if (!spec.position.allFinite() || !(spec.position.norm() < 1e6)) {
+      throw SceneError(path + "/at", "it is not a place within 1,000 km", "give metres");
+    }
+    const bool directed = spec.shape != PrimitiveKind::kPoint;
+    if (directed && (!(length > 1e-100) || !std::isfinite(length))) {
+      throw SceneError(path + "/along", "it is no direction", "give a vector that is not zero");
+    }
+    if (!(spec.snap > 0.0)) {
+      throw SceneError(path + "/snap", "it must be > 0", "give metres, as 0.005");
+    }
+    GuideMode guide;
+    guide.shape = spec.shape;
+    guide.position = spec.position;
+    if (directed) guide.direction = spec.direction / length;
+    guide.snap = spec.snap;
+    guide.strength = strength(mode, path, [] { return -1; });
+    return guide;
+  }
+
+  Mode userMode(const ModeSpec& mode, const std::string& path) {
+    if (mode.user.place == nullptr) {
+      throw SceneError(path, "a user's mode needs its function", "set ModeSpec::user.place");
+    }
+    UserMode user;
+    user.place = mode.user.place;
+    user.state = mode.user.state;
+    for (const std::string& name : mode.user.reads) {
+      user.reads.push_back(resolve(path + "/user/reads", name).index);
+    }
+    return user;
+  }
+
+  /// Of the one field of a set, the finest where there are several.
+  [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const {
+    FieldFrame frame;
+    frame.voxel = std::numeric_limits<double>::infinity();
+    const auto look = [&](const std::vector<FieldFrame>& frames, std::uint64_t bits) {
+      for (std::size_t i = 0; i < frames.size(); ++i) {
+        if ((bits >> i & 1U) != 0 && frames[i].voxel < frame.voxel) frame = frames[i];
+      }
+    };
+    look(graph_.scalar_frames, set.scalars);
+    look(graph_.vector_frames, set.vectors);
+    return frame;
+  }
+
+  void addStiffness() {
+    if (!spec_.stiffness) return;
+    const std::string path = "/coupling";
+    const TransferSpec& stiffness = *spec_.stiffness;
+    for (const TransferSpec::Factor& factor : stiffness.factors) {
+      if (factor.by.empty() && !factor.curve.isConstant()) {
+        throw SceneError(path + "/stiffness", "a curve does not say what it reads",
+                         "add \"by\": the name of a scalar");
+      }
+    }
+    current_ = {};
+    graph_.stiffness =
+        transfer(stiffness, ModeSpec{}, path, "stiffness", kMostStiffness, [] { return -1; });
+    graph_.stiffness_reads = current_;
+    if (!(stiffness.lowest() > 0.0)) {
+      throw SceneError(path + "/stiffness", "it can be zero", "give outputs > 0, in N/m");
+    }
+  }
+
+  static constexpr double kMostStrength = 1e9;   // [N]
+  static constexpr double kMostStiffness = 1e9;  // [N/m]
 
   const GraphSpec& spec_;
   const std::map<std::string, FieldPtr>& fields_;
   Graph graph_;
+  FieldSet current_;            ///< What the mode at hand has read so far.
+  FieldSet support_;            ///< Of that, what it must have to act.
   std::set<std::string> read_;  ///< Volumes that are sampled.
   std::set<std::string> used_;  ///< Derived fields that are.
 };
 
 }  // namespace
+
+double TransferSpec::highest() const noexcept {
+  double product = 1.0;
+  for (const Factor& factor : factors) product *= factor.curve.highest();
+  return product;
+}
+
+double TransferSpec::lowest() const noexcept {
+  double product = 1.0;
+  for (const Factor& factor : factors) product *= factor.curve.lowest();
+  return product;
+}
+
+bool TransferSpec::isConstant() const noexcept {
+  return std::all_of(factors.begin(), factors.end(),
+                     [](const Factor& factor) { return factor.curve.isConstant(); });
+}
 
 Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields) {
   return Compiler(spec, fields).compile();
@@ -359,6 +607,16 @@ const char* wordFor(ModeKind kind) noexcept {
       return "isosurface";
     case ModeKind::kFollow:
       return "follow";
+    case ModeKind::kTransverseDamping:
+      return "transverse_damping";
+    case ModeKind::kFrontShape:
+      return "front_shape";
+    case ModeKind::kVortexTube:
+      return "vortex_tube";
+    case ModeKind::kGuide:
+      return "guide";
+    case ModeKind::kUser:
+      return "user";
   }
   return "";
 }

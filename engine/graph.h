@@ -3,10 +3,12 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "engine/field.h"
@@ -60,7 +62,18 @@ struct DerivedSpec {
   std::string of;  ///< A volume or another derived field.
 };
 
-enum class ModeKind : std::uint8_t { kForce, kViscosity, kSurface, kIsosurface, kFollow };
+enum class ModeKind : std::uint8_t {
+  kForce,
+  kViscosity,
+  kSurface,
+  kIsosurface,
+  kFollow,
+  kTransverseDamping,  ///< As follow, and by its name meant weak.
+  kFrontShape,
+  kVortexTube,
+  kGuide,
+  kUser,  ///< From C++ only.
+};
 
 /// Which side of a value is solid.
 enum class Solid : std::uint8_t { kAbove, kBelow };
@@ -68,23 +81,96 @@ enum class Solid : std::uint8_t { kAbove, kBelow };
 /// Whether a force pulls along its field or pushes against it.
 enum class Sense : std::uint8_t { kAttract, kRepel };
 
+/// A material property: one transfer function, or several multiplied.
+struct TransferSpec {
+  struct Factor {
+    TransferFunction curve = 1.0;
+    std::string by;  ///< The scalar that it reads; empty: the mode's `by`, else the mode's own.
+  };
+  std::vector<Factor> factors;
+
+  TransferSpec(TransferFunction curve) {  // NOLINT(google-explicit-constructor): the usual case
+    factors.push_back({std::move(curve), ""});
+  }
+  TransferSpec(double number = 0.0)  // NOLINT(google-explicit-constructor): a number is one
+      : TransferSpec(TransferFunction(number)) {}
+  explicit TransferSpec(std::vector<Factor> product) : factors(std::move(product)) {}
+
+  /// The most and the least that it can be where there are data.
+  [[nodiscard]] double highest() const noexcept;
+  [[nodiscard]] double lowest() const noexcept;
+  /// True if it reads nothing.
+  [[nodiscard]] bool isConstant() const noexcept;
+};
+
+/// Where a guide is.
+struct GuideSpec {
+  PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Point, line or plane.
+  Vec3 position = Vec3::Zero();                 ///< [m]
+  Vec3 direction = Vec3::UnitX();               ///< Of a line; a plane's outward normal. Not zero.
+  double snap = std::numeric_limits<double>::infinity();  ///< [m], > 0.
+};
+
+/// A mode of the user's own; see mode.h.
+struct UserSpec {
+  PlacePrimitives place = nullptr;
+  std::shared_ptr<void> state;
+  std::vector<std::string> reads;  ///< Volumes and derived fields.
+};
+
 /// One mode, as the scene file says it.
 struct ModeSpec {
   std::string name;  ///< For people; may be empty.
   ModeKind kind = ModeKind::kSurface;
-  std::string of;                   ///< The volume or derived field it is made of.
-  TransferFunction strength = 0.0;  ///< [N]
-  std::string by;                   ///< The scalar that `strength` reads; empty: the mode's own.
-  double value = 0.0;               ///< isosurface: V0.
-  Solid solid = Solid::kAbove;      ///< surface and isosurface.
-  double depth_voxels = 3.0;        ///< isosurface: pushes back until so deep after yielding.
-  std::optional<Sense> sense;       ///< force; default: along a vector, down a scalar's gradient.
+  std::string of;               ///< The volume or derived field it is made of; not of guide, user.
+  TransferSpec strength;        ///< [N]; not of user.
+  TransferSpec friction;        ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
+  TransferSpec viscosity;       ///< surface and isosurface: [N].
+  std::string by;               ///< The scalar that these read; empty: the mode's own.
+  double value = 0.0;           ///< isosurface: V0.
+  Solid solid = Solid::kAbove;  ///< surface and isosurface.
+  double depth_voxels = 3.0;    ///< isosurface: pushes back until so deep after yielding.
+  std::optional<Sense> sense;   ///< force; default: along a vector, down a scalar's gradient.
+  bool two_sided = true;        ///< front shape.
+  double snap_voxels = 0.0;     ///< front shape: snap-drag, see mode.h; 0: none.
+  GuideSpec guide;
+  UserSpec user;
 };
+
+/// Largest friction coefficient. Rubber on rubber is 1.2.
+inline constexpr double kMostFriction = 10.0;
 
 /// Names and edges, as the scene file says.
 struct GraphSpec {
   std::map<std::string, DerivedSpec> fields;
   std::vector<ModeSpec> modes;
+  std::optional<TransferSpec> stiffness;  ///< Coupling stiffness by a property [N/m]; none: as
+                                          ///< CouplingParams says.
+};
+
+/// A set of a graph's fields.
+struct FieldSet {
+  std::uint64_t scalars = 0;  ///< Bit i: Graph::scalar_fields[i].
+  std::uint64_t vectors = 0;
+
+  [[nodiscard]] constexpr bool holds(const FieldSet& other) const noexcept {
+    return (other.scalars & ~scalars) == 0 && (other.vectors & ~vectors) == 0;
+  }
+  constexpr FieldSet& operator|=(const FieldSet& other) noexcept {
+    scalars |= other.scalars;
+    vectors |= other.vectors;
+    return *this;
+  }
+  [[nodiscard]] constexpr FieldSet operator&(const FieldSet& other) const noexcept {
+    return {scalars & other.scalars, vectors & other.vectors};
+  }
+};
+
+/// Which fields a mode needs.
+struct ModeFields {
+  FieldSet
+      support;     ///< Outside the bounds of one of these it is silent, and nothing is read for it.
+  FieldSet reads;  ///< All that it reads.
 };
 
 /// One scalar field read once; an index below zero is wanted by nobody and not written.
@@ -121,6 +207,8 @@ struct MagnitudeStep {
 struct Graph {
   std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Only those read.
   std::vector<std::shared_ptr<const VectorField>> vector_fields;
+  std::vector<FieldFrame> scalar_frames;  ///< How they lie.
+  std::vector<FieldFrame> vector_frames;
   std::vector<std::string> scalar_names;  ///< Of the fields, and what each property is: for people.
   std::vector<std::string> vector_names;
   std::vector<std::string> scalar_properties;
@@ -130,8 +218,13 @@ struct Graph {
   std::vector<UnitStep> units;  ///< Each after the one that it is made of.
   std::vector<MagnitudeStep> magnitudes;
   std::vector<Mode> modes;
+  std::vector<ModeFields> mode_fields;    ///< One a mode.
+  std::vector<std::size_t> mode_sources;  ///< Each mode's index in GraphSpec::modes.
   std::vector<std::string> mode_names;
+  Transfer stiffness;        ///< [N/m]; no factors: constant.
+  FieldSet stiffness_reads;  ///< All of it must hold the proxy, else the stiffness stays as it is.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
+  std::vector<std::string> silent;  ///< Modes left out: their strength is zero everywhere.
 };
 
 /// Most modes of one scene, and most fields that one scene reads.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include <Eigen/Geometry>
+
 namespace palpate {
 namespace {
 
@@ -30,34 +32,130 @@ bool add(PrimitiveSet& set, PrimitiveKind kind, const Vec3& position, const Vec3
   return strength <= 0.0 || set.tryAdd({kind, position, direction, strength});
 }
 
-bool emit(const ForceMode& mode, const Properties& at, const Vec3& p, ModeMemory& /*memory*/,
-          PrimitiveSet& set) noexcept {
-  const Properties::Vector& v = at.vectors[static_cast<std::size_t>(mode.vector)];
+/// A plane, and its friction through p. Without load the friction is a line of no strength: the set
+/// of a contact stays the same from tick to tick.
+bool addSurface(PrimitiveSet& set, const Vec3& position, const Vec3& normal, double strength,
+                double friction, const Vec3& p) noexcept {
+  if (strength <= 0.0) return true;
+  if (!set.tryAdd({PrimitiveKind::kPlane, position, normal, strength})) return false;
+  return friction <= 0.0 || set.tryAddFriction(p, friction);
+}
+
+/// Two opposed planes: held both ways along the normal.
+bool addSlab(PrimitiveSet& set, const Vec3& position, const Vec3& normal,
+             double strength) noexcept {
+  return add(set, PrimitiveKind::kPlane, position, normal, strength) &&
+         add(set, PrimitiveKind::kPlane, position, -normal, strength);
+}
+
+/// What an emit() below works with.
+struct Place {
+  const Properties& at;
+  const Vec3& p;
+  const Vec3& probe;
+  ModeMemory& memory;
+  PrimitiveSet& set;
+
+  [[nodiscard]] const Properties::Scalar& scalar(int i) const noexcept {
+    return at.scalars[static_cast<std::size_t>(i)];
+  }
+  [[nodiscard]] const Properties::Vector& vector(int i) const noexcept {
+    return at.vectors[static_cast<std::size_t>(i)];
+  }
+  bool add(PrimitiveKind kind, const Vec3& direction, double strength) const noexcept {
+    return palpate::add(set, kind, p, direction, strength);
+  }
+};
+
+bool emit(const ForceMode& mode, const Place& place) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
   Vec3 q;
   if (!v.inside || !unit(v.value, q)) return true;
-  return add(set, PrimitiveKind::kForce, p, mode.sign * q, mode.strength(at));
+  return place.add(PrimitiveKind::kForce, mode.sign * q, mode.strength(place.at));
 }
 
-bool emit(const ViscosityMode& mode, const Properties& at, const Vec3& p, ModeMemory& /*memory*/,
-          PrimitiveSet& set) noexcept {
-  if (!at.scalars[static_cast<std::size_t>(mode.scalar)].inside) return true;
-  return add(set, PrimitiveKind::kPoint, p, Vec3::UnitX(), mode.strength(at));
+bool emit(const ViscosityMode& mode, const Place& place) noexcept {
+  if (!place.scalar(mode.scalar).inside) return true;
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.strength(place.at));
 }
 
-bool emit(const SurfaceMode& mode, const Properties& at, const Vec3& p, ModeMemory& /*memory*/,
-          PrimitiveSet& set) noexcept {
-  const Properties::Vector& gradient = at.vectors[static_cast<std::size_t>(mode.gradient)];
+bool emit(const SurfaceMode& mode, const Place& place) noexcept {
+  const Properties::Vector& gradient = place.vector(mode.gradient);
   Vec3 q;  // outward normal
-  if (!gradient.inside || !unit(gradient.value, q)) return true;
-  return add(set, PrimitiveKind::kPlane, p, mode.sign * q, mode.strength(at));
+  if (!gradient.inside || !unit(mode.sign * gradient.value, q)) return true;
+  const bool room =
+      addSurface(place.set, place.p, q, mode.strength(place.at), mode.friction(place.at), place.p);
+  return place.add(PrimitiveKind::kPoint, q, mode.viscosity(place.at)) && room;
 }
 
-bool emit(const FollowMode& mode, const Properties& at, const Vec3& p, ModeMemory& /*memory*/,
-          PrimitiveSet& set) noexcept {
-  const Properties::Vector& v = at.vectors[static_cast<std::size_t>(mode.vector)];
+bool emit(const FollowMode& mode, const Place& place) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
   Vec3 q;
   if (!v.inside || !unit(v.value, q)) return true;
-  return add(set, PrimitiveKind::kLine, p, q, mode.strength(at));
+  return place.add(PrimitiveKind::kLine, q, mode.strength(place.at));
+}
+
+bool emit(const FrontShapeMode& mode, const Place& place) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  ModeMemory& memory = place.memory;
+  Vec3 q;
+  if (!v.inside || !unit(v.value, q)) {
+    memory.placed = false;
+    return true;
+  }
+  // Snap-drag: off its front by force, the proxy is still held by it. Else the front is at p.
+  constexpr double kOn = 1e-3;  // of the snap distance
+  const double off = memory.placed ? memory.normal.dot(place.p - memory.anchor) : 0.0;
+  const double away = mode.two_sided ? std::abs(off) : -off;
+  if (!memory.placed || away <= kOn * mode.snap || away > mode.snap) {
+    memory.anchor = place.p;
+    memory.normal = q;
+    memory.placed = mode.snap > 0.0;
+  }
+  const double strength = mode.strength(place.at);
+  if (mode.two_sided) return addSlab(place.set, memory.anchor, memory.normal, strength);
+  return add(place.set, PrimitiveKind::kPlane, memory.anchor, memory.normal, strength);
+}
+
+bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  const Vec3& curl = place.vector(mode.curl).value;
+  Vec3 core;
+  if (!v.inside || !unit(curl, core)) return true;
+  const double strength = mode.strength(place.at);
+  const Vec3 outwards = v.value.cross(core);
+  const double radius = 2.0 * outwards.norm() / curl.norm() * mode.metres_per_unit;
+  Vec3 radial;
+  if (radius < mode.voxel || !unit(outwards, radial)) {
+    return place.add(PrimitiveKind::kLine, core, strength);
+  }
+  return addSlab(place.set, place.p, radial, strength);
+}
+
+/// How far x is from a guide; from a plane, how far behind it.
+double distanceTo(const GuideMode& guide, const Vec3& x) noexcept {
+  const Vec3 d = x - guide.position;
+  const double along = guide.direction.dot(d);
+  switch (guide.shape) {
+    case PrimitiveKind::kLine:
+      return (d - along * guide.direction).norm();
+    case PrimitiveKind::kPlane:
+      return std::max(0.0, -along);
+    case PrimitiveKind::kPoint:
+    case PrimitiveKind::kForce:
+      break;
+  }
+  return d.norm();
+}
+
+bool emit(const GuideMode& mode, const Place& place) noexcept {
+  if (!(distanceTo(mode, place.p) <= mode.snap)) return true;
+  const double strength = mode.strength(place.at, distanceTo(mode, place.probe));
+  return add(place.set, mode.shape, mode.position, mode.direction, strength);
+}
+
+bool emit(const UserMode& mode, const Place& place) noexcept {
+  return mode.place(mode.state.get(), {place.at, mode.reads, place.p, place.probe}, place.set);
 }
 
 /// Where the surface is, seen from p.
@@ -92,11 +190,11 @@ void meetWalls(const Sight& sight, ModeMemory& memory) noexcept {
   memory.other_normal = memory.normal;
 }
 
-bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeMemory& memory,
-          PrimitiveSet& set) noexcept {
+bool emit(const IsosurfaceMode& mode, const Place& place) noexcept {
+  const auto& [at, p, probe, memory, set] = place;
   // The sign of V - V0 counts outside the data as well: background is free or solid like the rest.
-  const double side =
-      mode.sign * (at.scalars[static_cast<std::size_t>(mode.value)].value - mode.level);
+  const Properties::Scalar& value = place.scalar(mode.value);
+  const double side = mode.sign * (value.value - mode.level);
   const bool free = side >= 0.0;
   const Sight sight = look(mode, at);
 
@@ -128,7 +226,11 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
     }
   }
   if (memory.contact != Contact::kOutside) memory.placed = memory.cornered = false;
-  if (memory.contact == Contact::kInside) return true;
+  bool room = true;
+  if (!free && value.inside && memory.contact != Contact::kOutside) {
+    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(at));
+  }
+  if (memory.contact == Contact::kInside) return room;
 
   // The plane: on the surface where it is seen, else where it was while pushed through. Deep in a
   // thin wall the normal turns over: that is the other side, not the surface pushed through.
@@ -141,31 +243,38 @@ bool emit(const IsosurfaceMode& mode, const Properties& at, const Vec3& p, ModeM
     memory.normal = sight.normal;
     memory.placed = memory.contact == Contact::kOutside;
   } else if (memory.contact == Contact::kOutside) {
-    return true;
+    return room;
   }
   const double strength = share * mode.strength(at);
-  bool room = true;
+  const double friction = mode.friction(at);
   // A plane is trusted as far as a voxel from where it was placed.
   memory.cornered = memory.cornered && (p - memory.other_anchor).norm() <= mode.voxel;
   if (memory.cornered) {
-    room = add(set, PrimitiveKind::kPlane, memory.other_anchor, memory.other_normal, strength);
+    room = addSurface(set, memory.other_anchor, memory.other_normal, strength, friction, p) && room;
   }
-  return add(set, PrimitiveKind::kPlane, memory.anchor, memory.normal, strength) && room;
+  return addSurface(set, memory.anchor, memory.normal, strength, friction, p) && room;
 }
 
 }  // namespace
 
-double Strength::operator()(const Properties& properties) const noexcept {
-  if (scalar < 0) return curve(0.0);
-  const Properties::Scalar& input = properties.scalars[static_cast<std::size_t>(scalar)];
-  return input.inside ? curve(input.value) : 0.0;
+double Transfer::operator()(const Properties& properties, double own) const noexcept {
+  double product = factors.empty() ? 0.0 : 1.0;
+  for (const Factor& factor : factors) {
+    if (factor.scalar < 0) {
+      product *= factor.curve(own);
+      continue;
+    }
+    const Properties::Scalar& input = properties.scalars[static_cast<std::size_t>(factor.scalar)];
+    product *= input.inside ? factor.curve(input.value) : 0.0;
+  }
+  return product;
 }
 
-bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p,
+bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p, const Vec3& probe,
                    ModeMemory& memory, PrimitiveSet& set) noexcept {
   const std::size_t before = set.size();
-  const bool room =
-      std::visit([&](const auto& m) { return emit(m, properties, p, memory, set); }, mode);
+  const Place place{properties, p, probe, memory, set};
+  const bool room = std::visit([&](const auto& m) { return emit(m, place); }, mode);
   memory.emitted = static_cast<int>(set.size() - before);
   return room;
 }

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <variant>
+#include <vector>
 
 #include "engine/primitive.h"
 #include "engine/properties.h"
@@ -11,38 +14,46 @@
 
 namespace palpate {
 
-/// How strong a mode's primitive is: a transfer function of one scalar property.
-struct Strength {
-  TransferFunction curve;
-  int scalar = -1;  ///< Index into Properties::scalars; -1 where the curve is constant.
+/// A material property of the paper's section 2 (strength, friction, viscosity, stiffness): a
+/// transfer function of one scalar property, or a product of several.
+struct Transfer {
+  struct Factor {
+    TransferFunction curve;
+    int scalar = -1;  ///< Index into Properties::scalars; -1: what the mode itself measures.
+  };
+  std::vector<Factor> factors;  ///< None: the property is zero.
 
-  /// Newtons, >= 0; 0 where the property has no data. RT: no allocation.
-  [[nodiscard]] double operator()(const Properties& properties) const noexcept;
+  /// The product, >= 0; 0 where a factor's property has no data. `own` is what factors of scalar
+  /// -1 read; a constant reads nothing. RT: no allocation.
+  [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
 };
 
 /// A directed force (eq. 8) along a vector: injects energy, as its user asked.
 struct ForceMode {
   int vector = -1;    ///< Index into Properties::vectors.
   double sign = 1.0;  ///< +1 along it, -1 against it.
-  Strength strength;
+  Transfer strength;  ///< [N]
 };
 
 /// A point (eq. 9) at the proxy: a drag of constant size, not -b v.
 struct ViscosityMode {
   int scalar = -1;  ///< Where this property has no data there is no drag.
-  Strength strength;
+  Transfer strength;
 };
 
 /// A plane (eq. 13) at the proxy across the gradient: memoryless, so the proxy can drift along the
-/// normal as the surface curves; isosurface does not drift.
+/// normal as the surface curves; isosurface does not drift. With friction a line (eq. 11) along the
+/// normal, with viscosity a point (eq. 9): the paper's surface, friction and viscosity.
 struct SurfaceMode {
   int gradient = -1;
   double sign = -1.0;  ///< Outward normal = sign * gradient: -1 where high values are solid.
-  Strength strength;
+  Transfer strength;
+  Transfer friction;   ///< Coulomb's mu.
+  Transfer viscosity;  ///< [N], wherever the surface acts.
 };
 
 /// A plane (eq. 13) on the surface V = value near the proxy; remembers on which side it is. In a
-/// concave edge both walls hold.
+/// concave edge both walls hold. With friction each wall has its line (eq. 11).
 struct IsosurfaceMode {
   int value = -1;
   int gradient = -1;
@@ -52,18 +63,77 @@ struct IsosurfaceMode {
   double voxel = 1e-3;           ///< [m]
   double metres_per_unit = 1.0;  ///< Of the field's own space.
   double depth = 3e-3;           ///< After yielding, pushes until this far past the surface [m].
-  Strength strength;
+  Transfer strength;
+  Transfer friction;   ///< Coulomb's mu.
+  Transfer viscosity;  ///< [N], a point (eq. 9) on the solid side: what the body is made of.
 };
 
-/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream.
+/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. Weak, it is
+/// the paper's transverse damping.
 struct FollowMode {
   int vector = -1;
-  Strength strength;
+  Transfer strength;
 };
 
-using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode>;
+/// A plane (eq. 13) through the proxy across a vector: the front that the vectors are normal to, as
+/// of a wave. Two-sided, two opposed planes.
+struct FrontShapeMode {
+  int vector = -1;
+  bool two_sided = true;  ///< Else only against the vector: with it the hand is free.
+  double snap = 0.0;      ///< Snap-drag: pushed off its front, the proxy is pulled back until it is
+                          ///< this far; there the next front is. 0: the front comes along [m].
+  Transfer strength;
+};
 
-/// What a mode remembers between ticks. All but `emitted` is isosurface's.
+/// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand rides the
+/// tube, free round it and along it. Nearer to the core than a voxel there is no radius, and a line
+/// (eq. 11) along the core holds. The radius is that of rigid rotation, r = 2 |v x w| / |curl v|, w
+/// the core's direction curl v / |curl v|; v x w points outwards.
+struct VortexTubeMode {
+  int vector = -1;
+  int curl = -1;
+  double voxel = 1e-3;           ///< [m]
+  double metres_per_unit = 1.0;  ///< Of the field's own space.
+  Transfer strength;
+};
+
+/// A point, line or plane that the scene places. It acts while the proxy is within `snap` of it:
+/// the hand is drawn in there, and let go once it has pulled the proxy farther off. Energy that
+/// drawing in makes is counted as injected.
+struct GuideMode {
+  PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Not kForce.
+  Vec3 position = Vec3::Zero();                 ///< [m]
+  Vec3 direction = Vec3::UnitX();               ///< Unit; a plane's outward normal.
+  double snap = 0.0;                            ///< [m], > 0; infinite: it always acts.
+  Transfer strength;                            ///< Of its own: the probe's distance to it [m].
+};
+
+/// What a mode of the user's own is given.
+struct ModeInput {
+  const Properties& properties;
+  std::span<const int> reads;  ///< For each name in UserSpec::reads its index in
+                               ///< properties.scalars or properties.vectors, whichever it is.
+  const Vec3& proxy;           ///< Before it moves [m]: primitives belong there.
+  const Vec3& probe;           ///< [m]
+};
+
+/// Adds primitives; returns false if the set was full. Called in the tick, once a sub-step: no
+/// allocation, no lock, no exception. What it adds should stand at the proxy, else it can make
+/// energy (counted as injected).
+using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
+
+/// A mode of the user's own.
+struct UserMode {
+  PlacePrimitives place = nullptr;
+  std::shared_ptr<void> state;  ///< One for all proxies that feel the scene.
+  std::vector<int> reads;
+};
+
+using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
+                          FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
+
+/// What a mode remembers between ticks. `contact` and the edge are isosurface's; snap-drag has an
+/// anchor and a normal as well.
 struct ModeMemory {
   enum class Contact : std::uint8_t {
     kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
@@ -83,12 +153,13 @@ struct ModeMemory {
 
 /// Step 2 of the paper's figure 1: adds the primitives that one mode asks for at the proxy.
 ///
-/// @param p           The proxy before it moves [m]: primitives are anchored there.
 /// @param properties  Sampled at p.
+/// @param p           The proxy before it moves [m]: primitives are anchored there.
+/// @param probe       The hand [m].
 /// @return            False if the set was full and a primitive was dropped.
 /// RT: no allocation.
 [[nodiscard]] bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p,
-                                 ModeMemory& memory,
+                                 const Vec3& probe, ModeMemory& memory,
                                  PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
 /// Tells a mode where the balance put the proxy, so that it can notice having been pushed through.

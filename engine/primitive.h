@@ -33,10 +33,18 @@ struct Primitive {
 /// Most primitives that one tick may balance.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
+/// Coulomb friction: a line through the old proxy along a plane's normal, of the strength mu times
+/// what that plane carries in the same balance. See friction.h.
+struct FrictionLink {
+  std::size_t plane = 0;     ///< Index of the plane in its set.
+  std::size_t line = 0;      ///< And of the line.
+  double coefficient = 0.0;  ///< mu, >= 0.
+};
+
 /// The primitives of one tick. Its memory is taken when it is made, none afterwards.
 class PrimitiveSet {
  public:
-  PrimitiveSet() : items_(kMaxPrimitives) {}
+  PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives) {}
 
   /// Appends one primitive; false, and nothing changed, when the set is full.
   /// RT: no allocation.
@@ -45,16 +53,30 @@ class PrimitiveSet {
     items_[count_++] = primitive;
     return true;
   }
+  /// Appends the friction at `position` of the plane appended last. RT: no allocation.
+  [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
+    const std::size_t plane = count_ - 1;
+    if (!tryAdd({PrimitiveKind::kLine, position, items_[plane].direction, 0.0})) return false;
+    links_[link_count_++] = {plane, plane + 1, coefficient};
+    return true;
+  }
+  /// Of a line that friction holds [N]. RT: no allocation.
+  void setStrength(std::size_t i, double strength) noexcept { items_[i].strength = strength; }
 
-  void clear() noexcept { count_ = 0; }
+  void clear() noexcept { count_ = link_count_ = 0; }
   [[nodiscard]] std::size_t size() const noexcept { return count_; }
   [[nodiscard]] std::span<const Primitive> items() const noexcept {
     return {items_.data(), count_};
   }
+  [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
+    return {links_.data(), link_count_};
+  }
 
  private:
   std::vector<Primitive> items_;
+  std::vector<FrictionLink> links_;
   std::size_t count_ = 0;
+  std::size_t link_count_ = 0;
 };
 
 }  // namespace palpate

@@ -23,6 +23,11 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   auto scene = std::make_unique<Scene>();
   scene->graph = compileGraph(spec, fields);
   scene->coupling = coupling;
+  if (!scene->graph.stiffness.factors.empty()) {
+    scene->coupling.stiffness = spec.stiffness->lowest();
+  } else if (spec.stiffness) {
+    scene->coupling.stiffness = spec.stiffness->highest();
+  }
   scene->step = step;
   scene->id = next_id++;
   return scene;
@@ -45,8 +50,17 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside};
   };
 
+  const FieldSet wanted = fieldsAt(graph, p_W);
+  int count = 0;
   for (const ScalarRead& read : graph.scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
+    if ((wanted.scalars >> i & 1U) == 0) {
+      scalar(read.value, graph.scalar_frames[i].background, false);
+      vector(read.gradient, Vec3::Zero(), false);
+      vector(read.cell_gradient, Vec3::Zero(), false);
+      continue;
+    }
+    ++count;
     const ScalarField& field = *graph.scalar_fields[i];
     const ScalarSample s = field.sample(p_W, caches_[i]);
     scalar(read.value, s.value, s.inside);
@@ -57,6 +71,13 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
   }
   for (const VectorRead& read : graph.vector_reads) {
     const auto i = static_cast<std::size_t>(read.field);
+    if ((wanted.vectors >> i & 1U) == 0) {
+      vector(read.value, Vec3::Zero(), false);
+      vector(read.curl, Vec3::Zero(), false);
+      for (const int derived : {read.divergence, read.q, read.lambda2}) scalar(derived, 0.0, false);
+      continue;
+    }
+    ++count;
     const VectorSample s =
         graph.vector_fields[i]->sample(p_W, caches_[graph.scalar_fields.size() + i]);
     vector(read.value, s.value, s.inside);
@@ -73,7 +94,28 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     const Properties::Vector& v = out.vectors[static_cast<std::size_t>(magnitude.from)];
     scalar(magnitude.to, v.value.norm(), v.inside);
   }
-  return static_cast<int>(graph.scalar_reads.size() + graph.vector_reads.size());
+  return count;
+}
+
+FieldSet fieldsAt(const Graph& graph, const Vec3& p_W) noexcept {
+  const auto holding = [&](const std::vector<FieldFrame>& frames) {
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      const Box& box = frames[i].bounds;
+      const bool in = p_W.x() >= box.lower.x() && p_W.x() <= box.upper.x() &&
+                      p_W.y() >= box.lower.y() && p_W.y() <= box.upper.y() &&
+                      p_W.z() >= box.lower.z() && p_W.z() <= box.upper.z();
+      bits |= static_cast<std::uint64_t>(in) << i;
+    }
+    return bits;
+  };
+  const FieldSet here{holding(graph.scalar_frames), holding(graph.vector_frames)};
+  FieldSet wanted;
+  for (const ModeFields& mode : graph.mode_fields) {
+    if (here.holds(mode.support)) wanted |= mode.reads & here;
+  }
+  if (here.holds(graph.stiffness_reads)) wanted |= graph.stiffness_reads;
+  return wanted;
 }
 
 }  // namespace palpate

@@ -30,10 +30,14 @@ inline constexpr int kMostSubsteps = 64;
 struct Scene {
   std::uint64_t id = 0;  ///< Unique in the process: a proxy notices that its scene was swapped.
   Graph graph;
-  CouplingParams coupling;
+  CouplingParams coupling;  ///< Where the stiffness varies: from its lowest value.
   StepParams step;
   SolverParams solver;
 };
+
+/// The fields that a tick at p_W [m] reads: those of the modes, and of the varying stiffness, whose
+/// support holds it. RT: no allocation. Cost: a few ns a field and mode.
+[[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W) noexcept PALPATE_NONBLOCKING;
 
 /// Checks and compiles a scene from fields by name. Throws SceneError; slow, allocates.
 [[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
@@ -51,8 +55,9 @@ class Reader {
   /// RT: no allocation. Cost: O(fields).
   void bind(const Scene& scene) noexcept;
 
-  /// Step 1 of the paper's figure 1: samples what the graph wants at p_W [m]. Call bind first.
-  /// Returns how many fields were read. RT: no allocation.
+  /// Step 1 of the paper's figure 1: samples at p_W [m] what the modes read whose support holds it.
+  /// What is not read has no data. Call bind first. Returns how many fields were read.
+  /// RT: no allocation.
   int sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcept PALPATE_NONBLOCKING;
 
  private:

@@ -571,6 +571,7 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
     const double r = d.norm();
     // On the kink all of d, else as far as the strength goes.
     pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
+    set(terms.z, i, d / std::max(r, terms.sigma[i]));
   }
   return problem.w - problem.length * pull;
 }
@@ -642,6 +643,13 @@ class Pair {
     return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
   }
 
+  /// The multipliers: of the plane, and of the other.
+  [[nodiscard]] Vec3 planeMultiplier() const noexcept { return (force_ / most_) * q_; }
+  [[nodiscard]] Vec3 otherMultiplier() const noexcept {
+    const Vec3 d = d_ - force_ * e_;
+    return d / std::max(d.norm(), sigma_);
+  }
+
   /// Upper bound on |y - y*|: of the duality gap the other's part and the imbalance vanish. What
   /// rounding can hide in h counts: a point's kink is exact and q - e = 0, a line's or plane's not.
   [[nodiscard]] double bound(const Vec3& y) const noexcept {
@@ -710,6 +718,8 @@ bool trySolvePair(const Problem& problem, const SolverParams& params,
   result.iterations = evaluations;
   result.offset = problem.offset(y);
   result.error_bound = problem.length * bound;
+  set(problem.terms.z, plane, pair.planeMultiplier());
+  set(problem.terms.z, 1 - plane, pair.otherMultiplier());
   return true;
 }
 
@@ -847,10 +857,25 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   }
 }
 
+/// What each primitive does to the proxy [N]: its constant part, and -sigma z in newtons.
+void writeForces(const Terms& terms, std::span<const Primitive> primitives,
+                 std::span<Vec3> forces) noexcept {
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    const double constant = p.strength - share(p);
+    const bool pushes = p.kind == PrimitiveKind::kForce || p.kind == PrimitiveKind::kPlane;
+    forces[i] = pushes ? Vec3(constant * unit(p.direction)) : Vec3(Vec3::Zero());
+  }
+  for (std::size_t i = 0; i < terms.count; ++i) {
+    const std::size_t source = terms.source[i];
+    forces[source] -= share(primitives[source]) * get(terms.z, i);
+  }
+}
+
 /// The balance, by the first way that fits.
 template <std::size_t Capacity>
 void balance(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-             const Vec3& start, const SolverParams& params, WarmStart* warm,
+             const Vec3& start, const SolverParams& params, WarmStart* warm, std::span<Vec3> forces,
              SolveResult& result) noexcept {
   Storage<Capacity> storage;
   Remainder remainder;
@@ -874,6 +899,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
     balanceGeneral(problem, guess / problem.length, primitives.size(), wanted, warm, result);
   }
   result.error_bound += remainder.bound;
+  if (!forces.empty()) writeForces(problem.terms, primitives, forces);
   if (warm == nullptr) return;
   if (result.solver != SolverKind::kGeneral) warm->forget();
   warm->motion = probe + result.offset - start;
@@ -882,19 +908,21 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
 }  // namespace
 
 SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
-                       const Vec3& start, const SolverParams& params, WarmStart* warm) noexcept {
+                       const Vec3& start, const SolverParams& params, WarmStart* warm,
+                       std::span<Vec3> forces) noexcept {
   constexpr std::size_t kFew = 16;
   SolveResult result;
   const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
                     primitives.size() <= kMaxPrimitives &&
+                    (forces.empty() || forces.size() >= primitives.size()) &&
                     std::all_of(primitives.begin(), primitives.end(), valid);
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
     // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.
     if (primitives.size() <= kFew) {
-      balance<kFew>(probe, stiffness, primitives, start, params, warm, result);
+      balance<kFew>(probe, stiffness, primitives, start, params, warm, forces, result);
     } else {
-      balance<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, result);
+      balance<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, forces, result);
     }
   }
   // Sums and quotients of finite numbers can still overflow.

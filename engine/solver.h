@@ -89,13 +89,17 @@ struct WarmStart {
 /// @param warm        What the last balance left, and what this one leaves: one to three solves
 ///                    where a cold start takes two to nine. Null: a cold start. Never believed
 ///                    unproved.
+/// @param forces      Where not empty, at least as many as primitives: what each does to the proxy
+///                    [N]. They and k (probe - proxy) add up to zero, up to k error_bound. Where
+///                    primitives share a load (parallel planes) it is one way to share it. Means
+///                    nothing after kBadInput.
 ///
 /// RT: no allocation, no lock, no system call; about 130 KB of stack, touched only as far as there
 /// are primitives. Cost: O(primitives) per iteration. Deterministic:
 /// the same input and `warm` give the same bits.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
                                      std::span<const Primitive> primitives, const Vec3& start,
-                                     const SolverParams& params = {},
-                                     WarmStart* warm = nullptr) noexcept PALPATE_NONBLOCKING;
+                                     const SolverParams& params = {}, WarmStart* warm = nullptr,
+                                     std::span<Vec3> forces = {}) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -17,6 +17,10 @@ class Tick {
       state_.scene_id_ = scene_.id;
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
       state_.warm_.forget();
+      state_.friction_.forget();
+      // A stiffness that a swapped scene does not vary is that scene's; one that it does goes on.
+      const bool varies = !scene_.graph.stiffness.factors.empty();
+      if (!varies || !state_.placed_) state_.stiffness_ = {scene_.coupling.stiffness, 0.0};
     }
     if (!state_.placed_) {
       state_.placed_ = true;
@@ -37,8 +41,8 @@ class Tick {
       report.samples += reader_.sample(scene_, proxy, state_.properties_);
       placePrimitives(report);
       const SolveResult solved =
-          solveProxy(probe_, scene_.coupling.stiffness, state_.primitives_.items(), proxy,
-                     scene_.solver, &state_.warm_);
+          solveWithFriction(probe_, state_.stiffness_.value, state_.primitives_, proxy,
+                            scene_.solver, state_.warm_, state_.friction_, state_.forces_);
       good = solved.status != SolveStatus::kBadInput;
       if (!good) return offset;
       if (solved.status == SolveStatus::kIterationLimit) {
@@ -64,6 +68,14 @@ class Tick {
     return offset;
   }
 
+  /// After the proxy has moved: the stiffness of the next tick.
+  void stiffen(const Vec3& offset, double dissipated, double dt) noexcept {
+    const Transfer& stiffness = scene_.graph.stiffness;
+    if (stiffness.factors.empty()) return;
+    const double wanted = stiffness(state_.properties_);  // 0 without data: stays
+    state_.stiffness_ = nextStiffness(state_.stiffness_, wanted, offset, dissipated, dt);
+  }
+
   static void worsen(StepReport& report, StepStatus status) noexcept {
     report.status = std::max(report.status, status);
   }
@@ -73,7 +85,7 @@ class Tick {
     state_.primitives_.clear();
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
-      if (!addPrimitives(modes[i], state_.properties_, state_.proxy_, state_.memories_[i],
+      if (!addPrimitives(modes[i], state_.properties_, state_.proxy_, probe_, state_.memories_[i],
                          state_.primitives_)) {
         worsen(report, StepStatus::kDropped);
       }
@@ -91,14 +103,16 @@ class Tick {
   [[nodiscard]] double reachFrom(const Vec3& a, const Vec3& b) const noexcept {
     const Box way{a.cwiseMin(b), a.cwiseMax(b)};
     double reach = std::numeric_limits<double>::infinity();
-    const auto meet = [&](const FieldFrame& frame) {
-      const double margin = 2.0 * frame.voxel;
-      const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
-                         (way.upper.array() < frame.bounds.lower.array() - margin).any();
-      if (!apart) reach = std::min(reach, frame.voxel);
+    const auto meet = [&](const std::vector<FieldFrame>& frames) {
+      for (const FieldFrame& frame : frames) {
+        const double margin = 2.0 * frame.voxel;
+        const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
+                           (way.upper.array() < frame.bounds.lower.array() - margin).any();
+        if (!apart) reach = std::min(reach, frame.voxel);
+      }
     };
-    for (const auto& field : scene_.graph.scalar_fields) meet(field->frame());
-    for (const auto& field : scene_.graph.vector_fields) meet(field->frame());
+    meet(scene_.graph.scalar_frames);
+    meet(scene_.graph.vector_frames);
     return reach;
   }
 
@@ -122,11 +136,15 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
 
     // Step 3, eq. (3). The proxy's motion may not add energy to the spring; what it adds is
     // counted.
-    const double k = scene.coupling.stiffness;
+    const double k = state.stiffness_.value;
+    report.stiffness = k;
     report.injected = std::max(0.0, 0.5 * k * (offset.squaredNorm() - before.squaredNorm()));
     const Vec3 rate = dt > 0.0 ? Vec3((offset - state.offset_) / dt) : Vec3::Zero();
     state.offset_ = offset;
-    if (good) report.wanted = couplingForce(scene.coupling, offset, rate);
+    if (good) {
+      report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
+      tick.stiffen(offset, k * offset.dot(before - offset), dt);
+    }
   }
   report.proxy = state.proxy_;
   if (!good) report.wanted.setConstant(std::numeric_limits<double>::quiet_NaN());

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "engine/coupling.h"
 #include "engine/device.h"
+#include "engine/friction.h"
 #include "engine/mode.h"
 #include "engine/primitive.h"
 #include "engine/scene.h"
@@ -19,8 +21,8 @@ enum class StepStatus : std::uint8_t {
   kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Raise
                     ///< max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
-  kDropped,         ///< More primitives than kMaxPrimitives: some were left out. No scene of this
-                    ///< version can: 256 modes of at most two primitives each.
+  kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
+                    ///< 204 of the richest, two walls with friction and a drag, fit.
   kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
                     ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
 };
@@ -30,6 +32,7 @@ struct StepReport {
   Vec3 force = Vec3::Zero();   ///< For the device, after limitForce [N].
   Vec3 wanted = Vec3::Zero();  ///< Before it [N].
   Vec3 proxy = Vec3::Zero();   ///< [m]
+  double stiffness = 0.0;      ///< k of this tick's balance and force [N/m].
   double error_bound = 0.0;    ///< Of the last balance [m].
   double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]:
                                ///< max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2).
@@ -46,7 +49,8 @@ struct StepReport {
 class ProxyState {
  public:
   /// `limits`: of the device that the force goes to. Allocates; the tick does not.
-  explicit ProxyState(const ForceLimits& limits = {}) : limits_(limits), memories_(kMaxModes) {}
+  explicit ProxyState(const ForceLimits& limits = {})
+      : limits_(limits), memories_(kMaxModes), forces_(kMaxPrimitives, Vec3::Zero()) {}
 
   /// Lets force out again after a fault; the proxy starts anew at the hand, contacts forgotten.
   void clearFault() noexcept {
@@ -58,8 +62,13 @@ class ProxyState {
   [[nodiscard]] bool faulted() const noexcept { return faulted_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
   [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
-  /// Of the last sub-step, in the order of the modes that emitted one (or, in an edge, two).
+  /// Of the last sub-step, in the order of the modes; ModeMemory::emitted says how many each.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
+  /// What each of these did to the proxy [N]; with the spring's pull they add up to zero. Means
+  /// nothing after a fault.
+  [[nodiscard]] std::span<const Vec3> forces() const noexcept {
+    return {forces_.data(), primitives_.size()};
+  }
   /// What mode i of the scene remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
 
@@ -71,9 +80,12 @@ class ProxyState {
   ForceLimits limits_;
   std::vector<ModeMemory> memories_;
   PrimitiveSet primitives_;
+  std::vector<Vec3> forces_;
   WarmStart warm_;
+  FrictionStart friction_;
   Properties properties_;
   std::uint64_t scene_id_ = 0;
+  VaryingStiffness stiffness_;
   bool placed_ = false;
   bool faulted_ = false;
   Vec3 proxy_ = Vec3::Zero();

@@ -12,6 +12,10 @@ namespace {
   throw SceneError("strength", why, remedy);
 }
 
+bool lower(const TransferFunction::Knot& a, const TransferFunction::Knot& b) noexcept {
+  return a.second < b.second;
+}
+
 }  // namespace
 
 TransferFunction::TransferFunction(double constant) : knots_{{0.0, constant}} {
@@ -43,6 +47,14 @@ TransferFunction TransferFunction::piecewise(std::vector<Knot> knots) {
     refuse("a curve's inputs must ascend");
   }
   return TransferFunction(std::move(knots));
+}
+
+double TransferFunction::highest() const noexcept {
+  return std::max_element(knots_.begin(), knots_.end(), lower)->second;
+}
+
+double TransferFunction::lowest() const noexcept {
+  return std::min_element(knots_.begin(), knots_.end(), lower)->second;
 }
 
 double TransferFunction::operator()(double x) const noexcept {

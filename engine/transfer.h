@@ -24,6 +24,10 @@ class TransferFunction {
   [[nodiscard]] bool isConstant() const noexcept { return knots_.size() == 1; }
   [[nodiscard]] const std::vector<Knot>& knots() const noexcept { return knots_; }
 
+  /// Its largest and its smallest output.
+  [[nodiscard]] double highest() const noexcept;
+  [[nodiscard]] double lowest() const noexcept;
+
   /// The curve at x; 0 for NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double operator()(double x) const noexcept;
 

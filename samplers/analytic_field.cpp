@@ -12,7 +12,8 @@ Box cube(const Vec3& centre, double half) {
 }  // namespace
 
 std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius, double voxel) {
-  return makeScalarField(FieldFrame{voxel, 1.0, cube(centre, 2.0 * radius)}, [=](const Vec3& p) {
+  const FieldFrame frame{voxel, 1.0, cube(centre, 2.0 * radius), radius};
+  return makeScalarField(frame, [=](const Vec3& p) {
     const Vec3 r = p - centre;
     const double distance = r.norm();
     const Vec3 normal = distance > 0.0 ? Vec3(r / distance) : Vec3::Zero();
@@ -23,7 +24,8 @@ std::shared_ptr<const ScalarField> makeSphere(const Vec3& centre, double radius,
 std::shared_ptr<const ScalarField> makeHalfSpace(const Vec3& point, const Vec3& normal,
                                                  double voxel) {
   const Vec3 n = normal.normalized();
-  return makeScalarField(FieldFrame{voxel, 1.0, cube(point, 10.0)}, [=](const Vec3& p) {
+  const FieldFrame frame{voxel, 1.0, cube(point, 10.0), 10.0};
+  return makeScalarField(frame, [=](const Vec3& p) {
     return ScalarSample{n.dot(p - point), n, true};
   });
 }

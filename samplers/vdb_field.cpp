@@ -207,6 +207,7 @@ FieldFrame frameOf(const Volume& volume, const Placement& placement) {
   frame.voxel = volume.info().voxel.minCoeff() * placement.scale;
   frame.metres_per_unit = placement.scale;
   frame.bounds = boxAbout({file.lower - margin, file.upper + margin}, placement);
+  frame.background = volume.info().background;
   return frame;
 }
 

@@ -221,6 +221,26 @@ class FieldComputer {
   std::map<std::string, Made> made_;
 };
 
+/// Guides that are given in a volume's units, into W.
+void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph) {
+  for (const auto& [i, name] : spec.guide_volumes) {
+    const auto placement = built.placements.find(name);
+    if (placement == built.placements.end()) {
+      std::vector<std::string> names;
+      for (const auto& [other, place] : built.placements) names.push_back(other);
+      const std::string near = nearestName(name, names);
+      throw SceneError(
+          at(spec, fmt::format("/modes/{}/in", i)), "there is no volume \"" + name + "\"",
+          near.empty() ? "name a volume of this scene" : "did you mean \"" + near + "\"?");
+    }
+    const Placement& place = placement->second;
+    GuideSpec& guide = graph.modes.at(i).guide;
+    guide.position = place.translate + place.rotation * (place.scale * guide.position);
+    guide.direction = place.rotation * guide.direction;
+    guide.snap *= place.scale;
+  }
+}
+
 }  // namespace
 
 BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
@@ -264,7 +284,8 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
   }
-  const GraphSpec graph = FieldComputer(spec, built).compute();
+  GraphSpec graph = FieldComputer(spec, built).compute();
+  placeGuides(spec, built, graph);
   for (const auto& [name, field] : built.fields) {
     const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
     built.bounds.extend(box.lower);
@@ -293,11 +314,13 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
 }
 
 void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness) {
-  if (spec.coupling.stiffness <= max_stiffness) return;
-  throw SceneError(at(spec, "/coupling/stiffness"),
-                   fmt::format("{} N/m is more than the device \"{}\" renders stably",
-                               spec.coupling.stiffness, device),
-                   fmt::format("use at most {}", max_stiffness));
+  const double asked =
+      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
+  if (asked <= max_stiffness) return;
+  throw SceneError(
+      at(spec, "/coupling/stiffness"),
+      fmt::format("{} N/m is more than the device \"{}\" renders stably", asked, device),
+      fmt::format("use at most {}", max_stiffness));
 }
 
 }  // namespace palpate

@@ -53,7 +53,9 @@ struct SceneSpec {
   CouplingParams coupling;
   StepParams step;
   std::map<std::string, VolumeSpec> volumes;
-  GraphSpec graph;                 ///< "fields" and "modes".
+  GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
+  std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
+                                                     ///< guide is given, else metres of W.
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 

@@ -137,9 +137,8 @@ class Node {
   std::string path_;
 };
 
-TransferFunction readStrength(const Node& node) {
-  if (node.json().is_number()) return node.notNegative();
-  node.object({"window", "piecewise"}, {"product"});
+/// The curve of a window or of points.
+TransferFunction readCurve(const Node& node) {
   if (node.has("window") == node.has("piecewise")) {
     node.fail("it is neither a number nor one curve",
               "write a number, {\"window\": ...} or {\"piecewise\": ...}");
@@ -165,6 +164,31 @@ TransferFunction readStrength(const Node& node) {
     curve.fail("its inputs do not ascend", "sort the points by input");
   }
   return TransferFunction::piecewise(std::move(knots));
+}
+
+/// A number, or a curve that may say what it reads.
+TransferSpec::Factor readFactor(const Node& node) {
+  if (node.json().is_number()) return {node.notNegative(), ""};
+  node.object({"window", "piecewise", "by"});
+  return {readCurve(node), node.has("by") ? node.child("by").name() : ""};
+}
+
+/// A material property: a factor, or a product of several.
+TransferSpec readTransfer(const Node& node) {
+  std::vector<TransferSpec::Factor> factors;
+  if (!node.json().is_object() || !node.json().contains("product")) {
+    factors.push_back(readFactor(node));
+    return TransferSpec(std::move(factors));
+  }
+  node.object({"product"});
+  const Node product = node.child("product");
+  if (!product.json().is_array() || product.json().empty()) {
+    product.fail("it is not a list of factors", "write [0.5, {\"window\": ...}, ...]");
+  }
+  for (std::size_t i = 0; i < product.json().size(); ++i) {
+    factors.push_back(readFactor(product.element(i)));
+  }
+  return TransferSpec(std::move(factors));
 }
 
 PlaceSpec readPlace(const Node& node) {
@@ -240,30 +264,81 @@ DerivedSpec readField(const Node& node) {
   return derived;
 }
 
+Vec3 readVec3(const Node& node) {
+  const auto v = node.numbers<3>();
+  return {v[0], v[1], v[2]};
+}
+
+GuideSpec readGuide(const Node& node) {
+  GuideSpec guide;
+  guide.shape = node.need("shape").wordOf(
+      {PrimitiveKind::kPoint, PrimitiveKind::kLine, PrimitiveKind::kPlane});
+  guide.position = readVec3(node.need("at"));
+  const bool point = guide.shape == PrimitiveKind::kPoint;
+  if (point && node.has("along")) {
+    node.child("along").fail("a point has no direction", "remove it");
+  }
+  if (!point) guide.direction = readVec3(node.need("along"));
+  if (node.has("snap")) guide.snap = node.child("snap").positive();
+  return guide;
+}
+
+/// Which keys a mode has beside those of all.
+std::vector<const char*> keysOf(ModeKind kind) {
+  switch (kind) {
+    case ModeKind::kForce:
+      return {"of", "sense"};
+    case ModeKind::kSurface:
+      return {"of", "solid", "friction", "viscosity"};
+    case ModeKind::kIsosurface:
+      return {"of", "solid", "friction", "viscosity", "value", "depth"};
+    case ModeKind::kFrontShape:
+      return {"of", "two_sided", "snap_drag"};
+    case ModeKind::kGuide:
+      return {"shape", "at", "along", "snap", "in"};
+    case ModeKind::kViscosity:
+    case ModeKind::kFollow:
+    case ModeKind::kTransverseDamping:
+    case ModeKind::kVortexTube:
+    case ModeKind::kUser:
+      break;
+  }
+  return {"of"};
+}
+
 ModeSpec readMode(const Node& node) {
-  node.object(
-      {"name", "description", "mode", "of", "by", "strength", "value", "solid", "depth", "sense"},
-      {"friction", "viscosity"});
+  node.object({"name", "description", "mode", "strength", "by", "of", "value", "solid", "depth",
+               "sense", "friction", "viscosity", "two_sided", "snap_drag", "shape", "at", "along",
+               "snap", "in"});
   ModeSpec mode;
   mode.kind = node.need("mode").wordOf({ModeKind::kForce, ModeKind::kViscosity, ModeKind::kSurface,
-                                        ModeKind::kIsosurface, ModeKind::kFollow});
-  const auto only = [&](const char* key, bool allowed) {
-    if (node.has(key) && !allowed) {
-      node.child(key).fail(std::string("mode ") + wordFor(mode.kind) + " has no such key",
-                           "remove it");
-    }
-  };
-  only("value", mode.kind == ModeKind::kIsosurface);
-  only("depth", mode.kind == ModeKind::kIsosurface);
-  only("solid", mode.kind == ModeKind::kIsosurface || mode.kind == ModeKind::kSurface);
-  only("sense", mode.kind == ModeKind::kForce);
-
-  mode.of = node.need("of").name();
-  mode.strength = readStrength(node.need("strength"));
+                                        ModeKind::kIsosurface, ModeKind::kFollow,
+                                        ModeKind::kTransverseDamping, ModeKind::kFrontShape,
+                                        ModeKind::kVortexTube, ModeKind::kGuide});
+  const std::vector<const char*> own = keysOf(mode.kind);
+  for (const auto& [key, value] : node.json().items()) {
+    const auto is = [&key = key](const char* known) { return key == known; };
+    const std::initializer_list<const char*> common = {"name", "description", "mode", "strength",
+                                                       "by"};
+    if (std::any_of(common.begin(), common.end(), is)) continue;
+    if (std::any_of(own.begin(), own.end(), is)) continue;
+    node.child(key).fail(std::string("mode ") + wordFor(mode.kind) + " has no such key",
+                         "remove it");
+  }
+  if (mode.kind == ModeKind::kGuide) {
+    mode.guide = readGuide(node);
+  } else {
+    mode.of = node.need("of").name();
+  }
+  mode.strength = readTransfer(node.need("strength"));
+  if (node.has("friction")) mode.friction = readTransfer(node.child("friction"));
+  if (node.has("viscosity")) mode.viscosity = readTransfer(node.child("viscosity"));
   if (node.has("name")) mode.name = node.child("name").text();
   if (node.has("by")) mode.by = node.child("by").name();
   if (mode.kind == ModeKind::kIsosurface) mode.value = node.need("value").number();
   if (node.has("depth")) mode.depth_voxels = node.child("depth").positive();
+  if (node.has("two_sided")) mode.two_sided = node.child("two_sided").flag();
+  if (node.has("snap_drag")) mode.snap_voxels = node.child("snap_drag").positive();
   if (node.has("solid")) {
     mode.solid =
         node.child("solid").word<Solid>({{"above", Solid::kAbove}, {"below", Solid::kBelow}});
@@ -384,10 +459,10 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
     const Node node = root.child("coupling").object({"stiffness", "damping", "description"});
     if (node.has("stiffness")) {
       if (node.child("stiffness").json().is_object()) {
-        node.child("stiffness")
-            .fail("this version does not have a varying stiffness yet", "write a number in N/m");
+        spec.graph.stiffness = readTransfer(node.child("stiffness"));
+      } else {
+        spec.coupling.stiffness = node.child("stiffness").positive();
       }
-      spec.coupling.stiffness = node.child("stiffness").positive();
     }
     if (node.has("damping")) spec.coupling.damping = node.child("damping").notNegative();
   }
@@ -422,6 +497,8 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   if (!modes.json().is_array()) modes.fail("it is not a list", "write [ ... ]");
   for (std::size_t i = 0; i < modes.json().size(); ++i) {
     spec.graph.modes.push_back(readMode(modes.element(i)));
+    const Node mode = modes.element(i);
+    if (mode.has("in")) spec.guide_volumes[i] = mode.child("in").name();
   }
   validate(json, source);
   return spec;

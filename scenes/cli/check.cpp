@@ -1,4 +1,6 @@
 /// palpate check: validates a scene and prints what a tick will do, and why.
+#include <cmath>
+
 #include <fmt/format.h>
 
 #include "scenes/cli/common.h"
@@ -7,17 +9,38 @@
 namespace palpate::cli {
 namespace {
 
-std::string describe(const TransferFunction& curve) {
-  if (curve.isConstant()) return rounded(curve.knots().front().second) + " N";
+std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by) {
   std::string text;
-  for (const auto& [input, output] : curve.knots()) {
-    text += (text.empty() ? "" : ", ") + rounded(input) + " -> " + rounded(output);
+  for (const TransferSpec::Factor& factor : transfer.factors) {
+    if (!text.empty()) text += " times ";
+    if (factor.curve.isConstant()) {
+      text += rounded(factor.curve.knots().front().second);
+      continue;
+    }
+    std::string curve;
+    for (const auto& [input, output] : factor.curve.knots()) {
+      curve += (curve.empty() ? "" : ", ") + rounded(input) + " -> " + rounded(output);
+    }
+    text += "(" + curve + ")";
+    const std::string& reads = factor.by.empty() ? by : factor.by;
+    if (!reads.empty()) text += " by " + reads;
   }
-  return text + " N";
+  return unit.empty() ? text : text + " " + unit;
+}
+
+std::string describe(const GuideSpec& guide) {
+  const auto vector = [](const Vec3& v) {
+    return fmt::format("{}, {}, {}", rounded(v.x()), rounded(v.y()), rounded(v.z()));
+  };
+  std::string text = fmt::format("{} at {}", wordFor(guide.shape), vector(guide.position));
+  if (guide.shape != PrimitiveKind::kPoint) text += " along " + vector(guide.direction);
+  if (std::isfinite(guide.snap)) text += ", within " + rounded(guide.snap);
+  return text;
 }
 
 std::string describe(const ModeSpec& mode) {
-  std::string text = fmt::format("{} of {}", wordFor(mode.kind), mode.of);
+  std::string text = wordFor(mode.kind);
+  text += mode.kind == ModeKind::kGuide ? ": " + describe(mode.guide) : " of " + mode.of;
   if (mode.kind == ModeKind::kIsosurface) {
     text += fmt::format(" at {}, {} is solid", rounded(mode.value),
                         mode.solid == Solid::kAbove ? "above" : "below");
@@ -27,8 +50,14 @@ std::string describe(const ModeSpec& mode) {
   } else if (mode.kind == ModeKind::kForce) {
     text += " (along a vector, down a scalar's gradient)";
   }
-  text += ", strength " + describe(mode.strength);
-  if (!mode.by.empty()) text += " by " + mode.by;
+  if (mode.kind == ModeKind::kFrontShape && !mode.two_sided) text += " (one-sided)";
+  if (mode.snap_voxels > 0.0)
+    text += fmt::format(", snaps at {} voxels", rounded(mode.snap_voxels));
+  text += ", strength " + describe(mode.strength, "N", mode.by);
+  if (mode.friction.highest() > 0.0) text += ", friction " + describe(mode.friction, "", mode.by);
+  if (mode.viscosity.highest() > 0.0) {
+    text += ", viscosity " + describe(mode.viscosity, "N", mode.by);
+  }
   return text;
 }
 
@@ -51,26 +80,13 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
-/// The volume that a name is read from.
-std::string volumeOf(const SceneSpec& spec, const BuiltScene& built, std::string name) {
-  for (auto derived = spec.graph.fields.find(name);
-       derived != spec.graph.fields.end() && built.volumes.count(name) == 0;
-       derived = spec.graph.fields.find(name)) {
-    name = derived->second.of;
-  }
-  return name;
-}
-
-/// The modes that read a volume: why it is sampled.
-std::vector<std::string> readersOf(const SceneSpec& spec, const BuiltScene& built,
-                                   const std::string& volume) {
+/// Who reads a field: why it is sampled.
+std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field) {
   std::vector<std::string> names;
-  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
-    const ModeSpec& mode = spec.graph.modes[i];
-    if (volumeOf(spec, built, mode.of) == volume || volumeOf(spec, built, mode.by) == volume) {
-      names.push_back(built.scene->graph.mode_names[i]);
-    }
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    if (graph.mode_fields[i].reads.holds(field)) names.push_back(graph.mode_names[i]);
   }
+  if (graph.stiffness_reads.holds(field)) names.emplace_back("the coupling's stiffness");
   return names;
 }
 
@@ -79,7 +95,12 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   OrderedJson json;
   json["scene"] = spec.source;
   json["status"] = "valid";
-  json["coupling"] = {{"stiffness", spec.coupling.stiffness}, {"damping", spec.coupling.damping}};
+  json["coupling"] = {{"stiffness", built.scene->coupling.stiffness},
+                      {"damping", spec.coupling.damping}};
+  if (spec.graph.stiffness) {
+    json["coupling"]["stiffness_most"] = spec.graph.stiffness->highest();
+    json["coupling"]["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
+  }
   json["max_substeps"] = spec.step.max_substeps;
   json["volumes"] = OrderedJson::object();
   for (const auto& [name, field] : built.fields) {
@@ -111,12 +132,12 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
     json["sampled"].push_back({{"field", graph.scalar_names[i]},
                                {"properties", wanted(graph, graph.scalar_reads[i])},
-                               {"for", readersOf(spec, built, graph.scalar_names[i])}});
+                               {"for", readersOf(graph, {std::uint64_t{1} << i, 0})}});
   }
   for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
     json["sampled"].push_back({{"field", graph.vector_names[i]},
                                {"properties", wanted(graph, graph.vector_reads[i])},
-                               {"for", readersOf(spec, built, graph.vector_names[i])}});
+                               {"for", readersOf(graph, {0, std::uint64_t{1} << i})}});
   }
   json["derived"] = OrderedJson::array();
   for (const UnitStep& step : graph.units) {
@@ -126,18 +147,22 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     json["derived"].push_back(graph.scalar_properties[static_cast<std::size_t>(step.to)]);
   }
   json["modes"] = OrderedJson::array();
-  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
-    json["modes"].push_back(
-        {{"name", graph.mode_names[i]}, {"does", describe(spec.graph.modes[i])}});
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    json["modes"].push_back({{"name", graph.mode_names[i]},
+                             {"does", describe(spec.graph.modes[graph.mode_sources[i]])}});
   }
+  json["silent"] = graph.silent;
   json["left_out"] = graph.unused;
   return json;
 }
 
 void print(const OrderedJson& json) {
   fmt::print("scene     {}: valid\n", json["scene"].get<std::string>());
-  fmt::print("coupling  {} N/m, {} N s/m; at most {} sub-steps a tick\n",
-             number(json["coupling"]["stiffness"].get<double>()),
+  const OrderedJson& coupling = json["coupling"];
+  fmt::print("coupling  {}, {} N s/m; at most {} sub-steps a tick\n",
+             coupling.contains("stiffness_by")
+                 ? coupling["stiffness_by"].get<std::string>()
+                 : number(coupling["stiffness"].get<double>()) + " N/m",
              number(json["coupling"]["damping"].get<double>()), json["max_substeps"].get<int>());
   for (const auto& [name, volume] : json["volumes"].items()) {
     fmt::print("volume    {}: ", name);
@@ -171,6 +196,9 @@ void print(const OrderedJson& json) {
   for (const auto& mode : json["modes"]) {
     fmt::print("mode      {}: {}\n", mode["name"].get<std::string>(),
                mode["does"].get<std::string>());
+  }
+  for (const auto& silent : json["silent"]) {
+    fmt::print("left out  mode {}: its strength is zero everywhere\n", silent.get<std::string>());
   }
   for (const auto& unused : json["left_out"]) {
     std::string uses;

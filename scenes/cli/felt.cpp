@@ -58,19 +58,20 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) {
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
 
-  const auto primitives = state.primitives().items();
+  const auto forces = state.forces();
   std::size_t next = 0;
   for (std::size_t i = 0; i < modes_.size(); ++i) {
     const ModeMemory& memory = state.memory(i);
-    next += static_cast<std::size_t>(memory.emitted);
-    // The last that a mode emits is the newest; after a fault there may be none.
-    const bool there = memory.emitted > 0 && next <= primitives.size();
-    addMode(i, there ? &primitives[next - 1] : nullptr, tick, memory);
+    // What the mode's primitives do together; after a fault there may be none.
+    Vec3 force = Vec3::Zero();
+    const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
+    const bool there = r.status != StepStatus::kFault && end <= forces.size();
+    for (; there && next < end; ++next) force += forces[next];
+    addMode(i, force.norm(), memory);
   }
 }
 
-void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& tick,
-                   const ModeMemory& memory) {
+void Felt::addMode(std::size_t i, double held, const ModeMemory& memory) {
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
   ModeFelt& mode = modes_[i];
@@ -80,19 +81,6 @@ void Felt::addMode(std::size_t i, const Primitive* primitive, const Telemetry& t
     ++mode.yields;
   }
   mode.contact = memory.contact;
-  if (primitive == nullptr) return;
-
-  // Its share of the force: along a plane's normal or a force, across a line, any way at a point.
-  const Vec3& force = tick.report.force;
-  const Vec3& q = primitive->direction;
-  double held = force.norm();
-  if (primitive->kind == PrimitiveKind::kLine) held = (force - q * q.dot(force)).norm();
-  if (primitive->kind == PrimitiveKind::kForce) held = std::max(0.0, q.dot(force));
-  if (primitive->kind == PrimitiveKind::kPlane) {
-    const bool off = q.dot(tick.report.proxy - primitive->position) > 1e-6;
-    held = off ? 0.0 : std::max(0.0, q.dot(force));
-  }
-  held = std::min(held, primitive->strength);
   if (held < kNewtons) return;
   mode.held = std::max(mode.held, held);
   ++mode.active;

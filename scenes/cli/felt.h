@@ -52,11 +52,10 @@ class Felt {
     std::int64_t last_active = -1;
     std::int64_t touches = 0;  ///< Times it began to, after at least 50 ms without.
     std::int64_t yields = 0;   ///< Times a surface was pushed through.
-    double held = 0.0;         ///< Largest force along its primitive [N].
+    double held = 0.0;         ///< Largest force of its primitives [N].
     ModeMemory::Contact contact = ModeMemory::Contact::kUnknown;
   };
-  void addMode(std::size_t i, const Primitive* primitive, const Telemetry& tick,
-               const ModeMemory& memory);
+  void addMode(std::size_t i, double held, const ModeMemory& memory);
 
   const Scene& scene_;
   double rate_;

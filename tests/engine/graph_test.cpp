@@ -1,5 +1,6 @@
 #include "engine/graph.h"
 
+#include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
 #include "engine/error.h"
@@ -74,6 +75,66 @@ TEST_CASE("derived fields reach the modes with their values", "[graph]") {
   CHECK(force.strength(at) == Approx(4.0));
   const auto& slope = std::get<ForceMode>(scene->graph.modes[1]);
   CHECK(at.vectors[static_cast<std::size_t>(slope.vector)].value.norm() == Approx(1.0));
+}
+
+TEST_CASE("a strength is a product of transfer functions, each of its own scalar", "[graph]") {
+  GraphSpec spec;
+  spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}}};
+  const auto ramp = TransferFunction::piecewise({{0, 0}, {1, 10}});
+  spec.modes = {mode(ModeKind::kFollow, "flow"), mode(ModeKind::kFollow, "flow")};
+  // A number, the mode's own speed, and the distance to another volume's surface.
+  spec.modes[0].strength = TransferSpec(std::vector<TransferSpec::Factor>{
+      {0.5, ""}, {ramp, ""}, {TransferFunction::window(0, 0.1, 2), "head"}});
+  // The mode's `by` is for the factors that name nothing.
+  spec.modes[1].by = "head";
+  spec.modes[1].strength = TransferSpec(std::vector<TransferSpec::Factor>{
+      {ramp, "speed"}, {TransferFunction::window(0, 0.1, 2), ""}});
+  const auto scene = makeScene(spec, fields());
+  Reader reader;
+  reader.bind(*scene);
+  Properties at;
+  const Vec3 p(0.02, 0.03, 0.01);
+  CHECK(reader.sample(*scene, p, at) == 2);            // nothing is sampled twice
+  const double speed = Vec3(-0.06, 0.04, 0.1).norm();  // omega x p, and along the axis
+  const double share = 2.0 * ((p.norm() - 0.05) / 0.1 + 0.5);
+  CHECK(std::get<FollowMode>(scene->graph.modes[0]).strength(at) ==
+        Approx(0.5 * 10.0 * speed * share));
+  CHECK(std::get<FollowMode>(scene->graph.modes[1]).strength(at) == Approx(10.0 * speed * share));
+
+  const auto refused = [&](std::vector<TransferSpec::Factor> factors, const std::string& by) {
+    GraphSpec bad;
+    bad.modes = {mode(ModeKind::kFollow, "flow")};
+    bad.modes[0].by = by;
+    bad.modes[0].strength = TransferSpec(std::move(factors));
+    try {
+      (void)compileGraph(bad, fields());
+    } catch (const SceneError& e) {
+      return std::string(e.what());
+    }
+    return std::string("accepted");
+  };
+  CHECK_THAT(refused({{1.0, ""}, {ramp, "nothing"}}, ""),
+             Contains("/modes/0/strength/product/1/by"));
+  CHECK_THAT(refused({{1.0, ""}, {ramp, "flow"}}, ""), Contains("is a vector"));
+  CHECK_THAT(refused({{2.0, ""}, {3.0, ""}}, "head"), Contains("no factor of"));
+  CHECK_THAT(refused({{1e6, ""}, {1e6, ""}}, ""), Contains("exceed"));
+  CHECK_THAT(refused({}, ""), Contains("product of nothing"));
+  CHECK(refused({{2.0, ""}, {3.0, ""}}, "") == "accepted");
+}
+
+TEST_CASE("where a factor has no data a product is zero", "[graph]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kViscosity, "flow")};
+  spec.modes[0].strength =
+      TransferSpec(std::vector<TransferSpec::Factor>{{1.0, "head"}, {2.0, ""}});
+  const auto scene = makeScene(spec, fields());
+  Properties at;
+  at.scalars[0].inside = true;
+  at.scalars[1].inside = true;
+  const Transfer& strength = std::get<ViscosityMode>(scene->graph.modes[0]).strength;
+  CHECK(strength(at) == 2.0);
+  at.scalars[static_cast<std::size_t>(strength.factors[0].scalar)].inside = false;
+  CHECK(strength(at) == 0.0);
 }
 
 TEST_CASE("direction, Q and lambda2 come from one reading of the volume", "[graph]") {

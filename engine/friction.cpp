@@ -1,0 +1,146 @@
+#include "engine/friction.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+namespace {
+
+/// One balance after the other, with the frictions as they are tried.
+class Friction {
+ public:
+  Friction(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
+           const SolverParams& params, WarmStart& warm, std::span<Vec3> forces) noexcept
+      : probe_(probe),
+        stiffness_(stiffness),
+        set_(set),
+        proxy_(proxy),
+        params_(params),
+        warm_(warm),
+        forces_(forces) {}
+
+  /// False where there is no balance, and none will be.
+  bool solve() noexcept {
+    const int iterations = result_.iterations;
+    result_ = solveProxy(probe_, stiffness_, set_.items(), proxy_, params_, &warm_, forces_);
+    result_.iterations += iterations;
+    ++solves_;
+    return result_.status != SolveStatus::kBadInput;
+  }
+
+  /// mu n - s_t of a link in the last balance [N].
+  [[nodiscard]] double excess(const FrictionLink& link) const noexcept {
+    const Primitive& plane = set_.items()[link.plane];
+    const double load = std::clamp(plane.direction.dot(forces_[link.plane]), 0.0, plane.strength);
+    return link.coefficient * load - strength(link);
+  }
+  [[nodiscard]] double strength(const FrictionLink& link) const noexcept {
+    return set_.items()[link.line].strength;
+  }
+  void set(const FrictionLink& link, double strength) noexcept {
+    set_.setStrength(link.line, strength);
+  }
+  /// The most that a link can hold [N].
+  [[nodiscard]] double most(const FrictionLink& link) const noexcept {
+    return link.coefficient * set_.items()[link.plane].strength;
+  }
+  /// As near as the balance knows the load.
+  [[nodiscard]] bool met(const FrictionLink& link) const noexcept {
+    constexpr double kRounding = 1e-12;
+    const double known = link.coefficient * stiffness_ * result_.error_bound;
+    return std::abs(excess(link)) <= kRounding * most(link) + known;
+  }
+  [[nodiscard]] bool allMet() const noexcept {
+    return std::all_of(set_.links().begin(), set_.links().end(),
+                       [&](const FrictionLink& link) { return met(link); });
+  }
+  [[nodiscard]] bool spent() const noexcept { return solves_ >= kMostFrictionSolves; }
+
+  /// One link's equation, the others as they are; from the last balance. False as solve().
+  bool meet(const FrictionLink& link) noexcept {
+    double low = 0.0;
+    double high = most(link);
+    double low_excess = 0.0;  // at low, halved as Illinois does; 0: not evaluated
+    double high_excess = 0.0;
+    double last = 0.0;
+    double last_excess = 0.0;
+    while (!met(link) && !spent() && high - low > 1e-15 * high) {
+      const double at = strength(link);
+      const double here = excess(link);
+      const bool same_side = last_excess * here > 0.0;
+      if (here > 0.0) {
+        low = at;
+        low_excess = here;
+        if (same_side) high_excess *= 0.5;
+      } else {
+        high = at;
+        high_excess = here;
+        if (same_side) low_excess *= 0.5;
+      }
+      // The first step is exact where the load does not depend on the friction.
+      double next = at + here;
+      if (low_excess > 0.0 && high_excess < 0.0) {
+        next = (low * high_excess - high * low_excess) / (high_excess - low_excess);
+      } else if (last_excess != 0.0) {
+        next = at - here * (at - last) / (here - last_excess);
+      }
+      if (!(next > low && next < high)) next = 0.5 * (low + high);
+      last = at;
+      last_excess = here;
+      set(link, next);
+      if (!solve()) return false;
+    }
+    return true;
+  }
+
+  [[nodiscard]] SolveResult finish() noexcept {
+    if (result_.status == SolveStatus::kBadInput) return result_;
+    if (!allMet()) result_.status = std::max(result_.status, SolveStatus::kIterationLimit);
+    for (const FrictionLink& link : set_.links()) {
+      result_.error_bound += std::abs(excess(link)) / stiffness_;
+    }
+    return result_;
+  }
+
+ private:
+  const Vec3& probe_;
+  double stiffness_;
+  PrimitiveSet& set_;
+  const Vec3& proxy_;
+  const SolverParams& params_;
+  WarmStart& warm_;
+  std::span<Vec3> forces_;
+  SolveResult result_;
+  int solves_ = 0;
+};
+
+}  // namespace
+
+SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
+                              const Vec3& proxy, const SolverParams& params, WarmStart& warm,
+                              FrictionStart& start, std::span<Vec3> forces) noexcept {
+  const auto links = set.links();
+  Friction friction(probe, stiffness, set, proxy, params, warm, forces);
+  const bool remembered = start.count == links.size();
+  for (std::size_t i = 0; i < links.size(); ++i) {
+    friction.set(links[i],
+                 remembered ? std::min(start.strengths[i], friction.most(links[i])) : 0.0);
+  }
+  bool good = friction.solve();
+
+  // Where the loads do not depend on the frictions one step meets all laws; else link by link.
+  if (good && !friction.allMet()) {
+    for (const FrictionLink& link : links) {
+      friction.set(link, friction.strength(link) + friction.excess(link));
+    }
+    good = friction.solve();
+  }
+  while (good && !friction.spent() && !friction.allMet()) {
+    for (std::size_t i = 0; good && i < links.size(); ++i) good = friction.meet(links[i]);
+  }
+  start.count = good ? links.size() : 0;
+  for (std::size_t i = 0; i < start.count; ++i) start.strengths[i] = friction.strength(links[i]);
+  return friction.finish();
+}
+
+}  // namespace palpate

@@ -1,0 +1,48 @@
+/// Coulomb friction inside the balance: one tick, one load.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "engine/primitive.h"
+#include "engine/solver.h"
+#include "engine/types.h"
+
+namespace palpate {
+
+/// The frictions of the last balance, for the next one to start from. Its memory is taken when it
+/// is made.
+struct FrictionStart {
+  FrictionStart() : strengths(kMaxPrimitives, 0.0) {}
+  void forget() noexcept { count = 0; }
+
+  std::vector<double> strengths;  ///< [N], a link each.
+  std::size_t count = 0;          ///< Links of that balance; 0: nothing remembered.
+};
+
+/// Most balances of one solveWithFriction.
+inline constexpr int kMostFrictionSolves = 64;
+
+/// Finds the balance in which every line of set.links() is as strong as Coulomb's law allows,
+///
+///     s_t = mu n(s_t),   n the load of its plane in this very balance,
+///
+/// and leaves those strengths in the set. A plane and its friction alone are orthogonal: n does not
+/// depend on s_t, and two closed forms are exact. With other primitives it is one scalar equation a
+/// link on [0, mu s_n], continuous and with a change of sign: a bracketed secant (Illinois),
+/// started from `start`, which also decides between several roots; several links in turns.
+/// However the load is found, the balance is one of primitives anchored at the old proxy and makes
+/// no energy.
+///
+/// @param forces  At least as many as primitives; filled as solveProxy does.
+/// @return        As solveProxy; error_bound gains |s_t - mu n| / k of every link, iterations are
+///                those of all balances, and kIterationLimit says that a law was not met.
+///
+/// RT: no allocation. Cost: one solveProxy without links; two for planes with friction alone, five
+/// or so among others, at most kMostFrictionSolves.
+[[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
+                                            const Vec3& proxy, const SolverParams& params,
+                                            WarmStart& warm, FrictionStart& start,
+                                            std::span<Vec3> forces) noexcept PALPATE_NONBLOCKING;
+
+}  // namespace palpate
