@@ -15,7 +15,8 @@ class Friction {
         stiffness_(stiffness),
         set_(set),
         proxy_(proxy),
-        params_(params),
+        params_{set.links().empty() ? params.tolerance : std::min(params.tolerance, kTolerance),
+                params.max_iterations},
         warm_(warm),
         forces_(forces) {}
 
@@ -24,6 +25,7 @@ class Friction {
     const int iterations = result_.iterations;
     result_ = solveProxy(probe_, stiffness_, set_.items(), proxy_, params_, &warm_, forces_);
     result_.iterations += iterations;
+    shareLoads(probe_, set_.items(), result_, forces_);
     ++solves_;
     return result_.status != SolveStatus::kBadInput;
   }
@@ -47,12 +49,19 @@ class Friction {
   /// As near as the balance knows the load.
   [[nodiscard]] bool met(const FrictionLink& link) const noexcept {
     constexpr double kRounding = 1e-12;
-    const double known = link.coefficient * stiffness_ * result_.error_bound;
+    // Where several share loads, these are only as well known as the proxy's place.
+    const bool several = set_.links().size() > 1;
+    const double shared = several ? set_.items()[link.plane].strength / kSharedWithin : 0.0;
+    const double known = link.coefficient * (stiffness_ + shared) * result_.error_bound;
     return std::abs(excess(link)) <= kRounding * most(link) + known;
   }
   [[nodiscard]] bool allMet() const noexcept {
     return std::all_of(set_.links().begin(), set_.links().end(),
                        [&](const FrictionLink& link) { return met(link); });
+  }
+  /// Nothing is left to be done, or no time.
+  [[nodiscard]] bool done() const noexcept {
+    return spent() || (shared_ && set_.links().size() == 1) || allMet();
   }
   [[nodiscard]] bool spent() const noexcept { return solves_ >= kMostFrictionSolves; }
 
@@ -64,7 +73,12 @@ class Friction {
     double high_excess = 0.0;
     double last = 0.0;
     double last_excess = 0.0;
-    while (!met(link) && !spent() && high - low > 1e-15 * high) {
+    while (!met(link) && !spent()) {
+      // A jump: the loads can be shared in more than one way, and one in between meets the law.
+      if (high - low <= kJump * most(link)) {
+        shared_ = true;
+        return true;
+      }
       const double at = strength(link);
       const double here = excess(link);
       const bool same_side = last_excess * here > 0.0;
@@ -93,11 +107,43 @@ class Friction {
     return true;
   }
 
+  /// All links together: the fixed point s_t = mu n, mixed with the last trial so that the slowest
+  /// direction's error is extrapolated to zero (Anderson 1965, one step of memory). False as
+  /// solve().
+  bool mix(FrictionStart& start, int most_solves) noexcept {
+    const auto links = set_.links();
+    for (int k = 0; k < most_solves && !allMet(); ++k) {
+      double dot = 0.0;
+      double square = 0.0;
+      for (std::size_t i = 0; k > 0 && i < links.size(); ++i) {
+        const double change = excess(links[i]) - start.missed[i];
+        dot += excess(links[i]) * change;
+        square += change * change;
+      }
+      const double mixing = square > 0.0 ? dot / square : 0.0;
+      for (std::size_t i = 0; i < links.size(); ++i) {
+        const double at = strength(links[i]);
+        const double here = excess(links[i]);
+        const double last = k > 0 ? start.tried[i] + start.missed[i] : at + here;
+        const double next = at + here - mixing * (at + here - last);
+        start.tried[i] = at;
+        start.missed[i] = here;
+        set(links[i], std::clamp(next, 0.0, most(links[i])));
+      }
+      if (!solve()) return false;
+    }
+    return true;
+  }
+
   [[nodiscard]] SolveResult finish() noexcept {
     if (result_.status == SolveStatus::kBadInput) return result_;
-    if (!allMet()) result_.status = std::max(result_.status, SolveStatus::kIterationLimit);
+    // With several links only what is seen counts.
+    const bool jump = shared_ && set_.links().size() == 1;
+    if (!jump && !allMet()) {
+      result_.status = std::max(result_.status, SolveStatus::kIterationLimit);
+    }
     for (const FrictionLink& link : set_.links()) {
-      result_.error_bound += std::abs(excess(link)) / stiffness_;
+      result_.error_bound += (jump ? kJump * most(link) : std::abs(excess(link))) / stiffness_;
     }
     return result_;
   }
@@ -107,11 +153,14 @@ class Friction {
   double stiffness_;
   PrimitiveSet& set_;
   const Vec3& proxy_;
-  const SolverParams& params_;
+  SolverParams params_;
   WarmStart& warm_;
   std::span<Vec3> forces_;
+  static constexpr double kTolerance = 2e-8;  // loads are as exact as the proxy's place
+  static constexpr double kJump = 1e-13;      // a bracket's width, of the most
   SolveResult result_;
   int solves_ = 0;
+  bool shared_ = false;  // a jump was met
 };
 
 }  // namespace
@@ -128,14 +177,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   }
   bool good = friction.solve();
 
-  // Where the loads do not depend on the frictions one step meets all laws; else link by link.
-  if (good && !friction.allMet()) {
-    for (const FrictionLink& link : links) {
-      friction.set(link, friction.strength(link) + friction.excess(link));
-    }
-    good = friction.solve();
-  }
-  while (good && !friction.spent() && !friction.allMet()) {
+  // Where the loads do not depend on the frictions one step meets all laws.
+  constexpr int kMixed = 20;
+  if (good) good = friction.mix(start, links.size() == 1 ? 1 : kMixed);
+  while (good && !friction.done()) {
     for (std::size_t i = 0; good && i < links.size(); ++i) good = friction.meet(links[i]);
   }
   start.count = good ? links.size() : 0;

@@ -13,11 +13,14 @@ namespace palpate {
 /// The frictions of the last balance, for the next one to start from. Its memory is taken when it
 /// is made.
 struct FrictionStart {
-  FrictionStart() : strengths(kMaxPrimitives, 0.0) {}
+  FrictionStart()
+      : strengths(kMaxPrimitives, 0.0), tried(kMaxPrimitives, 0.0), missed(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }
 
   std::vector<double> strengths;  ///< [N], a link each.
   std::size_t count = 0;          ///< Links of that balance; 0: nothing remembered.
+  std::vector<double> tried;      ///< Scratch: what the last trial was,
+  std::vector<double> missed;     ///< and mu n - s_t of it.
 };
 
 /// Most balances of one solveWithFriction.
@@ -30,11 +33,12 @@ inline constexpr int kMostFrictionSolves = 64;
 /// and leaves those strengths in the set. A plane and its friction alone are orthogonal: n does not
 /// depend on s_t, and two closed forms are exact. With other primitives it is one scalar equation a
 /// link on [0, mu s_n], continuous and with a change of sign: a bracketed secant (Illinois),
-/// started from `start`, which also decides between several roots; several links in turns.
+/// started from `start`, which also decides between several roots; several links together by
+/// Anderson's mixing of the last two trials, and where that fails in turns.
 /// However the load is found, the balance is one of primitives anchored at the old proxy and makes
 /// no energy.
 ///
-/// @param forces  At least as many as primitives; filled as solveProxy does.
+/// @param forces  At least as many as primitives; filled as solveProxy and shareLoads do.
 /// @return        As solveProxy; error_bound gains |s_t - mu n| / k of every link, iterations are
 ///                those of all balances, and kIterationLimit says that a law was not met.
 ///

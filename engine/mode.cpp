@@ -103,11 +103,17 @@ bool emit(const FrontShapeMode& mode, const Place& place) noexcept {
     memory.placed = false;
     return true;
   }
-  // Snap-drag: off its front by force, the proxy is still held by it. Else the front is at p.
+  // Snap-drag: off its front by force, the proxy is still held by it, until it is let go. Else the
+  // front is at p.
   constexpr double kOn = 1e-3;  // of the snap distance
   const double off = memory.placed ? memory.normal.dot(place.p - memory.anchor) : 0.0;
   const double away = mode.two_sided ? std::abs(off) : -off;
-  if (!memory.placed || away <= kOn * mode.snap || away > mode.snap) {
+  if (memory.placed && away > mode.snap) memory.let_go = true;
+  if (memory.let_go) {
+    memory.placed = false;
+    return true;
+  }
+  if (!memory.placed || away <= kOn * mode.snap) {
     memory.anchor = place.p;
     memory.normal = q;
     memory.placed = mode.snap > 0.0;
@@ -280,6 +286,7 @@ bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p
 }
 
 void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept {
+  memory.let_go = false;
   const auto* iso = std::get_if<IsosurfaceMode>(&mode);
   if (iso == nullptr || memory.contact == Contact::kInside) return;
   const double past = memory.normal.dot(memory.anchor - proxy);

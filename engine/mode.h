@@ -81,7 +81,8 @@ struct FrontShapeMode {
   int vector = -1;
   bool two_sided = true;  ///< Else only against the vector: with it the hand is free.
   double snap = 0.0;      ///< Snap-drag: pushed off its front, the proxy is pulled back until it is
-                          ///< this far; there the next front is. 0: the front comes along [m].
+                          ///< this far; then it is let go, and where it comes to rest is the next
+                          ///< front. 0: the front comes along [m].
   Transfer strength;
 };
 
@@ -146,6 +147,7 @@ struct ModeMemory {
   Vec3 anchor = Vec3::Zero();   ///< The plane's position [m].
   Vec3 normal = Vec3::UnitX();  ///< Its outward normal.
   bool placed = false;          ///< Outside, with the plane above placed.
+  bool let_go = false;          ///< Snapped off its front, until the proxy has come to rest.
   bool cornered = false;        ///< In a concave edge: the plane below is its other wall.
   Vec3 other_anchor = Vec3::Zero();
   Vec3 other_normal = Vec3::UnitX();

@@ -29,6 +29,8 @@ namespace {
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 /// A line search ends where this share of the slope is left.
 constexpr double kSlopeLeft = 0.03;
+/// A multiplier of at least this cosine with its displacement points along it.
+constexpr double kAlong = 1.0 - 1e-4;
 /// |z|^2 of a multiplier inside its ball: the primitive holds the proxy on its kink.
 constexpr double kOnKink = 1.0 - 1e-12;
 
@@ -396,9 +398,8 @@ void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept 
 
 /// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
 /// Two dual points are tried: the multipliers; and d/|d| instead for those primitives whose
-/// multiplier points along d = P y - b.
-double certify(const Problem& problem, const Vec3& at) noexcept {
-  constexpr double kAlong = 1.0 - 1e-4;
+/// multiplier points along d = P y - b. Says which was the better.
+double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;
   const double x = at.x();
@@ -435,8 +436,21 @@ double certify(const Problem& problem, const Vec3& at) noexcept {
     oz += sigma * (off ? per * dz : zz);
   }
   const Vec3 stretch = at - problem.spring;
-  return std::sqrt(std::min(2.0 * gap + (stretch + Vec3(mx, my, mz)).squaredNorm(),
-                            2.0 * off_gap + (stretch + Vec3(ox, oy, oz)).squaredNorm()));
+  const double by_z = 2.0 * gap + (stretch + Vec3(mx, my, mz)).squaredNorm();
+  const double by_d = 2.0 * off_gap + (stretch + Vec3(ox, oy, oz)).squaredNorm();
+  by_multipliers = by_z <= by_d;
+  return std::sqrt(std::min(by_z, by_d));
+}
+
+/// The multipliers become the better dual point of certify().
+void turnAlongDisplacements(Problem& problem, const Vec3& at) noexcept {
+  const Terms& t = problem.terms;
+  for (std::size_t i = 0; i < t.count; ++i) {
+    const auto [x, y, z] = displacement(t, i, at.x(), at.y(), at.z());
+    const Vec3 d(x, y, z);
+    const double distance = d.norm();
+    if (get(t.z, i).dot(d) > kAlong * distance) set(t.z, i, d / distance);
+  }
 }
 
 /// Semismooth Newton on the envelope from y, until a step is expected to lower it by less than
@@ -526,12 +540,15 @@ class Search {
   [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
 
   bool prove(const Vec3& guess) noexcept {
-    const double bound = certify(problem_, guess);
+    bool by_multipliers = true;
+    const double bound = certify(problem_, guess, by_multipliers);
     if (bound < best_bound_) {
       best_bound_ = bound;
       best_ = guess;
     }
-    return best_bound_ <= params_.tolerance;
+    if (best_bound_ > params_.tolerance) return false;
+    if (!by_multipliers) turnAlongDisplacements(problem_, guess);
+    return true;
   }
 
   void moveOrigin(const Vec3& to) noexcept {
@@ -738,6 +755,16 @@ Vec3 unit(const Vec3& q) noexcept {
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
 }
 
+/// True where plane i and the next are opposed: same place and strength, opposite normals. Together
+/// they are a slab, s |q.(x - x_i)|, one norm and no constant force.
+bool slab(std::span<const Primitive> primitives, std::size_t i) noexcept {
+  if (i + 1 >= primitives.size()) return false;
+  const Primitive& a = primitives[i];
+  const Primitive& b = primitives[i + 1];
+  return a.kind == PrimitiveKind::kPlane && b.kind == PrimitiveKind::kPlane &&
+         a.strength == b.strength && a.position == b.position && a.direction == -b.direction;
+}
+
 /// What a primitive is worth as a norm: max(0, t) = (t + |t|)/2, so a plane is half a directed
 /// force and half a norm.
 double share(const Primitive& primitive) noexcept {
@@ -772,17 +799,20 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   double reach = 0.0;
   double pushed = 0.0;
   double pushes = 0.0;
-  for (const Primitive& p : primitives) {
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
     if (!(p.strength > 0.0)) continue;
-    const double norm = share(p);
+    const bool both = slab(primitives, i);
+    const double norm = both ? p.strength : share(p);
     const double force = p.strength - norm;
     sum += norm;
-    if (p.kind == PrimitiveKind::kPlane || p.kind == PrimitiveKind::kForce) {
+    if (force > 0.0) {
       problem.w += (force * per_stiffness) * unit(p.direction);
       pushed += force * per_stiffness;
       pushes += 1.0;
     }
     if (norm > 0.0) reach = std::max(reach, (p.position - probe).lpNorm<Eigen::Infinity>());
+    if (both) ++i;
   }
   problem.length = sum * per_stiffness;
   remainder.bound = 8.0 * kEpsilon * (reach + problem.length) + (8.0 + pushes) * kEpsilon * pushed;
@@ -803,7 +833,10 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   const double per_sum = 1.0 / sum;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     const Primitive& p = primitives[i];
-    const double norm = share(p);
+    const bool both = slab(primitives, i);
+    const double norm = both ? p.strength : share(p);
+    const std::size_t source = i;
+    if (both) ++i;
     if (!(norm > 0.0)) continue;
     if (norm < kNothing * sum) {
       remainder.bound += kNothing * problem.length;
@@ -818,7 +851,7 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
       remainder.origin = anchor;
     }
     const std::size_t n = terms.count++;
-    terms.source[n] = i;
+    terms.source[n] = source;
     terms.sigma[n] = norm * per_sum;
     terms.alpha[n] = plane ? 0.0 : 1.0;
     terms.beta[n] = plane ? 1.0 : (point ? 0.0 : -1.0);
@@ -868,7 +901,15 @@ void writeForces(const Terms& terms, std::span<const Primitive> primitives,
   }
   for (std::size_t i = 0; i < terms.count; ++i) {
     const std::size_t source = terms.source[i];
-    forces[source] -= share(primitives[source]) * get(terms.z, i);
+    const Primitive& p = primitives[source];
+    const Vec3 z = get(terms.z, i);
+    if (slab(primitives, source)) {
+      // The side that the proxy is pressed against carries it.
+      forces[source] = forces[source + 1] = Vec3::Zero();
+      forces[p.direction.dot(z) > 0.0 ? source + 1 : source] = -p.strength * z;
+    } else {
+      forces[source] -= share(p) * z;
+    }
   }
 }
 
@@ -938,6 +979,109 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   }
   result.proxy = probe + result.offset;
   return result;
+}
+
+namespace {
+
+/// A primitive of a load that is shared: its strength, projector and displacement from its kink.
+struct Shared {
+  double strength = 0.0;
+  bool plane = false;
+  Mat3 P = Mat3::Identity();
+  Vec3 q = Vec3::Zero();
+  Vec3 d = Vec3::Zero();  ///< in units of the distance at which it shares nothing any more
+
+  Shared(const Primitive& p, const Vec3& from_anchor) noexcept
+      : strength(p.strength), plane(p.kind == PrimitiveKind::kPlane) {
+    if (p.kind != PrimitiveKind::kPoint) q = p.direction;
+    if (p.kind == PrimitiveKind::kLine) P -= q * q.transpose();
+    if (plane) P = q * q.transpose();
+    d = P * from_anchor / kSharedWithin;
+  }
+  [[nodiscard]] bool apart() const noexcept { return d.squaredNorm() >= 1.0; }
+
+  /// On it: of all forces that it can exert the one nearest to s (P lambda - pull), where the pull
+  /// grows beyond all bounds as it comes off. Adds to H how that changes with lambda.
+  [[nodiscard]] Vec3 forceAt(const Vec3& lambda, Mat3& H) const noexcept {
+    const Vec3 u = P * lambda - d / (1.0 - d.norm());
+    if (plane) {
+      const double along = q.dot(u);
+      if (along > 0.0 && along < 1.0) H += strength * P;
+      return strength * std::clamp(along, 0.0, 1.0) * q;
+    }
+    const double length = u.norm();
+    if (length <= 1.0) {
+      H += strength * P;
+      return strength * u;
+    }
+    H += strength / length * (P - u * u.transpose() / (length * length));
+    return strength / length * u;
+  }
+};
+
+}  // namespace
+
+void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const SolveResult& result,
+                std::span<Vec3> forces) noexcept {
+  constexpr int kMostSteps = 60;
+  constexpr double kEnough = 1e-10;  // of the strengths
+  constexpr double kGood = 1e-6;
+  if (result.solver == SolverKind::kClosedForm || result.status == SolveStatus::kBadInput) return;
+  const auto acts = [](const Primitive& p) {
+    return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
+  };
+  const auto sharedOf = [&](const Primitive& p) {
+    return Shared(p, (probe - p.position) + result.offset);
+  };
+  double strength = 0.0;
+  Vec3 load = Vec3::Zero();
+  int sharing = 0;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    if (!acts(primitives[i]) || sharedOf(primitives[i]).apart()) continue;
+    strength += primitives[i].strength;
+    load += forces[i];
+    ++sharing;
+  }
+  if (sharing < 2) return;
+
+  // sum f_i(lambda) = load: the gradient of a convex function of lambda. Newton, and along each
+  // step a search for where that function is lowest: what is missing, along the step, falls to
+  // zero.
+  Mat3 H;
+  const auto missingAt = [&](const Vec3& lambda) {
+    H = 1e-9 * strength * Mat3::Identity();
+    Vec3 missing = load;
+    for (const Primitive& p : primitives) {
+      if (!acts(p)) continue;
+      const Shared shared = sharedOf(p);
+      if (!shared.apart()) missing -= shared.forceAt(lambda, H);
+    }
+    return missing;
+  };
+  Vec3 lambda = load / strength;
+  Vec3 missing = missingAt(lambda);
+  for (int k = 0; k < kMostSteps && missing.norm() > kEnough * strength; ++k) {
+    const Vec3 step = solve3(H, missing);
+    const Vec3 from = lambda;
+    const double slope = missing.dot(step);
+    double low = 0.0;
+    double high = std::numeric_limits<double>::infinity();
+    double way = 1.0;
+    for (; k < kMostSteps; ++k) {
+      lambda = from + way * step;
+      missing = missingAt(lambda);
+      const double here = missing.dot(step);
+      if (std::abs(here) <= 0.3 * slope) break;
+      (here > 0.0 ? low : high) = way;
+      way = high < std::numeric_limits<double>::infinity() ? 0.5 * (low + high) : 4.0 * way;
+    }
+  }
+  if (!(missing.norm() <= kGood * strength)) return;
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    if (!acts(primitives[i])) continue;
+    const Shared shared = sharedOf(primitives[i]);
+    if (!shared.apart()) forces[i] = shared.forceAt(lambda, H);
+  }
 }
 
 }  // namespace palpate

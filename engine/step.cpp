@@ -56,12 +56,15 @@ class Tick {
       if (solved.offset.norm() > kFree) ++held;
 
       // At most as far as the data of this place can be trusted.
+      const double before = offset.squaredNorm();
       const Vec3 way = solved.proxy - proxy;
       const double reach = reachFrom(proxy, solved.proxy);
       const double length = way.norm();
       arrived = length <= reach;
       proxy = arrived ? solved.proxy : Vec3(proxy + (reach / length) * way);
       offset = arrived ? solved.offset : Vec3(proxy - probe_);
+      report.injected +=
+          std::max(0.0, 0.5 * state_.stiffness_.value * (offset.squaredNorm() - before));
       if (arrived) settleModes(proxy);
     }
     if (!arrived) worsen(report, StepStatus::kSubstepLimit);
@@ -138,7 +141,6 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     // counted.
     const double k = state.stiffness_.value;
     report.stiffness = k;
-    report.injected = std::max(0.0, 0.5 * k * (offset.squaredNorm() - before.squaredNorm()));
     const Vec3 rate = dt > 0.0 ? Vec3((offset - state.offset_) / dt) : Vec3::Zero();
     state.offset_ = offset;
     if (good) {

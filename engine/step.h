@@ -34,8 +34,8 @@ struct StepReport {
   Vec3 proxy = Vec3::Zero();   ///< [m]
   double stiffness = 0.0;      ///< k of this tick's balance and force [N/m].
   double error_bound = 0.0;    ///< Of the last balance [m].
-  double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]:
-                               ///< max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2).
+  double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]: the sum
+                               ///< of max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2), all sub-steps.
   int iterations = 0;          ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;                              ///< Field reads, all sub-steps.

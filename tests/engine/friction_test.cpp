@@ -1,0 +1,244 @@
+#include "engine/friction.h"
+
+#include <cmath>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/reference_solver.h"
+
+using namespace palpate;
+using palpate::test::CountScope;
+using palpate::test::Random;
+
+namespace {
+
+constexpr double kStiffness = 500.0;
+
+/// One balance with friction, from a cold start.
+struct Balance {
+  PrimitiveSet set;
+  WarmStart warm;
+  FrictionStart start;
+  std::vector<Vec3> forces{kMaxPrimitives, Vec3::Zero()};
+
+  SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
+    return solveWithFriction(probe, kStiffness, set, proxy, {}, warm, start, forces);
+  }
+  [[nodiscard]] double load(const FrictionLink& link) const {
+    return set.items()[link.plane].direction.dot(forces[link.plane]);
+  }
+  [[nodiscard]] double strength(const FrictionLink& link) const {
+    return set.items()[link.line].strength;
+  }
+};
+
+/// Some direction across q.
+Vec3 across(const Vec3& q, Random& random) {
+  return q.cross(random.direction()).normalized();
+}
+
+}  // namespace
+
+TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction]") {
+  Random random(61);
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3 q = random.direction();
+    const Vec3 t = across(q, random);
+    const double mu = random.uniform(0.05, 1.5);
+    const double depth = random.uniform(1e-4, 3e-3);
+    CAPTURE(i, q, mu, depth);
+    // The field's plane goes through a corner of space that is no nice number.
+    const Vec3 corner = random.inCube(0.01);
+    ModeSpec wall;
+    wall.kind = i % 2 == 0 ? ModeKind::kIsosurface : ModeKind::kSurface;
+    wall.of = "wall";
+    wall.solid = Solid::kBelow;
+    wall.strength = 10.0;
+    wall.friction = mu;
+    GraphSpec spec;
+    spec.modes = {wall};
+    const auto scene = makeScene(spec, {{"wall", makeHalfSpace(corner, q)}});
+    const auto slipAt = [&](double share) {
+      Reader reader;
+      ProxyState state(ForceLimits{100.0, 1e9});
+      (void)hapticStep(*scene, reader, {corner}, state, 1e-3);
+      const Vec3 hand = corner - depth * q + share * mu * depth * t;
+      const StepReport report = hapticStep(*scene, reader, {hand}, state, 1e-3);
+      CHECK(report.solver == SolverKind::kClosedForm);
+      CHECK(report.injected <= 1e-12);
+      return t.dot(report.proxy - corner);
+    };
+    const double rounding = 1e-15 * corner.norm();
+    CHECK(std::abs(slipAt(1.0 - 1e-9)) <= rounding);
+    CHECK(slipAt(1.0 + 1e-9) > 0.5e-9 * mu * depth - rounding);
+    CHECK(slipAt(2.0) == Approx(mu * depth).epsilon(1e-9));
+  }
+}
+
+TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[modes][friction]") {
+  Random random(62);
+  const long cases = test::cases(20000);
+  long iterations = 0;
+  int worst = 0;
+  for (long i = 0; i < cases; ++i) {
+    Balance b;
+    const Vec3 q = random.direction();
+    const double strength = random.uniform(0.5, 4.0);
+    REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, strength}));
+    const double mu = random.uniform(0.0, 1.0);
+    REQUIRE(b.set.tryAddFriction(Vec3::Zero(), mu));
+    for (int j = 0; j < 2; ++j) {
+      Primitive other = random.primitive();
+      if (i % 2 == 0) other.position.setZero();
+      REQUIRE(b.set.tryAdd(other));
+    }
+    const Vec3 probe = random.inCube(5e-3);
+    const SolveResult result = b.solve(probe);
+    CAPTURE(i, mu, strength, probe);
+    CAPTURE(test::describe(probe, kStiffness, {b.set.items().begin(), b.set.items().end()}));
+    REQUIRE(result.status == SolveStatus::kConverged);
+    const FrictionLink& link = b.set.links()[0];
+    REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-3 * mu * strength);
+    // What the frictions came to be is balanced as everything else.
+    if (i % 100 == 0) {
+      const test::Reference reference = test::solveReference(probe, kStiffness, b.set.items());
+      REQUIRE((result.offset - reference.offset).norm() <=
+              result.error_bound + reference.error_bound);
+    }
+    iterations += result.iterations;
+    worst = std::max(worst, result.iterations);
+  }
+  CAPTURE(worst);
+  CHECK(iterations / cases <= 60);
+}
+
+TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
+  Random random(63);
+  const long cases = test::cases(5000);
+  int limited = 0;
+  for (long i = 0; i < cases; ++i) {
+    Balance b;
+    const int planes = 2 + random.integer(2);
+    for (int j = 0; j < planes; ++j) {
+      REQUIRE(b.set.tryAdd(
+          {PrimitiveKind::kPlane, Vec3::Zero(), random.direction(), random.uniform(0.5, 3.0)}));
+      REQUIRE(b.set.tryAddFriction(Vec3::Zero(), random.uniform(0.0, 0.6)));
+    }
+    const SolveResult result = b.solve(random.inCube(5e-3));
+    REQUIRE(result.status != SolveStatus::kBadInput);
+    double excess = 0.0;
+    for (const FrictionLink& link : b.set.links()) {
+      excess += std::abs(b.strength(link) - link.coefficient * b.load(link));
+    }
+    // Met, or said to be not and by how much.
+    if (result.status == SolveStatus::kConverged) {
+      REQUIRE(excess <= 1e-3);
+    } else {
+      REQUIRE(result.error_bound >= excess / kStiffness);
+      ++limited;
+    }
+  }
+  CAPTURE(limited);
+  CHECK(limited <= 0.02 * static_cast<double>(cases));
+}
+
+TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
+  ModeSpec wall;
+  wall.kind = ModeKind::kIsosurface;
+  wall.of = "ball";
+  wall.solid = Solid::kBelow;
+  wall.strength = 10.0;
+  wall.friction = 0.5;
+  GraphSpec spec;
+  spec.modes = {wall};
+  const auto scene = makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), 0.05)}});
+  Reader reader;
+  ProxyState state(ForceLimits{100.0, 1e9});
+  (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
+  const StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
+  StepReport last;
+  for (int i = 0; i < 4000; ++i) {
+    last = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
+  }
+  // The proxy first fell onto the ball straight from where it was.
+  CHECK(std::abs(first.proxy.y()) < 1e-12);
+  CHECK((last.proxy - first.proxy).norm() < 2e-16);
+  CHECK(last.wanted.y() == Approx(-kStiffness * 0.0009));
+}
+
+TEST_CASE("without links friction is the plain balance, to the bit", "[modes][friction]") {
+  Random random(64);
+  for (int i = 0; i < 200; ++i) {
+    Balance b;
+    for (int j = 0; j < 4; ++j) REQUIRE(b.set.tryAdd(random.primitive()));
+    const Vec3 probe = random.inCube(5e-3);
+    const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
+    const SolveResult result = b.solve(probe);
+    CHECK(result.proxy == plain.proxy);
+    CHECK(result.error_bound == plain.error_bound);
+  }
+}
+
+TEST_CASE("bad input stays bad input, and friction allocates nothing", "[modes][friction]") {
+  Balance b;
+  REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 2.0}));
+  REQUIRE(b.set.tryAddFriction(Vec3::Zero(), 0.5));
+  REQUIRE(b.set.tryAdd({PrimitiveKind::kLine, Vec3::Zero(), Vec3(0.6, 0, 0.8), 1.0}));
+  const CountScope scope;
+  const SolveResult good = b.solve({1e-3, 2e-3, -3e-3});
+  const SolveResult bad = b.solve(Vec3::Constant(std::nan("")), Vec3::UnitX());
+  const SolveResult after = b.solve({1e-3, 2e-3, -3e-3});
+  const auto counts = CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(good.status == SolveStatus::kConverged);
+  CHECK(bad.status == SolveStatus::kBadInput);
+  CHECK(bad.proxy == Vec3::UnitX());
+  CHECK((after.proxy - good.proxy).norm() <= good.error_bound + after.error_bound);
+}
+
+TEST_CASE("the forces of a balance add up to the spring's, each within its set",
+          "[solver][forces]") {
+  Random random(65);
+  const long cases = test::cases(20000);
+  for (long i = 0; i < cases; ++i) {
+    std::vector<Primitive> primitives;
+    const int n = random.integer(7);
+    for (int j = 0; j < n; ++j) {
+      primitives.push_back(random.primitive());
+      if (i % 3 == 0) primitives.back().position.setZero();
+    }
+    const Vec3 probe = random.inCube(5e-3);
+    std::vector<Vec3> forces(primitives.size());
+    const SolveResult result =
+        solveProxy(probe, kStiffness, primitives, Vec3::Zero(), {}, nullptr, forces);
+    CAPTURE(test::describe(probe, kStiffness, primitives));
+    REQUIRE(result.status == SolveStatus::kConverged);
+    Vec3 sum = -kStiffness * result.offset;
+    for (const Vec3& f : forces) sum += f;
+    REQUIRE(sum.norm() <= kStiffness * result.error_bound + 1e-12);
+    for (std::size_t j = 0; j < primitives.size(); ++j) {
+      const Primitive& p = primitives[j];
+      const double along = p.direction.dot(forces[j]);
+      REQUIRE(forces[j].norm() <= p.strength * (1 + 1e-9));
+      switch (p.kind) {
+        case PrimitiveKind::kForce:
+          REQUIRE((forces[j] - p.strength * p.direction).norm() <= 1e-12);
+          break;
+        case PrimitiveKind::kLine:
+          REQUIRE(std::abs(along) <= 1e-9);
+          break;
+        case PrimitiveKind::kPlane:
+          REQUIRE(along >= -1e-9);
+          REQUIRE((forces[j] - along * p.direction).norm() <= 1e-9);
+          break;
+        case PrimitiveKind::kPoint:
+          break;
+      }
+    }
+  }
+}
