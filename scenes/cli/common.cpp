@@ -103,6 +103,13 @@ int WholeFile::descriptor() const {
   return fileno(file_);
 }
 
+const std::filesystem::path& WholeFile::place() const {
+  if (file_ == stdout) {
+    throw Error("standard output", "this cannot be written to it", "give the name of a file");
+  }
+  return partial_;
+}
+
 void WholeFile::commit() {
   if (file_ == stdout) {
     std::fflush(stdout);

@@ -27,6 +27,7 @@ using OrderedJson = nlohmann::ordered_json;
 /// A verb adds itself to the program; its body runs after parsing and returns the exit status.
 void addInfo(CLI::App& app, std::function<int()>& body);
 void addImport(CLI::App& app, std::function<int()>& body);
+void addMake(CLI::App& app, std::function<int()>& body);
 void addSample(CLI::App& app, std::function<int()>& body);
 void addSolve(CLI::App& app, std::function<int()>& body);
 void addCheck(CLI::App& app, std::function<int()>& body);
@@ -65,6 +66,9 @@ class WholeFile {
   void write(const std::string& text);
   /// For a program that writes it by itself.
   [[nodiscard]] int descriptor() const;
+  /// Where it is until commit(), for a library that writes it by its name; throws Error for
+  /// standard output.
+  [[nodiscard]] const std::filesystem::path& place() const;
   /// Throws Error where the disk is full and the like.
   void commit();
 

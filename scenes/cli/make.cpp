@@ -1,0 +1,79 @@
+/// palpate make: volumes from formulas, for examples and trials.
+#include <csignal>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+#include "scenes/cli/common.h"
+#include "scenes/made.h"
+
+namespace palpate::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+struct Options {
+  std::string name;
+  std::string out;
+  std::optional<double> voxel;
+  bool json = false;
+};
+
+int make(const Options& options) {
+  if (std::filesystem::path(options.out).extension() != ".vdb") {
+    throw Error(options.out, "the output is not named .vdb", "name it so");
+  }
+  const auto on_signal = [](int) { interrupted = 1; };
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  std::signal(SIGHUP, on_signal);
+
+  WholeFile file(options.out);
+  const std::vector<MadeGrid> grids = writeMade(options.name, options.voxel, file.place());
+  if (interrupted != 0) return kInterrupted;
+  file.commit();
+
+  OrderedJson json;
+  json["file"] = options.out;
+  json["grids"] = OrderedJson::array();
+  for (const MadeGrid& grid : grids) {
+    json["grids"].push_back({{"name", grid.name},
+                             {"what", grid.what},
+                             {"unit", grid.value_unit},
+                             {"voxel", grid.voxel},
+                             {"active_voxels", grid.active_voxels}});
+  }
+  if (options.json) {
+    fmt::print("{}\n", dump(json, 2));
+    return kDone;
+  }
+  fmt::print("{}:\n", options.out);
+  for (const MadeGrid& grid : grids) {
+    fmt::print("  {}: {}{}, {} active voxels of {}\n", grid.name, grid.what,
+               grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
+               rounded(grid.voxel));
+  }
+  return kDone;
+}
+
+}  // namespace
+
+void addMake(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("make", "Makes a .vdb from formulas, to try things on");
+  auto options = std::make_shared<Options>();
+  std::string volumes = "Volumes:\n";
+  for (const MadeVolume& volume : madeVolumes()) {
+    volumes +=
+        fmt::format("  {:<12} {}; in {}, voxels of {} ({} to {})\n", volume.name, volume.what,
+                    volume.length_unit, volume.voxel, volume.least_voxel, volume.most_voxel);
+  }
+  verb->add_option("NAME", options->name, "Which volume, see below")->required();
+  verb->add_option("OUT", options->out, "The .vdb to write")->required();
+  verb->add_option("--voxel", options->voxel, "Edge of a voxel, in the volume's unit");
+  verb->add_flag("--json", options->json, "Print JSON");
+  verb->footer(volumes + "Example:\n  palpate make wind-tunnel wind.vdb && palpate info wind.vdb");
+  verb->callback([=, &body] { body = [=] { return make(*options); }; });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,97 @@
+/// Volumes made from formulas: what the examples feel where no file is at hand, and what tests can
+/// compare with. Everything is deterministic: the same voxels on every machine and in every run, to
+/// the last places of its mathematical library.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// A volume that writeMade can make.
+struct MadeVolume {
+  std::string name;
+  std::string what;         ///< In a few words.
+  std::string length_unit;  ///< Of the file's own space.
+  double voxel = 0.0;       ///< By default, in that unit.
+  double least_voxel = 0.0;
+  double most_voxel = 0.0;
+};
+
+/// All of them.
+[[nodiscard]] const std::vector<MadeVolume>& madeVolumes();
+
+/// A grid as it was written.
+struct MadeGrid {
+  std::string name;
+  std::string what;
+  std::string value_unit;
+  std::uint64_t active_voxels = 0;
+  double voxel = 0.0;
+};
+
+/// Makes a volume and writes it as a .vdb; its metadata say by which version, and of what unit.
+/// @param voxel  In the volume's unit; none: the default.
+/// Throws Error for another name (the nearest is suggested), for a voxel out of the volume's range,
+/// and where the file cannot be written: then what there is of it is left.
+[[nodiscard]] std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> voxel,
+                                              const std::filesystem::path& file);
+
+/// The formulas, in the file's own space (_F).
+namespace made {
+
+/// Air about a wing in a tunnel. File: metres, x downstream, y along the wing, z up; the wing is at
+/// the origin.
+///
+/// The flow is Prandtl's simplest wing: a uniform stream and one horseshoe vortex. Its bound part
+/// lies in the wing and lifts it, its ends leave the tips downstream for ever as two vortices that
+/// turn against each other. Each filament has the core of Rosenhead and Moore: 1/|r|^3 in the law
+/// of Biot and Savart becomes 1/(|r|^2 + core^2)^(3/2). The velocity is then the curl of a vector
+/// potential, so that it has no divergence at all; about a long filament it is
+/// circulation / (2 pi) r / (r^2 + core^2), with the vorticity
+/// circulation / pi core^2 / (r^2 + core^2)^2.
+/// Left out: the wing's thickness (air passes through it), the sheet behind it, the roll-up, the
+/// growth of the cores, and the tunnel's walls.
+struct Wind {
+  double stream = 10.0;      ///< [m/s]
+  double span = 0.3;         ///< Between the two vortices [m].
+  double circulation = 1.0;  ///< [m^2/s]
+  double core = 0.015;       ///< [m]
+
+  [[nodiscard]] Vec3 velocity(const Vec3& p_F) const;  ///< [m/s]
+};
+
+/// Signed distance to the wing, a slab with round edges, pitched by 6 degrees [m]; negative inside.
+[[nodiscard]] double wing(const Vec3& p_F);
+
+/// What diffusion imaging shows of two bundles of fibres that cross. File: mm.
+///
+/// One bundle runs straight along x, the other bends round in the plane z = 0; they cross at the
+/// origin at a right angle. In every place the diffusion tensor is the mean of isotropic tissue and
+/// of the bundles, by their share. Of it come the direction of the greatest eigenvalue and the
+/// fractional anisotropy (Basser & Pierpaoli 1996): 0.80 in a bundle, 0.48 where two share a place
+/// equally and no direction is greatest, 0 outside.
+struct Fibre {
+  Vec3 direction = Vec3::Zero();  ///< Unit, its sign means nothing; zero outside the bundles.
+  double anisotropy = 0.0;        ///< 0 to 1.
+};
+[[nodiscard]] Fibre fibre(const Vec3& p_F);
+
+/// The sign that a voxel's direction is stored with, +1 or -1: a hash of its index. Eigenvectors of
+/// measured tensors come with signs as arbitrary.
+[[nodiscard]] double signAt(int i, int j, int k);
+
+/// A ring that lies in the plane z = 0 about the origin: signed distance to its surface [mm].
+[[nodiscard]] double ring(const Vec3& p_F);
+
+/// A cloud that covers a part of the ring: its density is 1 near its centre and falls off along a
+/// straight ramp to 0 at its edge. File: mm.
+[[nodiscard]] double cloud(const Vec3& p_F);
+
+}  // namespace made
+}  // namespace palpate
