@@ -109,16 +109,20 @@ double signAt(int i, int j, int k) {
   return (h & 1U) != 0 ? 1.0 : -1.0;
 }
 
-double ring(const Vec3& p_F) {
-  constexpr double kMajor = 32.0;  // [mm]
-  constexpr double kMinor = 9.0;   // [mm]
-  return std::hypot(std::hypot(p_F.x(), p_F.y()) - kMajor, p_F.z()) - kMinor;
+double bowl(const Vec3& p_F) {
+  constexpr double kRadius = 30.0;     // of the middle of the wall [mm]
+  constexpr double kHalf = 3.0;        // of the wall [mm]
+  constexpr double kRim = M_PI / 3.0;  // angle between the rim and +z
+  const double r = std::hypot(p_F.x(), p_F.y());
+  const double z = p_F.z();
+  if (std::atan2(r, z) >= kRim) return std::abs(std::hypot(r, z) - kRadius) - kHalf;
+  return std::hypot(r - kRadius * std::sin(kRim), z - kRadius * std::cos(kRim)) - kHalf;
 }
 
 double cloud(const Vec3& p_F) {
   constexpr double kCore = 8.0;   // [mm]
-  constexpr double kEdge = 24.0;  // [mm]
-  const Vec3 centre(32.0, 0.0, 6.0);
+  constexpr double kEdge = 26.0;  // [mm]
+  const Vec3 centre(14.0, 0.0, 8.0);
   return std::clamp((kEdge - (p_F - centre).norm()) / (kEdge - kCore), 0.0, 1.0);
 }
 
@@ -183,7 +187,8 @@ std::vector<Making> makeWindTunnel(double voxel) {
   // What no vortex turns is the stream itself, so that the air goes on outside the box.
   auto velocity = create<openvdb::Vec3SGrid>("velocity", voxel, toVdb({wind.stream, 0, 0}));
   openvdb::Vec3SGrid::Accessor writer = velocity->getAccessor();
-  const Box box_F{{-0.12, -0.24, -0.14}, {0.36, 0.24, 0.14}};
+  // Lower than high: the air behind the wing goes down.
+  const Box box_F{{-0.12, -0.24, -0.17}, {0.36, 0.24, 0.11}};
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
   });
@@ -213,17 +218,16 @@ std::vector<Making> makeFibres(double voxel) {
 }
 
 std::vector<Making> makeTwoBodies(double voxel) {
-  const auto ring = levelSet("ring", {{-46, -46, -14}, {46, 46, 14}}, voxel, made::ring);
+  const auto bowl = levelSet("bowl", {{-38, -38, -38}, {38, 38, 26}}, voxel, made::bowl);
   auto cloud = create<openvdb::FloatGrid>("cloud", voxel, 0.0F);
   openvdb::FloatGrid::Accessor writer = cloud->getAccessor();
-  everyVoxel({{6, -26, -20}, {58, 26, 32}}, voxel, [&](const Coord& at, const Vec3& p_F) {
+  everyVoxel({{-14, -28, -20}, {42, 28, 36}}, voxel, [&](const Coord& at, const Vec3& p_F) {
     const double density = made::cloud(p_F);
     if (density > 0.0) writer.setValue(at, static_cast<float>(density));
   });
   cloud->setGridClass(openvdb::GRID_FOG_VOLUME);
-  return {{ring, {.name = "", .what = "distance to a ring", .value_unit = "mm"}},
-          {cloud,
-           {.name = "", .what = "density of a cloud about a part of the ring", .value_unit = ""}}};
+  return {{bowl, {.name = "", .what = "distance to a bowl", .value_unit = "mm"}},
+          {cloud, {.name = "", .what = "density of a cloud in it and about it", .value_unit = ""}}};
 }
 
 struct Recipe {
@@ -238,7 +242,7 @@ const std::vector<Recipe>& recipes() {
       {{"fibres", "two bundles of fibres that cross, as diffusion imaging shows them", "mm", 1.0,
         0.25, 3.0},
        makeFibres},
-      {{"two-bodies", "a ring in a cloud, two objects that overlap", "mm", 1.0, 0.25, 3.0},
+      {{"two-bodies", "a bowl and a cloud, two objects that overlap", "mm", 1.0, 0.25, 3.0},
        makeTwoBodies}};
   return all;
 }

@@ -86,11 +86,12 @@ struct Fibre {
 /// measured tensors come with signs as arbitrary.
 [[nodiscard]] double signAt(int i, int j, int k);
 
-/// A ring that lies in the plane z = 0 about the origin: signed distance to its surface [mm].
-[[nodiscard]] double ring(const Vec3& p_F);
+/// A bowl, open towards +z, two thirds of a sphere about the origin with a wall of 6 mm and a round
+/// rim: signed distance to its surface [mm].
+[[nodiscard]] double bowl(const Vec3& p_F);
 
-/// A cloud that covers a part of the ring: its density is 1 near its centre and falls off along a
-/// straight ramp to 0 at its edge. File: mm.
+/// A cloud in the bowl, through its wall and over its rim: its density is 1 near its centre and
+/// falls off along a straight ramp to 0 at its edge. File: mm.
 [[nodiscard]] double cloud(const Vec3& p_F);
 
 }  // namespace made

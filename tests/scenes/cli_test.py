@@ -48,7 +48,7 @@ class Case(unittest.TestCase):
 
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
-        for verb in ("info", "sample", "solve", "check", "feel"):
+        for verb in ("info", "make", "sample", "solve", "check", "feel"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertIn("0.", run("--version").stdout)
 
@@ -70,7 +70,7 @@ class Documents(unittest.TestCase):
 
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
-        for verb in ("info", "import", "sample", "solve", "check", "feel"):
+        for verb in ("info", "import", "make", "sample", "solve", "check", "feel"):
             self.assertIn(f"\n## {verb} ", text)
 
 
@@ -95,6 +95,36 @@ class Info(Case):
         cut.write_bytes(whole[: len(whole) // 2])
         for verb in ("info", "check", "feel"):
             self.refused(verb, cut, says="truncated")
+
+
+class Make(Case):
+    def test_volumes_are_made_whole_and_described(self):
+        for name, grids in (("wind-tunnel", ["velocity", "wing"]),
+                            ("fibres", ["direction", "anisotropy"]),
+                            ("two-bodies", ["bowl", "cloud"])):
+            out = self.dir / f"{name}.vdb"
+            made = json.loads(run("make", name, out, "--json").stdout)
+            self.assertEqual([g["name"] for g in made["grids"]], grids)
+            found = {g["name"]: g for g in json.loads(run("info", out, "--json").stdout)["grids"]}
+            for grid in made["grids"]:
+                self.assertTrue(found[grid["name"]]["can_be_felt"])
+                self.assertEqual(found[grid["name"]]["active_voxels"], grid["active_voxels"])
+                self.assertEqual(found[grid["name"]]["source"], f"palpate make {name}")
+            self.assertIn(name, run("make", "--help").stdout)
+            self.assertIn(grids[0], run("make", name, out).stdout)  # again, over itself
+            os.remove(out)
+        self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
+
+    def test_refusals_leave_nothing(self):
+        out = self.dir / "never.vdb"
+        self.refused("make", "wind-tunel", out, says='did you mean "wind-tunnel"?')
+        self.refused("make", "teapot", out, says="use one of wind-tunnel, fibres, two-bodies")
+        self.refused("make", "fibres", out, "--voxel", 9, says="0.25 to 3 mm")
+        self.refused("make", "fibres", out, "--voxel", "nan", says="--voxel")
+        self.refused("make", "fibres", "-", says=".vdb")
+        self.refused("make", "fibres", self.dir / "never.txt", says=".vdb")
+        self.refused("make", "fibres", "/no/such/place/a.vdb", says="cannot be written")
+        self.refused("make", "fibres", says="see palpate make --help")
 
 
 class Sample(Case):
