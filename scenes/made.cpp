@@ -68,8 +68,8 @@ Fibre fibre(const Vec3& p_F) {
   constexpr double kAlong = 1.7;
   constexpr double kAcross = 0.3;
   constexpr double kTissue = 0.7;
-  constexpr double kInner = 4.0;  // [mm]
-  constexpr double kOuter = 7.0;  // [mm]
+  constexpr double kInner = 6.0;  // [mm]
+  constexpr double kOuter = 9.0;  // [mm]
   constexpr double kBend = 24.0;  // radius of the bent bundle [mm]
   const Vec3 centre(-kBend, 0.0, 0.0);
 
@@ -90,7 +90,7 @@ Fibre fibre(const Vec3& p_F) {
   const Mat3 D = (1.0 - fibres) * kTissue * Mat3::Identity() +
                  fibres / shares * (first * bundle(Vec3::UnitX()) + second * bundle(round));
   const Eigen::SelfAdjointEigenSolver<Mat3> eigen(D);
-  const Vec3 l = eigen.eigenvalues();  // ascending
+  const Vec3& l = eigen.eigenvalues();  // ascending
   Fibre out;
   out.direction = eigen.eigenvectors().col(2);
   out.anisotropy = std::sqrt(0.5) * Vec3(l[2] - l[1], l[1] - l[0], l[0] - l[2]).norm() / l.norm();
@@ -205,7 +205,7 @@ std::vector<Making> makeFibres(double voxel) {
   auto anisotropy = create<openvdb::FloatGrid>("anisotropy", voxel, 0.0F);
   openvdb::Vec3SGrid::Accessor to_direction = direction->getAccessor();
   openvdb::FloatGrid::Accessor to_anisotropy = anisotropy->getAccessor();
-  everyVoxel({{-36, -34, -10}, {36, 34, 10}}, voxel, [&](const Coord& at, const Vec3& p_F) {
+  everyVoxel({{-50, -34, -12}, {24, 34, 12}}, voxel, [&](const Coord& at, const Vec3& p_F) {
     const made::Fibre fibre = made::fibre(p_F);
     if (fibre.anisotropy <= 0.0) return;
     to_direction.setValue(at, toVdb(made::signAt(at.x(), at.y(), at.z()) * fibre.direction));

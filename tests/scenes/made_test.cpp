@@ -157,7 +157,7 @@ TEST_CASE("made fibres are axial: signs at random, lines whole, and unsure where
   CHECK(made::fibre({20, 0, 0}).anisotropy == Approx(0.799).margin(0.001));
   CHECK(std::abs(made::fibre({20, 0, 0}).direction.x()) == Approx(1.0));
   CHECK(made::fibre({0, 0, 0}).anisotropy == Approx(0.484).margin(0.001));
-  CHECK(made::fibre({0, 20, 9}).anisotropy == 0.0);
+  CHECK(made::fibre({0, 20, 12}).anisotropy == 0.0);
   // On the bend the direction is across the radius about (-24, 0).
   const Vec3 on_bend(-24 + 24 * std::cos(1.0), 24 * std::sin(1.0), 0.0);
   CHECK(std::abs(made::fibre(on_bend).direction.dot(Vec3(-std::sin(1.0), std::cos(1.0), 0))) ==
@@ -184,7 +184,7 @@ TEST_CASE("made fibres are axial: signs at random, lines whole, and unsure where
   axial->reset(axial_cache);
   double shortest_plain = 1.0;
   double shortest_axial = 1.0;
-  for (double x = 8.5; x < 30.0; x += 1.0) {
+  for (double x = -31.5; x < -10.0; x += 1.0) {
     const Vec3 p(x, 0.5, 0.5);
     shortest_plain = std::min(shortest_plain, plain->sample(p, plain_cache).value.norm());
     shortest_axial = std::min(shortest_axial, axial->sample(p, axial_cache).value.norm());
