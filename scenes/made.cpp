@@ -188,7 +188,7 @@ std::vector<Making> makeWindTunnel(double voxel) {
   auto velocity = create<openvdb::Vec3SGrid>("velocity", voxel, toVdb({wind.stream, 0, 0}));
   openvdb::Vec3SGrid::Accessor writer = velocity->getAccessor();
   // Lower than high: the air behind the wing goes down.
-  const Box box_F{{-0.12, -0.24, -0.17}, {0.36, 0.24, 0.11}};
+  const Box box_F{{-0.12, -0.24, -0.18}, {0.36, 0.24, 0.10}};
   everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& p_F) {
     writer.setValue(at, toVdb(wind.velocity(p_F)));
   });

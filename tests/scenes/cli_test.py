@@ -5,6 +5,7 @@ import io
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -430,6 +431,33 @@ class Feel(Case):
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         os.remove(picture)
+
+
+class Examples(Case):
+    """Those whose volumes palpate makes; the others need data from outside."""
+    SCENES = Path(__file__).resolve().parents[2] / "scenes" / "examples"
+    MADE = {"wind_tunnel": ("wind-tunnel", "wind.vdb"), "fibres": ("fibres", "fibres.vdb"),
+            "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb")}
+
+    def test_every_mode_is_felt_and_nothing_runs_away(self):
+        for scene, (name, volume) in self.MADE.items():
+            with self.subTest(scene):
+                run("make", name, self.dir / volume)
+                place = self.dir / f"{scene}.json"
+                shutil.copy(self.SCENES / place.name, place)
+                felt = json.loads(run("feel", place, "--seconds", 25, "--json").stdout)
+                for mode in felt["felt"]:
+                    self.assertGreater(mode["seconds"], 0.05, mode)
+                self.assertEqual(felt["status"]["converged"], felt["ticks"])
+                self.assertEqual(felt["limited"], 0)
+                self.assertLess(felt["force_max"], 5.0)
+                self.assertLess(felt["injected_energy"], 0.05)
+                os.remove(place)
+
+    def test_prepare_knows_every_example(self):
+        text = (self.SCENES / "prepare").read_text()
+        for scene in self.SCENES.glob("*.json"):
+            self.assertIn(f"make_{scene.stem}()", text)
 
 
 class Import(Case):
