@@ -451,7 +451,8 @@ class Examples(Case):
                 self.assertEqual(felt["status"]["converged"], felt["ticks"])
                 self.assertEqual(felt["limited"], 0)
                 self.assertLess(felt["force_max"], 5.0)
-                self.assertLess(felt["injected_energy"], 0.05)
+                # A wind pushes and a guide draws in: docs/examples.md says how much.
+                self.assertLess(felt["injected_energy"], 0.1)
                 os.remove(place)
 
     def test_prepare_knows_every_example(self):
