@@ -26,7 +26,8 @@ int run(int argc, char** argv) {
 
   // A verb of the contract that is not built yet, or a slip, deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
-  const std::vector<std::string> verbs{"info", "import", "make", "sample", "solve", "check", "feel"};
+  const std::vector<std::string> verbs{"info",  "import", "make", "sample",
+                                       "solve", "check",  "feel"};
   for (const char* later : {"explain", "press", "stability", "devices", "view"}) {
     if (first == later) {
       throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
