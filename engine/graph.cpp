@@ -510,6 +510,7 @@ class Compiler {
     guide.position = spec.position;
     if (directed) guide.direction = spec.direction / length;
     guide.snap = spec.snap;
+    guide.metres_per_unit = spec.metres_per_unit;
     guide.strength = strength(mode, path, [] { return -1; });
     return guide;
   }

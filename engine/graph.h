@@ -109,6 +109,7 @@ struct GuideSpec {
   Vec3 position = Vec3::Zero();                 ///< [m]
   Vec3 direction = Vec3::UnitX();               ///< Of a line; a plane's outward normal. Not zero.
   double snap = std::numeric_limits<double>::infinity();  ///< [m], > 0.
+  double metres_per_unit = 1.0;                           ///< Of the distance that its curves read.
 };
 
 /// A mode of the user's own; see mode.h.

@@ -156,7 +156,8 @@ double distanceTo(const GuideMode& guide, const Vec3& x) noexcept {
 
 bool emit(const GuideMode& mode, const Place& place) noexcept {
   if (!(distanceTo(mode, place.p) <= mode.snap)) return true;
-  const double strength = mode.strength(place.at, distanceTo(mode, place.probe));
+  const double distance = distanceTo(mode, place.probe) / mode.metres_per_unit;
+  const double strength = mode.strength(place.at, distance);
   return add(place.set, mode.shape, mode.position, mode.direction, strength);
 }
 

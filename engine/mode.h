@@ -106,7 +106,8 @@ struct GuideMode {
   Vec3 position = Vec3::Zero();                 ///< [m]
   Vec3 direction = Vec3::UnitX();               ///< Unit; a plane's outward normal.
   double snap = 0.0;                            ///< [m], > 0; infinite: it always acts.
-  Transfer strength;                            ///< Of its own: the probe's distance to it [m].
+  double metres_per_unit = 1.0;                 ///< Of the distance below.
+  Transfer strength;                            ///< Of its own: the probe's distance to it.
 };
 
 /// What a mode of the user's own is given.

@@ -238,6 +238,7 @@ void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& grap
     guide.position = place.translate + place.rotation * (place.scale * guide.position);
     guide.direction = place.rotation * guide.direction;
     guide.snap *= place.scale;
+    guide.metres_per_unit = place.scale;
   }
 }
 

@@ -28,19 +28,20 @@ std::string describe(const TransferSpec& transfer, const std::string& unit, cons
   return unit.empty() ? text : text + " " + unit;
 }
 
-std::string describe(const GuideSpec& guide) {
+std::string describe(const GuideSpec& guide, const std::string& in) {
   const auto vector = [](const Vec3& v) {
     return fmt::format("{}, {}, {}", rounded(v.x()), rounded(v.y()), rounded(v.z()));
   };
   std::string text = fmt::format("{} at {}", wordFor(guide.shape), vector(guide.position));
   if (guide.shape != PrimitiveKind::kPoint) text += " along " + vector(guide.direction);
   if (std::isfinite(guide.snap)) text += ", within " + rounded(guide.snap);
-  return text;
+  return text + (in.empty() ? " (metres)" : " (in the units of " + in + ")");
 }
 
-std::string describe(const ModeSpec& mode) {
+/// `in`: the volume in whose units a guide is given.
+std::string describe(const ModeSpec& mode, const std::string& in) {
   std::string text = wordFor(mode.kind);
-  text += mode.kind == ModeKind::kGuide ? ": " + describe(mode.guide) : " of " + mode.of;
+  text += mode.kind == ModeKind::kGuide ? ": " + describe(mode.guide, in) : " of " + mode.of;
   if (mode.kind == ModeKind::kIsosurface) {
     text += fmt::format(" at {}, {} is solid", rounded(mode.value),
                         mode.solid == Solid::kAbove ? "above" : "below");
@@ -148,8 +149,11 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   }
   json["modes"] = OrderedJson::array();
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const std::size_t source = graph.mode_sources[i];
+    const auto in = spec.guide_volumes.find(source);
     json["modes"].push_back({{"name", graph.mode_names[i]},
-                             {"does", describe(spec.graph.modes[graph.mode_sources[i]])}});
+                             {"does", describe(spec.graph.modes[source],
+                                               in == spec.guide_volumes.end() ? "" : in->second)}});
   }
   json["silent"] = graph.silent;
   json["left_out"] = graph.unused;

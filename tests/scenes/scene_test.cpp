@@ -438,3 +438,139 @@ TEST_CASE("the example scenes are valid", "[scene][schema]") {
     CHECK_NOTHROW(readSceneFile(entry.path()));
   }
 }
+
+TEST_CASE("every mode and material property is read, by the schema as well", "[scene][graph]") {
+  const TemporaryFolder folder;
+  writeTestVolumes(folder.path());
+  Json scene = fullScene();
+  const Json by_head = {{"window", {{"level", 0}, {"width", 1}, {"max", 0.5}}}, {"by", "head"}};
+  scene["coupling"]["stiffness"] = {
+      {"product", {2, {{"piecewise", {{-1, 100}, {1, 300}}}, {"by", "head"}}}}};
+  scene["modes"] = {
+      {{"mode", "surface"},
+       {"of", "head"},
+       {"strength", 1},
+       {"friction", 0.4},
+       {"viscosity", by_head}},
+      {{"mode", "isosurface"},
+       {"of", "head"},
+       {"value", 0},
+       {"strength", by_head},
+       {"friction", {{"product", {0.5, by_head}}}}},
+      {{"mode", "transverse_damping"}, {"of", "flow"}, {"strength", 0.1}},
+      {{"mode", "front_shape"},
+       {"of", "flow"},
+       {"strength", 0.5},
+       {"two_sided", false},
+       {"snap_drag", 4}},
+      {{"mode", "vortex_tube"}, {"of", "flow"}, {"strength", {{"product", {1, by_head}}}}},
+      {{"mode", "guide"},
+       {"shape", "point"},
+       {"at", {2, 2, 2}},
+       {"strength", by_head},
+       {"in", "head"},
+       {"snap", 1}},
+      {{"mode", "guide"},
+       {"shape", "line"},
+       {"at", {0, 0, 0.01}},
+       {"along", {0, 0, 3}},
+       {"strength", {{"piecewise", {{0, 1}, {0.01, 0}}}}}},
+      {{"mode", "guide"},
+       {"shape", "plane"},
+       {"at", {0, 0, 0}},
+       {"along", {1, 0, 0}},
+       {"strength", 1},
+       {"snap", 0.01},
+       {"name", "lid"}}};
+  REQUIRE(schemaAccepts(scene));
+  const SceneSpec spec = parseScene(scene.dump(), "s.json", folder.path());
+  const BuiltScene built = buildScene(spec);
+  const Graph& graph = built.scene->graph;
+  REQUIRE(graph.modes.size() == 8);
+  CHECK(built.scene->coupling.stiffness == 200);
+  CHECK_THROWS_WITH(checkDevice(spec, "arm", 599), Contains("/coupling/stiffness: 600 N/m"));
+  checkDevice(spec, "arm", 600);
+  CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
+  CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
+  CHECK(std::get<FrontShapeMode>(graph.modes[3]).snap == Approx(4 * graph.vector_frames[0].voxel));
+  // In the head's units: the middle of the head is the middle of the world, a unit 25 mm.
+  const auto& point = std::get<GuideMode>(graph.modes[5]);
+  CHECK(point.position.norm() < 1e-15);
+  CHECK(point.snap == Approx(0.025));
+  CHECK(point.metres_per_unit == Approx(0.025));
+  CHECK(std::get<GuideMode>(graph.modes[6]).direction == Vec3::UnitZ());
+
+  const auto refused = [&](int mode, const char* key, const Json& value, const char* says) {
+    Json bad = scene;
+    if (value.is_null()) {
+      bad["modes"][static_cast<std::size_t>(mode)].erase(key);
+    } else {
+      bad["modes"][static_cast<std::size_t>(mode)][key] = value;
+    }
+    CAPTURE(bad["modes"][static_cast<std::size_t>(mode)].dump());
+    CHECK_THAT(parseError(bad.dump()), Contains(says));
+    CHECK_FALSE(schemaAccepts(bad));
+  };
+  refused(0, "friction", "rough", "it is not an object");
+  refused(2, "friction", 0.1, "mode transverse_damping has no such key");
+  refused(3, "snap_drag", 0, "0 is not > 0");
+  refused(3, "two_sided", 1, "1 is not true or false");
+  refused(4, "of", nullptr, "\"of\" is missing");
+  refused(5, "of", "head", "mode guide has no such key");
+  refused(5, "along", {0, 0, 1}, "a point has no direction");
+  refused(5, "at", nullptr, "\"at\" is missing");
+  refused(6, "along", nullptr, "\"along\" is missing");
+  refused(6, "at", {1, 2}, "not a list of 3 numbers");
+  refused(7, "snap", -1, "-1 is not > 0");
+  refused(7, "shape", "force", "is not known");
+  Json bad = scene;
+  bad["modes"][5]["in"] = "haed";
+  CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
+                    Contains("s.json: /modes/5/in") && Contains("did you mean \"head\"?"));
+  bad = scene;
+  bad["modes"][6]["along"] = {0, 0, 0};
+  CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
+                    Contains("s.json: /modes/6/along"));
+  bad = scene;
+  bad["coupling"]["stiffness"] = {{"window", {{"level", 0}, {"width", 1}, {"max", 500}}},
+                                  {"by", "head"}};
+  CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
+                    Contains("s.json: /coupling/stiffness: it can be zero"));
+  bad["coupling"]["stiffness"] = {{"piecewise", {{0, 100}, {1, 200}}}};
+  CHECK_THROWS_WITH(buildScene(parseScene(bad.dump(), "s.json", folder.path())),
+                    Contains("s.json: /coupling/stiffness") && Contains("\"by\""));
+}
+
+TEST_CASE("the size of a scene changes no transfer function's input", "[scene][graph]") {
+  const TemporaryFolder folder;
+  writeTestVolumes(folder.path());
+  Json scene = fullScene();
+  const auto built = [&](double fit) {
+    scene["volumes"]["head"]["place"] = {{"fit", fit}};
+    return buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+  };
+  const BuiltScene small = built(0.1);
+  const BuiltScene large = built(0.37);
+  Reader small_reader;
+  Reader large_reader;
+  small_reader.bind(*small.scene);
+  large_reader.bind(*large.scene);
+  Properties a;
+  Properties b;
+  int inside = 0;
+  for (int i = 0; i < 1000; ++i) {
+    // The same place of the data.
+    const Vec3 p = 4.0 * Vec3(std::fmod(0.754877 * i, 1.0), std::fmod(0.569840 * i, 1.0),
+                              std::fmod(0.381966 * i, 1.0));
+    (void)small_reader.sample(*small.scene, small.placements.at("head")(p), a);
+    (void)large_reader.sample(*large.scene, large.placements.at("head")(p), b);
+    for (std::size_t j = 0; j < small.scene->graph.scalar_properties.size(); ++j) {
+      CAPTURE(p, small.scene->graph.scalar_properties[j]);
+      REQUIRE(a.scalars[j].inside == b.scalars[j].inside);
+      if (!a.scalars[j].inside) continue;
+      ++inside;
+      REQUIRE(a.scalars[j].value == Approx(b.scalars[j].value).epsilon(1e-9).margin(1e-9));
+    }
+  }
+  CHECK(inside > 1000);
+}
