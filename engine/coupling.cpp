@@ -24,7 +24,9 @@ VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted, cons
   const double most = kStiffnessRate * dt;
   const double per_stiffness = 0.5 * offset.squaredNorm();  // d energy / d k
   double change = std::clamp(wanted - last.value, -most, most);
-  if (change * per_stiffness > next.tank) change = next.tank / per_stiffness;
+  // A spring that only rounding stretches costs nothing.
+  constexpr double kRounding = 1e-16;  // [J]
+  if (change * per_stiffness > next.tank + kRounding) change = next.tank / per_stiffness;
   next.value += change;
   next.tank = std::clamp(next.tank - change * per_stiffness, 0.0, kStiffnessTank);
   return next;

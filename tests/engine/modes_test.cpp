@@ -665,6 +665,8 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate", "[mode
   CHECK(k.value == Approx(300.0 + 2e-6 / 9e-6));  // what softening gave, stiffening takes
   k = nextStiffness(k, 800.0, Vec3::Zero(), 0.0, kDt);
   CHECK(k.value == Approx(305.0 + 2e-6 / 9e-6));
+  CHECK(nextStiffness({300.0, 0.0}, 800.0, Vec3(1e-17, 0, 0), 0.0, kDt).value ==
+        305.0);                                                           // rounding
   CHECK(nextStiffness(k, 0.0, Vec3::Zero(), 0.0, kDt).value == k.value);  // no data
   CHECK(nextStiffness(k, std::nan(""), Vec3::Zero(), 0.0, kDt).value == k.value);
 }
