@@ -138,25 +138,10 @@ bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
   return addSlab(place.set, place.p, radial, strength);
 }
 
-/// How far x is from a guide; from a plane, how far behind it.
-double distanceTo(const GuideMode& guide, const Vec3& x) noexcept {
-  const Vec3 d = x - guide.position;
-  const double along = guide.direction.dot(d);
-  switch (guide.shape) {
-    case PrimitiveKind::kLine:
-      return (d - along * guide.direction).norm();
-    case PrimitiveKind::kPlane:
-      return std::max(0.0, -along);
-    case PrimitiveKind::kPoint:
-    case PrimitiveKind::kForce:
-      break;
-  }
-  return d.norm();
-}
-
 bool emit(const GuideMode& mode, const Place& place) noexcept {
-  if (!(distanceTo(mode, place.p) <= mode.snap)) return true;
-  const double distance = distanceTo(mode, place.probe) / mode.metres_per_unit;
+  const Primitive guide{mode.shape, mode.position, mode.direction};
+  if (!(distanceTo(guide, place.p) <= mode.snap)) return true;
+  const double distance = distanceTo(guide, place.probe) / mode.metres_per_unit;
   const double strength = mode.strength(place.at, distance);
   return add(place.set, mode.shape, mode.position, mode.direction, strength);
 }

@@ -1,5 +1,7 @@
 #include "engine/primitive.h"
 
+#include <algorithm>
+
 namespace palpate {
 
 const char* wordFor(PrimitiveKind kind) noexcept {
@@ -14,6 +16,22 @@ const char* wordFor(PrimitiveKind kind) noexcept {
       return "plane";
   }
   return "";
+}
+
+double distanceTo(const Primitive& primitive, const Vec3& x) noexcept {
+  const Vec3 d = x - primitive.position;
+  const double along = primitive.direction.dot(d);
+  switch (primitive.kind) {
+    case PrimitiveKind::kForce:
+      return 0.0;
+    case PrimitiveKind::kPoint:
+      break;
+    case PrimitiveKind::kLine:
+      return (d - along * primitive.direction).norm();
+    case PrimitiveKind::kPlane:
+      return std::max(0.0, -along);
+  }
+  return d.norm();
 }
 
 }  // namespace palpate

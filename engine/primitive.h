@@ -30,6 +30,11 @@ struct Primitive {
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 
+/// How far x is from where the primitive is content: from its point or line, or behind its plane;
+/// 0 for a force [m]. RT: no allocation.
+[[nodiscard]] double distanceTo(const Primitive& primitive,
+                                const Vec3& x) noexcept PALPATE_NONBLOCKING;
+
 /// Most primitives that one tick may balance.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
