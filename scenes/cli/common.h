@@ -31,6 +31,8 @@ void addMake(CLI::App& app, std::function<int()>& body);
 void addSample(CLI::App& app, std::function<int()>& body);
 void addSolve(CLI::App& app, std::function<int()>& body);
 void addCheck(CLI::App& app, std::function<int()>& body);
+void addExplain(CLI::App& app, std::function<int()>& body);
+void addPress(CLI::App& app, std::function<int()>& body);
 void addFeel(CLI::App& app, std::function<int()>& body);
 
 /// JSON as text, any bytes in names made printable.

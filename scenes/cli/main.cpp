@@ -26,9 +26,9 @@ int run(int argc, char** argv) {
 
   // A verb of the contract that is not built yet, or a slip, deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
-  const std::vector<std::string> verbs{"info",  "import", "make", "sample",
-                                       "solve", "check",  "feel"};
-  for (const char* later : {"explain", "press", "stability", "devices", "view"}) {
+  const std::vector<std::string> verbs{"info",  "import",  "make",  "sample", "solve",
+                                       "check", "explain", "press", "feel"};
+  for (const char* later : {"stability", "devices", "view"}) {
     if (first == later) {
       throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
     }
@@ -47,6 +47,8 @@ int run(int argc, char** argv) {
   cli::addSample(app, body);
   cli::addSolve(app, body);
   cli::addCheck(app, body);
+  cli::addExplain(app, body);
+  cli::addPress(app, body);
   cli::addFeel(app, body);
   try {
     app.parse(argc, argv);

@@ -49,7 +49,7 @@ class Case(unittest.TestCase):
 
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
-        for verb in ("info", "make", "sample", "solve", "check", "feel"):
+        for verb in ("info", "make", "sample", "solve", "check", "explain", "press", "feel"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertIn("0.", run("--version").stdout)
 
@@ -57,7 +57,7 @@ class Program(Case):
         self.refused(says="usage")
         self.refused("tickle", says="is no verb")
         self.refused("fel", says='did you mean "feel"?')
-        self.refused("press", says="does not have it yet")
+        self.refused("stability", says="does not have it yet")
         self.refused("feel", says="see palpate feel --help")
         self.refused("info", "a", "--nonsense", says="nonsense")
 
@@ -71,7 +71,7 @@ class Documents(unittest.TestCase):
 
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
-        for verb in ("info", "import", "make", "sample", "solve", "check", "feel"):
+        for verb in ("info", "import", "make", "sample", "solve", "check", "explain", "press", "feel"):
             self.assertIn(f"\n## {verb} ", text)
 
 

@@ -1,0 +1,445 @@
+/// palpate press: the force-depth curve of a finger that goes straight in and out again.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+#include "engine/telemetry.h"
+#include "scenes/cli/picture.h"
+#include "scenes/cli/touch.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kMostSteps = 1e6;  // each way
+
+struct Options {
+  std::string scene;
+  std::string at;
+  std::string along;
+  double speed = 0.05;  // [m/s]
+  double rate = 1000.0;
+  std::string csv;
+  std::string picture;
+  bool json = false;
+};
+
+/// The way of the hand: straight in, straight out, in equal steps.
+struct Way {
+  Vec3 at;
+  Vec3 along;
+  int steps = 1;  ///< Each way.
+
+  [[nodiscard]] double length() const { return along.norm(); }
+  [[nodiscard]] Vec3 direction() const { return along / length(); }
+  [[nodiscard]] bool inwards(int tick) const { return tick <= steps; }
+  /// Share of the depth, 0 to 1.
+  [[nodiscard]] double share(int tick) const {
+    return static_cast<double>(inwards(tick) ? tick : 2 * steps - tick) / steps;
+  }
+  [[nodiscard]] Vec3 hand(int tick) const { return at + share(tick) * along; }
+};
+
+/// One tick, seen along the way.
+struct Row {
+  bool in = true;
+  double depth = 0.0;         ///< Of the hand [m].
+  double force_along = 0.0;   ///< > 0 pushes back out [N].
+  double force_across = 0.0;  ///< Size [N].
+  double proxy_depth = 0.0;   ///< [m]
+  double proxy_across = 0.0;  ///< How far the proxy is off the way [m].
+  double injected = 0.0;      ///< [J]
+  StepStatus status = StepStatus::kConverged;
+  bool limited = false;
+  std::string contacts;  ///< "bone=holds; blood=yields"
+};
+
+/// Where a mode gave way.
+struct Yield {
+  double depth = 0.0;        ///< Of the hand [m].
+  double proxy_depth = 0.0;  ///< [m]
+  double force = 0.0;        ///< What it carries, friction and drag aside [N].
+  double force_along = 0.0;  ///< What the hand feels [N].
+};
+
+/// What one mode did on the way in.
+struct ModePressed {
+  std::optional<double> touched;  ///< Depth at which it began to carry [m].
+  double held = 0.0;              ///< The most that it carried, in and out [N].
+  bool ready = false;             ///< It has been seen not to yield,
+  std::optional<Yield> yield;     ///< so this is where it gave way.
+  std::optional<double> let_go;   ///< Depth at which it carried nothing any more [m].
+};
+
+/// Collects the curve and what it adds up to.
+class Curve {
+ public:
+  Curve(const Opened& opened, const Way& way)
+      : scene_(*opened.built.scene), way_(way), modes_(scene_.graph.modes.size()) {}
+
+  void add(int tick, const StepReport& r, const ProxyState& state) {
+    Row row = seen(tick, r);
+    for (std::size_t i = 0; i < modes_.size(); ++i) {
+      const std::vector<Load> loads = loadsOf(state, r, i);
+      follow(modes_[i], loads, row);
+      tell(row, i, loads, state.memory(i).contact);
+    }
+    count(tick, r, row);
+    rows_.push_back(std::move(row));
+  }
+
+  [[nodiscard]] const std::vector<Row>& rows() const { return rows_; }
+  [[nodiscard]] OrderedJson summary(const Options& options, const std::string& source) const;
+
+ private:
+  [[nodiscard]] Row seen(int tick, const StepReport& r) const {
+    const Vec3 u = way_.direction();
+    const Vec3 proxy = r.proxy - way_.at;
+    Row row;
+    row.in = way_.inwards(tick);
+    row.depth = way_.share(tick) * way_.length();
+    row.force_along = 0.0 - r.force.dot(u);
+    row.force_across = (r.force - r.force.dot(u) * u).norm();
+    row.proxy_depth = proxy.dot(u);
+    row.proxy_across = (proxy - proxy.dot(u) * u).norm();
+    row.injected = r.injected;
+    row.status = r.status;
+    row.limited = r.limited;
+    return row;
+  }
+
+  static void follow(ModePressed& mode, const std::vector<Load>& loads, const Row& row) {
+    constexpr double kNewtons = 1e-6;  // less is rounding
+    const double held = totalOf(loads).norm();
+    const bool carries = held > kNewtons;
+    mode.held = std::max(mode.held, held);
+    if (!row.in) return;
+    if (carries && !mode.touched) mode.touched = row.depth;
+    const bool yields = holdOf(loads) == Hold::kYields;
+    if (yields && mode.ready && !mode.yield) {
+      mode.yield =
+          Yield{row.depth, row.proxy_depth, totalOf(bearersOf(loads)).norm(), row.force_along};
+    }
+    mode.ready = mode.ready || !yields;
+    if (!carries && mode.yield && !mode.let_go) mode.let_go = row.depth;
+  }
+
+  void tell(Row& row, std::size_t i, const std::vector<Load>& loads,
+            ModeMemory::Contact contact) const {
+    const bool inside = contact == ModeMemory::Contact::kInside;
+    if (loads.empty() && !inside) return;
+    const char* word = inside && holdOf(loads) == Hold::kIdle ? "inside" : wordFor(holdOf(loads));
+    row.contacts += (row.contacts.empty() ? "" : "; ") + scene_.graph.mode_names[i] + "=" + word;
+  }
+
+  /// Energies, as the hand meets them: a force holds until the next tick.
+  void count(int tick, const StepReport& r, const Row& row) {
+    const Vec3 hand = way_.hand(tick);
+    if (rows_.empty()) {
+      bound_ = 0.5 * r.stiffness * (r.proxy - hand).squaredNorm();
+    } else {
+      const Vec3 moved = hand - way_.hand(tick - 1);
+      net_ += last_force_.dot(moved);
+      bound_ += r.injected + 0.5 * last_stiffness_ * moved.squaredNorm();
+      injected_ += r.injected;
+      const double work =
+          0.5 * (row.force_along + rows_.back().force_along) * (row.depth - rows_.back().depth);
+      (row.in ? work_in_ : work_out_) += row.in ? work : -work;
+    }
+    ++statuses_[static_cast<std::size_t>(r.status)];
+    limited_ += static_cast<int>(r.limited);
+    last_force_ = r.force;
+    last_stiffness_ = r.stiffness;
+  }
+
+  /// The straight line through the curve from the first force to the first yield [N/m].
+  [[nodiscard]] std::optional<double> slope() const;
+
+  const Scene& scene_;
+  const Way way_;
+  std::vector<Row> rows_;
+  std::vector<ModePressed> modes_;
+  std::array<int, 5> statuses_{};
+  Vec3 last_force_ = Vec3::Zero();
+  double last_stiffness_ = 0.0;
+  double net_ = 0.0;    ///< Given to the hand [J].
+  double bound_ = 0.0;  ///< The most that a passive engine gives [J].
+  double injected_ = 0.0;
+  double work_in_ = 0.0;
+  double work_out_ = 0.0;
+  int limited_ = 0;
+};
+
+std::optional<double> Curve::slope() const {
+  constexpr double kNewtons = 1e-6;
+  double first_yield = std::numeric_limits<double>::infinity();
+  for (const ModePressed& mode : modes_) {
+    if (mode.yield) first_yield = std::min(first_yield, mode.yield->depth);
+  }
+  double n = 0.0;
+  double x = 0.0;
+  double y = 0.0;
+  double xx = 0.0;
+  double xy = 0.0;
+  for (const Row& row : rows_) {
+    if (!row.in || row.depth >= first_yield || std::abs(row.force_along) <= kNewtons) continue;
+    n += 1.0;
+    x += row.depth;
+    y += row.force_along;
+    xx += row.depth * row.depth;
+    xy += row.depth * row.force_along;
+  }
+  const double spread = n * xx - x * x;
+  if (n < 3.0 || !(spread > 0.0)) return std::nullopt;
+  return (n * xy - x * y) / spread;
+}
+
+OrderedJson orNull(const std::optional<double>& value) {
+  return value ? OrderedJson(*value) : OrderedJson();
+}
+
+OrderedJson report(const std::string& name, const ModePressed& mode) {
+  OrderedJson json;
+  json["mode"] = name;
+  json["touched_at"] = orNull(mode.touched);
+  json["held_max"] = mode.held;
+  json["yield"] = nullptr;
+  if (mode.yield) {
+    json["yield"] = {{"depth", mode.yield->depth},
+                     {"proxy_depth", mode.yield->proxy_depth},
+                     {"force", mode.yield->force},
+                     {"force_along", mode.yield->force_along}};
+  }
+  json["let_go_at"] = orNull(mode.let_go);
+  return json;
+}
+
+OrderedJson Curve::summary(const Options& options, const std::string& source) const {
+  const auto most = std::max_element(rows_.begin(), rows_.end(), [](const Row& a, const Row& b) {
+    return std::hypot(a.force_along, a.force_across) < std::hypot(b.force_along, b.force_across);
+  });
+  OrderedJson json;
+  json["scene"] = source;
+  json["at"] = toJson(way_.at);
+  json["along"] = toJson(way_.along);
+  json["depth"] = way_.length();
+  json["speed"] = way_.length() / way_.steps * options.rate;
+  json["rate"] = options.rate;
+  json["ticks"] = rows_.size();
+  json["force_max"] = {{"force", std::hypot(most->force_along, most->force_across)},
+                       {"depth", most->depth},
+                       {"phase", most->in ? "in" : "out"}};
+  json["stiffness"] = orNull(slope());
+  json["work_in"] = work_in_;
+  json["work_out"] = work_out_;
+  json["hysteresis"] = work_in_ - work_out_;
+  json["net_energy"] = net_;
+  json["net_energy_bound"] = bound_;
+  json["injected_energy"] = injected_;
+  json["limited"] = limited_;
+  json["status"] = OrderedJson::object();
+  for (std::size_t i = 0; i < statuses_.size(); ++i) {
+    json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
+  }
+  json["modes"] = OrderedJson::array();
+  for (std::size_t i = 0; i < modes_.size(); ++i) {
+    json["modes"].push_back(report(scene_.graph.mode_names[i], modes_[i]));
+  }
+  return json;
+}
+
+/// A CSV field, quoted where it must be.
+std::string field(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + "\"";
+}
+
+std::string csv(const std::vector<Row>& rows) {
+  std::string text =
+      "phase,depth,force_along,force_across,proxy_depth,proxy_across,injected,status,limited,"
+      "contacts\n";
+  for (const Row& row : rows) {
+    text += fmt::format("{},{},{},{},{},{},{},{},{},{}\n", row.in ? "in" : "out", number(row.depth),
+                        number(row.force_along), number(row.force_across), number(row.proxy_depth),
+                        number(row.proxy_across), number(row.injected), wordFor(row.status),
+                        row.limited ? 1 : 0, field(row.contacts));
+  }
+  return text;
+}
+
+/// A dozen rows for people.
+void printTable(const Curve& curve, int steps) {
+  constexpr int kLines = 10;
+  fmt::print("{:>12} {:>12} {:>12} {:>12}  contacts on the way in\n", "depth mm", "in N", "out N",
+             "proxy mm");
+  const std::vector<Row>& rows = curve.rows();
+  int last = -1;
+  for (int line = 0; line <= kLines; ++line) {
+    const int i = static_cast<int>(std::llround(static_cast<double>(line) / kLines * steps));
+    if (i == last) continue;
+    last = i;
+    const Row& in = rows[static_cast<std::size_t>(i)];
+    const Row& out = rows[static_cast<std::size_t>(2 * steps - i)];
+    fmt::print("{:>12} {:>12} {:>12} {:>12}  {}\n", shown(1e3 * in.depth), shown(in.force_along),
+               shown(out.force_along), shown(1e3 * in.proxy_depth), in.contacts);
+  }
+}
+
+std::string millimetres(const OrderedJson& metres) {
+  return shown(1e3 * metres.get<double>()) + " mm";
+}
+
+void printMode(const OrderedJson& mode) {
+  const auto name = mode["mode"].get<std::string>();
+  if (mode["touched_at"].is_null()) {
+    fmt::print("mode      {}: not felt\n", name);
+    return;
+  }
+  std::string text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
+                                 shown(mode["held_max"].get<double>()));
+  const OrderedJson& yield = mode["yield"];
+  if (!yield.is_null()) {
+    text += fmt::format("; gave way at {} with {} N", millimetres(yield["depth"]),
+                        shown(yield["force"].get<double>()));
+  }
+  if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
+  fmt::print("mode      {}: {}\n", name, text);
+}
+
+void print(const OrderedJson& json) {
+  const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
+  fmt::print("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]),
+             of(json["speed"]), json["ticks"].get<std::size_t>());
+  fmt::print("force     at most {} N, at {} on the way {}; the limiter acted in {} ticks\n",
+             of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
+             json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
+  fmt::print("stiffness {}\n", json["stiffness"].is_null()
+                                   ? "not felt"
+                                   : of(json["stiffness"]) + " N/m up to the first yield");
+  for (const OrderedJson& mode : json["modes"]) printMode(mode);
+  fmt::print("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]),
+             of(json["work_out"]), of(json["hysteresis"]));
+  fmt::print(
+      "          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "
+      "own motion\n",
+      of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
+}
+
+Way wayOf(const Options& options) {
+  Way way;
+  way.at = readVector("--at", options.at);
+  way.along = readVector("--along", options.along);
+  checkReach("--along", way.at + way.along);
+  if (!(way.length() > 1e-9)) {
+    throw Error("--along", "its length is how deep to press, and it is none",
+                "give metres, as 0,0,-0.01");
+  }
+  if (!(options.speed > 0.0) || !std::isfinite(options.speed)) {
+    throw Error("--speed", fmt::format("{} m/s is not more than 0", options.speed), "use 0.05");
+  }
+  const double steps = std::ceil(way.length() * options.rate / options.speed * (1.0 - 1e-12));
+  if (!(steps <= kMostSteps)) {
+    throw Error("--speed", fmt::format("the way takes more than {} ticks", kMostSteps),
+                "press faster, less deep or at a lower rate");
+  }
+  way.steps = std::max(1, static_cast<int>(steps));
+  return way;
+}
+
+/// No two outputs may go to one place, and none to what is read.
+void checkOutputs(const Options& options, const SceneSpec& spec) {
+  if (options.json && options.csv == "-") {
+    throw Error("press", "two outputs would go to \"-\"", "give --csv a file");
+  }
+  if (!options.csv.empty() && options.csv == options.picture) {
+    throw Error("press", "two outputs would go to \"" + options.csv + "\"",
+                "give each its own place");
+  }
+  std::vector<std::filesystem::path> inputs{options.scene};
+  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
+  for (const std::string& place : {options.csv, options.picture}) {
+    for (const std::filesystem::path& input : inputs) {
+      std::error_code error;
+      if (place.empty() || place == "-" || !std::filesystem::equivalent(place, input, error)) {
+        continue;
+      }
+      throw Error(place, "it is an input of this run", "write to another file");
+    }
+  }
+}
+
+/// Ticks all the way; true if none was a fault.
+bool run(const Scene& scene, const Way& way, double rate, Curve& curve, Picture* picture) {
+  Reader reader;
+  ProxyState state(pathLimits());
+  const double dt = 1.0 / rate;
+  Telemetry tick;
+  tick.report = restAt(scene, reader, state, way.at, dt).report;
+  for (int i = 0; i <= 2 * way.steps; ++i) {
+    tick.probe = way.hand(i);
+    tick.time = i * dt;
+    if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt);
+    curve.add(i, tick.report, state);
+    if (picture != nullptr) picture->add(tick);
+  }
+  return !state.faulted();
+}
+
+int press(const Options& options) {
+  checkRate(options.rate);
+  const Way way = wayOf(options);
+  const Opened opened = openFor(options.scene);
+  checkOutputs(options, opened.spec);
+  std::optional<Picture> picture;
+  if (!options.picture.empty()) picture.emplace(options.picture);
+  std::optional<WholeFile> file;
+  if (!options.csv.empty()) file.emplace(options.csv);
+
+  Curve curve(opened, way);
+  const bool good =
+      run(*opened.built.scene, way, options.rate, curve, picture ? &*picture : nullptr);
+  if (file) {
+    file->write(csv(curve.rows()));
+    file->commit();
+  }
+  if (picture) picture->draw(opened.spec, opened.built);
+  const OrderedJson summary = curve.summary(options, opened.spec.source);
+  if (options.json) {
+    fmt::print("{}\n", dump(summary, 2));
+  } else if (options.csv != "-") {
+    printTable(curve, way.steps);
+    print(summary);
+  }
+  if (good) return kDone;
+  complain("press: the force was cut: a sample was not finite: mend the volume");
+  return kEndedEarly;
+}
+
+}  // namespace
+
+void addPress(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb =
+      app.add_subcommand("press", "Presses straight in and out; prints the force-depth curve");
+  auto options = std::make_shared<Options>();
+  verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_option("--at", options->at, "x,y,z: where the hand begins and ends [m]")->required();
+  verb->add_option("--along", options->along,
+                   "x,y,z: where it goes from there; its length is how deep [m]")
+      ->required();
+  verb->add_option("--speed", options->speed, "Of the hand [m/s] (default 0.05)");
+  verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  verb->add_option("--csv", options->csv, "The curve, one row a tick; - is standard output");
+  verb->add_option("--picture", options->picture, "PNG: the way over the slices, force over time");
+  verb->add_flag("--json", options->json, "Print the summary as JSON");
+  verb->footer(
+      "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");
+  verb->callback([=, &body] { body = [=] { return press(*options); }; });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,199 @@
+#include "scenes/cli/touch.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "devices/path_device.h"
+#include "engine/error.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kFarthest = 1e6;  // [m], as hapticStep
+
+DeviceInfo pathDevice() {
+  return PathDevice({PathPoint{}}, 1000.0).info();
+}
+
+/// At its strength, a primitive that shares a load may hold all the same: it yields where the proxy
+/// has left it.
+Hold holdOf(const Load& load, const StepReport& report) {
+  if (load.primitive.kind == PrimitiveKind::kForce) return Hold::kPushes;
+  const double carried = load.force.norm();
+  if (carried <= load.known) return Hold::kIdle;
+  if (carried < load.primitive.strength - load.known) return Hold::kHolds;
+  constexpr double kRounding = 1e-12;  // [m]
+  const bool arrived = report.status != StepStatus::kSubstepLimit;
+  const double off = distanceTo(load.primitive, report.proxy);
+  return arrived && off <= kRounding + report.error_bound ? Hold::kHolds : Hold::kYields;
+}
+
+}  // namespace
+
+Vec3 readVector(const std::string& option, const std::string& text) {
+  Vec3 v = Vec3::Zero();
+  const char* at = text.data();
+  const char* end = at + text.size();
+  bool good = true;
+  for (int i = 0; i < 3 && good; ++i) {
+    if (i > 0) good = at != end && *at++ == ',';
+    if (!good) break;
+    const auto [rest, error] = std::from_chars(at, end, v[i]);
+    good = error == std::errc() && std::isfinite(v[i]);
+    at = rest;
+  }
+  if (!good || at != end) {
+    throw Error(option, "\"" + text + "\" is not x,y,z",
+                "give three numbers in metres, as 0,0,0.05");
+  }
+  checkReach(option, v);
+  return v;
+}
+
+void checkReach(const std::string& option, const Vec3& p) {
+  if (p.cwiseAbs().maxCoeff() < kFarthest) return;
+  throw Error(option, "it leads farther than 1,000 km", "give metres");
+}
+
+void checkRate(double rate) {
+  if (rate >= 10.0 && rate <= 100000.0) return;
+  throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
+}
+
+Opened openFor(const std::string& scene, const UserSpec& watcher) {
+  Opened opened;
+  opened.spec = openScene(scene, showProgress("loading"));
+  for (const std::string& note : opened.spec.notes) complain(note);
+  const DeviceInfo device = pathDevice();
+  checkDevice(opened.spec, device.name, device.max_stiffness);
+  SceneSpec spec = opened.spec;
+  if (watcher.place != nullptr) {
+    ModeSpec mode;
+    mode.kind = ModeKind::kUser;
+    mode.user = watcher;
+    spec.graph.modes.push_back(mode);
+  }
+  opened.built = buildScene(spec, showProgress("loading"));
+  for (const std::string& note : opened.built.notes) complain(note);
+  return opened;
+}
+
+ForceLimits pathLimits() {
+  return pathDevice().limits;
+}
+
+Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at, double dt) {
+  constexpr double kLongest = 2.0;  // [s]
+  const bool varies = !scene.graph.stiffness.factors.empty();
+  Rest rest;
+  double last = 0.0;
+  do {
+    last = rest.report.stiffness;
+    rest.report = hapticStep(scene, reader, {at}, state, dt);
+    ++rest.ticks;
+  } while (varies && rest.report.stiffness != last && rest.ticks * dt < kLongest);
+  return rest;
+}
+
+std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report, std::size_t i) {
+  std::size_t first = 0;
+  for (std::size_t j = 0; j < i; ++j) first += static_cast<std::size_t>(state.memory(j).emitted);
+  const auto count = static_cast<std::size_t>(state.memory(i).emitted);
+  const auto items = state.primitives().items();
+  const auto forces = state.forces();
+  std::vector<Load> loads;
+  if (report.status == StepStatus::kFault || first + count > items.size()) return loads;
+  for (std::size_t j = first; j < first + count; ++j) {
+    Load load;
+    load.primitive = items[j];
+    load.force = forces[j];
+    for (const FrictionLink& link : state.primitives().links()) {
+      if (link.line != j) continue;
+      load.friction = true;
+      load.coefficient = link.coefficient;
+      load.plane = link.plane - first;
+    }
+    // As near as the balance knows the loads.
+    load.known = 1e-9 * items[j].strength + report.stiffness * report.error_bound;
+    load.hold = holdOf(load, report);
+    loads.push_back(load);
+  }
+  return loads;
+}
+
+Vec3 totalOf(const std::vector<Load>& loads) {
+  Vec3 total = Vec3::Zero();
+  for (const Load& load : loads) total += load.force;
+  return total;
+}
+
+std::vector<Load> bearersOf(const std::vector<Load>& loads) {
+  std::vector<Load> planes;
+  std::vector<Load> others;
+  for (const Load& load : loads) {
+    const bool plane = load.primitive.kind == PrimitiveKind::kPlane;
+    if (!load.friction) (plane ? planes : others).push_back(load);
+  }
+  return planes.empty() ? others : planes;
+}
+
+Hold holdOf(const std::vector<Load>& loads) {
+  Hold hold = Hold::kIdle;
+  double known = 0.0;
+  const std::vector<Load> bearers = bearersOf(loads);
+  for (const Load& load : bearers) {
+    hold = std::max(hold, load.hold);
+    known += load.known;
+  }
+  return totalOf(bearers).norm() > known ? hold : Hold::kIdle;
+}
+
+const char* wordFor(Hold hold, bool friction) {
+  switch (hold) {
+    case Hold::kIdle:
+      break;
+    case Hold::kHolds:
+      return friction ? "sticks" : "holds";
+    case Hold::kYields:
+      return friction ? "slips" : "yields";
+    case Hold::kPushes:
+      return "pushes";
+  }
+  return "idle";
+}
+
+const char* wordFor(ModeMemory::Contact contact) {
+  switch (contact) {
+    case ModeMemory::Contact::kUnknown:
+      break;
+    case ModeMemory::Contact::kOutside:
+      return "outside";
+    case ModeMemory::Contact::kYielded:
+      return "yielded";
+    case ModeMemory::Contact::kInside:
+      return "inside";
+  }
+  return "unknown";
+}
+
+const char* wordFor(SolverKind kind) {
+  switch (kind) {
+    case SolverKind::kClosedForm:
+      return "closed-form";
+    case SolverKind::kPair:
+      return "pair";
+    case SolverKind::kGeneral:
+      break;
+  }
+  return "general";
+}
+
+std::string shown(double value) {
+  constexpr double kNoise = 1e-12;
+  return rounded(std::abs(value) < kNoise ? 0.0 : value);
+}
+
+}  // namespace palpate::cli

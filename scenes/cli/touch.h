@@ -1,0 +1,82 @@
+/// What explain and press share: a hand of one's own in a scene, and in words what each mode does.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "engine/step.h"
+#include "scenes/cli/common.h"
+#include "scenes/scene_file.h"
+
+namespace palpate::cli {
+
+/// "x,y,z" in metres, finite and within 1,000 km; else throws Error that names the option.
+[[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
+
+/// Throws Error where a place is farther than a tick takes for a hand.
+void checkReach(const std::string& option, const Vec3& p);
+
+/// Throws Error where ticks a second are not 10 to 100000.
+void checkRate(double rate);
+
+/// A scene with its notes told on stderr, refused where a `path` device would refuse it.
+struct Opened {
+  SceneSpec spec;
+  BuiltScene built;
+};
+/// `watcher`: a mode of the caller's own that is added last, if it has a function.
+[[nodiscard]] Opened openFor(const std::string& scene, const UserSpec& watcher = {});
+
+/// Those of the device `path`: no hand yields, so no hardware limits it.
+[[nodiscard]] ForceLimits pathLimits();
+
+/// How a rest ended.
+struct Rest {
+  StepReport report;  ///< Of its last tick.
+  int ticks = 0;
+};
+/// The hand comes to `at` and rests: one tick, so that contacts are known, and where the stiffness
+/// varies as many more as it takes to settle, two seconds at most.
+[[nodiscard]] Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& at,
+                          double dt);
+
+/// What a primitive does in a balance.
+enum class Hold : std::uint8_t {
+  kIdle,    ///< Carries nothing.
+  kHolds,   ///< Carries less than its strength: the proxy stays on it.
+  kYields,  ///< Carries its strength: the proxy was pulled off it.
+  kPushes,  ///< A directed force: always its strength.
+};
+
+/// One primitive of the last balance.
+struct Load {
+  Primitive primitive;
+  Vec3 force = Vec3::Zero();  ///< What it does to the proxy [N].
+  double known = 0.0;         ///< To within this [N].
+  Hold hold = Hold::kIdle;
+  bool friction = false;     ///< A line of friction, whose strength is mu times its plane's load.
+  double coefficient = 0.0;  ///< mu, of friction.
+  std::size_t plane = 0;     ///< Of friction: its plane's index among the mode's.
+};
+
+/// What mode i placed in the last sub-step, with its loads. None after a fault.
+[[nodiscard]] std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report,
+                                        std::size_t i);
+/// Their sum: what the mode does to the proxy [N].
+[[nodiscard]] Vec3 totalOf(const std::vector<Load>& loads);
+/// Those that hold for the mode: its planes if it has any, else all; friction and the drag of a
+/// surface go with the planes. Opposed planes are one: what counts is what they carry together.
+[[nodiscard]] std::vector<Load> bearersOf(const std::vector<Load>& loads);
+/// The strongest word of these, idle where they do nothing together.
+[[nodiscard]] Hold holdOf(const std::vector<Load>& loads);
+
+/// "idle", "holds", "yields", "pushes"; of friction "idle", "sticks", "slips".
+[[nodiscard]] const char* wordFor(Hold hold, bool friction = false);
+[[nodiscard]] const char* wordFor(ModeMemory::Contact contact);
+[[nodiscard]] const char* wordFor(SolverKind kind);
+
+/// For people: a few digits, rounding noise as 0.
+[[nodiscard]] std::string shown(double value);
+
+}  // namespace palpate::cli

@@ -1,0 +1,414 @@
+#!/usr/bin/env python3
+"""`palpate explain` and `palpate press` against numbers by hand:
+explain_press_test.py BIN_DIR VOLUMES_PROGRAM.
+
+The density of linear.vdb is x + 2 y - z, so its isosurfaces are planes; a centimetre a unit.
+"""
+import csv
+import io
+import json
+import math
+import os
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from cli_test import PALPATE, Case, run  # noqa: E402
+
+K = 500.0
+PLACE = {"scale": 0.01, "translate": [0, 0, 0]}
+VOLUMES = {"d": {"file": "linear.vdb", "grid": "density", "place": PLACE},
+           "v": {"file": "linear.vdb", "grid": "velocity", "place": PLACE}}
+MIDDLE = [0.02, 0.02, 0.02]  # there the density is 4 and the velocity (-2, 2, 6)
+INTO = [c / math.sqrt(6) for c in (1, 2, -1)]  # up the density
+ASIDE = [c / math.sqrt(2) for c in (0, 1, 2)]
+ASIDE = [c / math.sqrt(5) * math.sqrt(2) for c in ASIDE]  # unit, across INTO
+WALL = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3}
+
+
+def along(a, x, b=(0, 0, 0), y=0.0, start=(0, 0, 0)):
+    return [s + x * p + y * q for s, p, q in zip(start, a, b)]
+
+
+def words(v):
+    return ",".join(repr(c) for c in v)
+
+
+def size(v):
+    return math.sqrt(sum(c * c for c in v))
+
+
+def dot(a, b):
+    return sum(x * y for x, y in zip(a, b))
+
+
+class Touch(Case):
+    def scene(self, *modes, volumes=None, **rest):
+        file = self.dir / "touch.json"
+        file.write_text(json.dumps({"palpate": 1, "volumes": volumes or VOLUMES,
+                                    "modes": list(modes), **rest}))
+        self.addCleanup(lambda: file.unlink(missing_ok=True))
+        return file
+
+    def explain(self, scene, at, push, *options):
+        words_ = ("explain", scene, "--at", words(at), "--push", words(push), *options)
+        text = run(*words_).stdout
+        self.assertNotIn("nan", text.lower())
+        out = json.loads(run(*words_, "--json").stdout, parse_constant=self.fail)
+        return out, text
+
+    def press(self, scene, at, way, *options):
+        words_ = ("press", scene, "--at", words(at), "--along", words(way), *options)
+        summary = json.loads(run(*words_, "--json").stdout, parse_constant=self.fail)
+        rows = list(csv.DictReader(io.StringIO(run(*words_, "--csv", "-").stdout)))
+        # A passive engine gives no more than this, whatever the scene.
+        self.assertLessEqual(summary["net_energy"], summary["net_energy_bound"] + 1e-12)
+        self.assertEqual(summary["ticks"], len(rows))
+        self.assertEqual(sum(summary["status"].values()), len(rows))
+        return summary, rows
+
+    def near(self, a, b, places=9):
+        for x, y in zip(a, b):
+            self.assertAlmostEqual(x, y, places)
+
+
+class Explain(Touch):
+    def mode(self, out, name):
+        return next(m for m in out["modes"] if m["name"] == name)
+
+    def test_a_plane_pressed_by_a_millimetre_holds_half_a_newton(self):
+        out, text = self.explain(self.scene(WALL), MIDDLE, along(INTO, 0.001))
+        wall = self.mode(out, "wall")
+        self.assertTrue(wall["active"])
+        self.assertEqual((wall["state"], wall["contact"]), ("holds", "outside"))
+        self.near(wall["load"], along(INTO, -0.5))
+        [plane] = wall["primitives"]
+        self.assertEqual((plane["role"], plane["kind"], plane["state"]),
+                         ("surface", "plane", "holds"))
+        self.assertAlmostEqual(plane["size"], 0.5)
+        self.assertAlmostEqual(plane["share"], 0.5 / 3)
+        self.near(plane["direction"], along(INTO, -1))
+        self.near(out["balance"]["proxy"], MIDDLE)
+        self.assertEqual(out["balance"]["solver"], "closed-form")
+        self.near(out["force"]["sent"], along(INTO, -0.5))
+        self.assertFalse(out["force"]["limiter"]["acted"])
+        self.assertEqual(out["because"][0], "wall holds with 0.5 of 3 N along its normal.")
+        self.assertIn("because   wall holds with 0.5 of 3 N", text)
+
+    def test_beyond_its_strength_it_yields(self):
+        out, _ = self.explain(self.scene(WALL), MIDDLE, along(INTO, 0.008))
+        wall = self.mode(out, "wall")
+        self.assertEqual((wall["state"], wall["contact"]), ("yields", "yielded"))
+        self.assertAlmostEqual(size(wall["load"]), 3)
+        self.near(out["balance"]["proxy"], along(INTO, 0.002, start=MIDDLE))
+        # The limiter lets the force grow by 2 N in a tick.
+        limiter = out["force"]["limiter"]
+        self.assertEqual((limiter["slewed"], limiter["peaked"]), (True, False))
+        self.assertAlmostEqual(size(out["force"]["wanted"]), 3)
+        self.assertAlmostEqual(out["force"]["size"], 2)
+        self.assertIn("grow by 2 N a tick: 2 N is sent", out["because"][1])
+
+    def test_friction_sticks_below_mu_n_and_slips_at_it(self):
+        scene = self.scene({**WALL, "friction": 0.3})
+        for aside, held, state in ((0.0002, 0.1, "sticks"), (0.001, 0.15, "slips")):
+            out, _ = self.explain(scene, MIDDLE, along(INTO, 0.001, ASIDE, aside))
+            plane, line = self.mode(out, "wall")["primitives"]
+            self.assertEqual((line["role"], line["kind"], line["state"]),
+                             ("friction", "line", state))
+            self.assertAlmostEqual(plane["size"], 0.5)
+            self.assertAlmostEqual(line["strength"], 0.3 * 0.5)
+            self.assertEqual(line["coefficient"], 0.3)
+            self.near(line["load"], along(ASIDE, -held))
+            self.assertEqual(self.mode(out, "wall")["state"], "holds")
+        self.assertIn("its friction slips at 0.15 N", out["because"][0])
+
+    def test_the_loads_add_up_to_the_spring(self):
+        scene = self.scene(
+            {**WALL, "friction": 0.2, "viscosity": 0.1},
+            {"name": "stream", "mode": "follow", "of": "v", "strength": 0.7},
+            {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2},
+            {"name": "tube", "mode": "vortex_tube", "of": "v", "strength": 0.3},
+            {"name": "wind", "mode": "force", "of": "v", "strength": 0.1},
+            coupling={"stiffness": K, "damping": 0.2})
+        for x in (-0.002, 0.001, 0.004):
+            for y in (-0.001, 0.002):
+                push = along(INTO, x, ASIDE, y)
+                out, _ = self.explain(scene, MIDDLE, push)
+                balance = out["balance"]
+                spring = [K * (p - h) for p, h in zip(balance["proxy"], out["hand"])]
+                loads = [sum(m["load"][i] for m in out["modes"]) for i in range(3)]
+                for mode in out["modes"]:
+                    parts = [sum(p["load"][i] for p in mode["primitives"]) for i in range(3)]
+                    self.near(parts, mode["load"])
+                    for p in mode["primitives"]:
+                        self.assertLessEqual(p["size"], p["strength"] * (1 + 1e-9) + 1e-9)
+                self.near(loads, balance["loads"])
+                self.near(balance["spring"], spring)
+                self.near(loads, spring, 5)
+                self.assertLess(balance["left_over"], 1e-9 + 2 * K * balance["error_bound"])
+                self.near([s + d for s, d in zip(spring, out["force"]["damper"])],
+                          out["force"]["wanted"])
+
+    def test_where_no_mode_acts_each_says_why(self):
+        far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
+        scene = self.scene(
+            {"name": "gone", "mode": "isosurface", "of": "far", "value": 0, "solid": "below",
+             "strength": 1},
+            {"name": "faint", "mode": "follow", "of": "v", "by": "d",
+             "strength": {"window": {"level": 100, "width": 1, "max": 2}}},
+            {"name": "product", "mode": "follow", "of": "v", "strength": {"product": [
+                {"piecewise": [[4, 1], [5, 0]], "by": "d"},
+                {"piecewise": [[6, 0], [7, 1]], "by": "speed"}]}},
+            {"name": "deep", "mode": "isosurface", "of": "d", "value": 1, "strength": 1},
+            {"name": "high", "mode": "isosurface", "of": "d", "value": 9, "strength": 1},
+            {"name": "masked", "mode": "follow", "of": "v", "by": "far", "strength": 1},
+            {"name": "guide", "mode": "guide", "shape": "point", "at": [0.02, 0.02, 0.05],
+             "snap": 0.01, "strength": 1},
+            {"name": "null", "mode": "follow", "of": "v", "strength": 0},
+            volumes={**VOLUMES, "far": far}, fields={"speed": {"magnitude": "v"},
+                                                     "spin": {"curl": "v"}})
+        out, text = self.explain(scene, MIDDLE, [0.0005, 0, 0])
+        why = {m["name"]: m["because"] for m in out["modes"]}
+        self.assertEqual(why["gone"], "the proxy is outside the bounds of far")
+        self.assertEqual(why["faint"], "its strength is zero here: 0 where d is 4")
+        self.assertIn("more than two voxels away; the value here is 4, the surface is at 9",
+                      why["high"])
+        self.assertIn("on the solid side", why["deep"])
+        self.assertEqual(why["masked"], "its strength is zero here: far has no data here")
+        self.assertEqual(why["guide"], "the proxy is 0.03 m from it, farther than its snap of 0.01 m")
+        self.assertEqual(out["silent"], ["null"])
+        self.assertEqual(out["left_out"], ["spin"])
+        fields = {f["field"]: f for f in out["fields"]}
+        self.assertEqual((fields["far"]["sampled"], fields["far"]["because"]),
+                         (False, "the proxy is outside its bounds"))
+        self.assertEqual((fields["d"]["sampled"], fields["d"]["inside"]), (True, True))
+        values = {p["property"]: p["value"] for p in out["properties"]}
+        self.assertAlmostEqual(values["d"], 4)
+        self.near(values["v"], [-2, 2, 6])
+        self.near(values["gradient of d"], [1, 2, -1])
+        # Only one mode acts, as strong as its factors say: 1 at 4, and sqrt(44) - 6 of the speed.
+        product = self.mode(out, "product")
+        self.assertEqual([m["name"] for m in out["modes"] if m["active"]], ["product"])
+        first, second = product["strength"]["factors"]
+        self.assertEqual((first["reads"], first["output"]), ("d", 1))
+        self.assertEqual(second["reads"], "magnitude of v")
+        self.assertAlmostEqual(second["input"], math.sqrt(44))
+        self.assertAlmostEqual(product["strength"]["value"], math.sqrt(44) - 6)
+        self.assertAlmostEqual(product["primitives"][0]["strength"], math.sqrt(44) - 6)
+        self.assertIn("no mode reads it", text)
+
+    def test_no_data_within_the_bounds(self):
+        # The middle of the ball is beyond its narrow band.
+        ball = {"b": {"file": "ball.vdb", "place": PLACE}}
+        scene = self.scene({"name": "fog", "mode": "viscosity", "of": "b", "strength": 1},
+                           volumes=ball)
+        out, _ = self.explain(scene, [0, 0, 0], [0.001, 0, 0])
+        self.assertEqual(self.mode(out, "fog")["because"], "b has no data here")
+        self.assertEqual(out["fields"][0]["because"], "it is read, but has no data here")
+        self.assertEqual(out["because"][0], "Nothing holds the proxy.")
+        self.near(out["balance"]["proxy"], [0.001, 0, 0])
+
+    def test_a_slab_is_one_thing(self):
+        front = {"name": "front", "mode": "front_shape", "of": "v", "strength": 1}
+        way = [c / math.sqrt(44) for c in (-2, 2, 6)]
+        out, _ = self.explain(self.scene(front), MIDDLE, along(way, 0.001))
+        self.assertEqual(out["because"][0], "front holds with 0.5 of 1 N along its normal.")
+        out, _ = self.explain(self.scene(front), MIDDLE, along(way, -0.004))
+        self.assertEqual(out["because"][0], "front yields at 1 N along its normal.")
+        out, _ = self.explain(self.scene(front), MIDDLE, [0, 0, 0])
+        self.assertEqual(self.mode(out, "front")["state"], "idle")
+        self.assertEqual(self.mode(out, "front")["because"],
+                         "it is there, but nothing presses on it")
+
+    def test_where_forces_act_the_proxy_does_not_stay(self):
+        wind = {"name": "wind", "mode": "force", "of": "v", "strength": 0.3}
+        out, _ = self.explain(self.scene(wind), MIDDLE, [0, 0, 0])
+        self.assertAlmostEqual(out["rest"]["moved"], 0.3 / K)
+        self.assertEqual(self.mode(out, "wind")["state"], "pushes")
+        self.assertAlmostEqual(size(out["rest"]["force"]), 0.3)
+
+    def test_a_stiffness_that_varies_is_settled_first(self):
+        scene = self.scene(WALL, coupling={"stiffness": {"piecewise": [[0, 300], [8, 500]],
+                                                         "by": "d"}})
+        # Out of sight of the wall, which is two voxels.
+        out, _ = self.explain(scene, along(INTO, -0.012, start=MIDDLE), along(INTO, 0.013))
+        k = 400 - 25 * 1.2 * math.sqrt(6)
+        self.assertAlmostEqual(out["balance"]["stiffness"], k, 4)
+        self.assertGreater(out["rest"]["ticks"], 5)  # 5 N/m a tick
+        self.assertAlmostEqual(size(self.mode(out, "wall")["load"]), 0.001 * k, 6)
+
+    def test_a_long_push_takes_sub_steps(self):
+        # A voxel, 5 mm, at a time.
+        drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
+        out, _ = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
+        self.assertEqual(out["balance"]["substeps"], 3)
+        self.near([p[1] for p in out["read_at"]], [0.02, 0.025, 0.03])
+        self.assertAlmostEqual(out["balance"]["proxy"][1], 0.032 - 0.2 / K)
+        scene = self.scene(drag, accuracy={"max_substeps": 1})
+        out, _ = self.explain(scene, MIDDLE, [0, 0.012, 0])
+        self.assertEqual(out["balance"]["status"], "substep-limit")
+        self.assertIn("has not arrived", out["because"][-1])
+
+    def test_refusals(self):
+        ball = self.dir / "ball.vdb"
+        good = "0,0,0"
+        for at in ("0,0", "0,0,0,0", "0,0,x", "", "nan,0,0", "0,0,1e999", "0, 0, 0", "0,,0"):
+            self.refused("explain", ball, "--at", at, "--push", good, says="is not x,y,z")
+        self.refused("explain", ball, "--at", "1e7,0,0", "--push", good, says="1,000 km")
+        self.refused("explain", ball, "--at", "9e5,0,0", "--push", "9e5,0,0", says="--push: it leads")
+        self.refused("explain", ball, "--at", good, "--push", "1", says="--push: ")
+        self.refused("explain", ball, "--at", good, says="--push is required")
+        self.refused("explain", ball, "--at", good, "--push", good, "--rate", 1, says="--rate")
+        self.refused("explain", self.dir / "none.json", "--at", good, "--push", good,
+                     says="no such file")
+        run("explain", ball, "--at", "-0.06,0,0", "--push", "-.001,0,0")
+
+    def test_output_that_cannot_be_written_is_an_error(self):
+        for verb, way in (("explain", "--push"), ("press", "--along")):
+            with open("/dev/full", "w") as full:
+                done = subprocess.run([PALPATE, verb, str(self.dir / "ball.vdb"), "--at", "0,0,0",
+                                       way, "0,0,0.01"], stdout=full, stderr=subprocess.PIPE,
+                                      text=True, timeout=60)
+            self.assertIn(done.returncode, (1, 2))
+            self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
+
+
+class Press(Touch):
+    COLUMNS = ["phase", "depth", "force_along", "force_across", "proxy_depth", "proxy_across",
+               "injected", "status", "limited", "contacts"]
+
+    def mode(self, summary, name):
+        return next(m for m in summary["modes"] if m["mode"] == name)
+
+    def test_a_wall_rises_with_k_and_yields_at_its_strength(self):
+        # 4 mm before the wall, 12 mm deep: it holds up to 6 mm behind.
+        summary, rows = self.press(self.scene(WALL), along(INTO, -0.004, start=MIDDLE),
+                                   along(INTO, 0.012))
+        self.assertEqual(list(rows[0]), self.COLUMNS)
+        self.assertEqual(len(rows), 2 * 240 + 1)
+        for row in rows:
+            depth = float(row["depth"])
+            force = min(3.0, max(0.0, K * (depth - 0.004)))
+            self.assertAlmostEqual(float(row["force_along"]), force, 6)
+            self.assertAlmostEqual(float(row["force_across"]), 0, 6)
+            self.assertAlmostEqual(float(row["proxy_depth"]), depth - force / K, 9)
+            self.assertEqual((row["status"], row["limited"]), ("converged", "0"))
+        self.assertEqual([rows[i]["phase"] for i in (0, 240, 241, 480)], ["in", "in", "out", "out"])
+        self.assertAlmostEqual(summary["stiffness"], K, 3)
+        self.assertAlmostEqual(summary["force_max"]["force"], 3)
+        wall = self.mode(summary, "wall")
+        self.assertAlmostEqual(wall["touched_at"], 0.00405)
+        self.assertAlmostEqual(wall["held_max"], 3)
+        self.assertAlmostEqual(wall["yield"]["depth"], 0.010, delta=0.0001)
+        self.assertAlmostEqual(wall["yield"]["force"], 3)
+        self.assertIsNone(wall["let_go_at"])
+        # A spring and a constant force, there and back: nothing is lost.
+        work = 0.5 * K * 0.006 ** 2 + 3 * 0.002
+        self.assertAlmostEqual(summary["work_in"], work, 6)
+        self.assertAlmostEqual(summary["work_out"], work, 6)
+        self.assertAlmostEqual(summary["hysteresis"], 0, 6)
+        contacts = [row["contacts"] for row in rows[:241]]
+        for word in ("wall=idle", "wall=holds", "wall=yields"):
+            self.assertIn(word, contacts)
+
+    def test_a_wall_that_lets_go_keeps_the_work(self):
+        # Past 1 mm it fades over a voxel, 5 mm.
+        summary, rows = self.press(self.scene({**WALL, "depth": 0.2}), MIDDLE,
+                                   along(INTO, 0.014))
+        wall = self.mode(summary, "wall")
+        self.assertAlmostEqual(wall["yield"]["depth"], 0.006, delta=0.0001)
+        self.assertLess(wall["yield"]["depth"], wall["let_go_at"])
+        self.assertAlmostEqual(float(rows[-1]["force_along"]), 0)
+        self.assertGreater(summary["hysteresis"], 0.5 * K * 0.006 ** 2)
+        self.assertAlmostEqual(summary["hysteresis"], summary["work_in"], 6)
+        self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
+
+    def test_a_drag_loses_what_it_takes(self):
+        drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
+        summary, rows = self.press(self.scene(drag), MIDDLE, [0, 0.01, 0])
+        # Up to 0.5 N over a millimetre, back through zero over two.
+        self.assertAlmostEqual(summary["work_in"], 0.5 * 0.01 - 0.5 ** 2 / (2 * K), 6)
+        self.assertAlmostEqual(summary["work_out"], -0.5 * 0.008, 6)
+        self.assertAlmostEqual(summary["hysteresis"], 0.00875, 6)
+        self.assertAlmostEqual(summary["net_energy"], -0.00875, delta=3e-4)
+        self.assertAlmostEqual(summary["injected_energy"], 0)
+        drag = self.mode(summary, "drag")
+        self.assertAlmostEqual(drag["yield"]["depth"], 0.001, delta=0.0001)
+        self.assertAlmostEqual(drag["yield"]["force"], 0.5)
+        self.assertAlmostEqual(float(rows[-1]["force_along"]), -0.5)
+
+    def test_friction_is_felt_across(self):
+        # 45 degrees into the wall: along and across are k/2 each of what sticks.
+        way = along(INTO, 0.002 / math.sqrt(2), ASIDE, 0.002 / math.sqrt(2))
+        summary, rows = self.press(self.scene({**WALL, "friction": 5}), MIDDLE, way)
+        last = rows[len(rows) // 2]
+        self.assertAlmostEqual(float(last["force_along"]), K * 0.002, 6)
+        self.assertAlmostEqual(float(last["force_across"]), 0, 6)
+        summary, rows = self.press(self.scene(WALL), MIDDLE, way)
+        last = rows[len(rows) // 2]
+        self.assertAlmostEqual(float(last["force_along"]), 0.5, 6)
+        self.assertAlmostEqual(float(last["force_across"]), 0.5, 6)
+        self.assertAlmostEqual(summary["hysteresis"], 0, 6)
+
+    def test_a_ball(self):
+        [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
+            "volumes"]["ball"]["bounds"]
+        # Its mode is an isosurface of 3 N; 2 units of the file are its radius.
+        scale = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
+            "volumes"]["ball"]["metres_per_unit"]
+        summary, _ = self.press(self.dir / "ball.vdb", [0, 0, high[2]], [0, 0, -0.016])
+        [ball] = summary["modes"]
+        touch = high[2] - 2 * scale
+        self.assertAlmostEqual(ball["touched_at"], touch, delta=0.0002)
+        self.assertAlmostEqual(ball["yield"]["depth"], touch + 3 / K, delta=0.0002)
+        self.assertAlmostEqual(ball["yield"]["force"], 3, 6)
+        self.assertAlmostEqual(summary["stiffness"], K, delta=2)
+        self.assertLess(low[2], high[2])
+
+    def test_many_modes_are_passive(self):
+        scene = self.scene(
+            {**WALL, "name": 'a "wall", of d', "friction": 0.4, "viscosity": 0.2},
+            {"name": "stream", "mode": "follow", "of": "v", "strength": 0.7},
+            {"name": "front", "mode": "front_shape", "of": "v", "strength": 0.3, "snap_drag": 0.2},
+            coupling={"stiffness": K, "damping": 0.2})
+        for way in (INTO, ASIDE, (1, 0, 0), (0, 0, 1)):
+            summary, rows = self.press(scene, along(INTO, -0.002, start=MIDDLE), along(way, 0.012),
+                                       "--speed", 0.2)
+            self.assertEqual(len(rows), 121)
+            self.assertGreaterEqual(summary["hysteresis"], -1e-9)
+            self.assertTrue(any(r["contacts"].startswith('a "wall", of d=') for r in rows))
+
+    def test_files(self):
+        curve = self.dir / "curve.csv"
+        scene = self.scene(WALL)
+        words_ = ("press", scene, "--at", "0.02,0.02,0.02", "--along", "0,0.004,0")
+        text = run(*words_, "--csv", curve).stdout
+        self.assertIn("energy", text)
+        self.assertEqual(curve.read_text(), run(*words_, "--csv", "-").stdout)
+        self.assertNotIn("nan", curve.read_text())
+        os.remove(curve)
+        picture = self.dir / "curve.png"
+        run(*words_, "--picture", picture)
+        self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        os.remove(picture)
+
+    def test_refusals(self):
+        ball = self.dir / "ball.vdb"
+        at = ("press", ball, "--at", "0,0,0.06")
+        self.refused(*at, "--along", "0,0,0", says="--along: its length is how deep")
+        self.refused(*at, "--along", "0,0,1e6", says="--along: it leads")
+        self.refused(*at, "--along", "0;0;1", says="is not x,y,z")
+        self.refused(*at, says="--along is required")
+        for speed in (0, -1, "nan", "inf", 1e-9):
+            self.refused(*at, "--along", "0,0,-0.1", "--speed", speed, says="--speed")
+        self.refused(*at, "--along", "0,0,-0.1", "--rate", 0, says="--rate")
+        self.refused(*at, "--along", "0,0,-0.1", "--csv", "-", "--json", says="two outputs")
+        self.refused(*at, "--along", "0,0,-0.1", "--csv", ball, says="it is an input")
+        self.refused(*at, "--along", "0,0,-0.1", "--csv", "/no/such/p.csv", says="cannot be written")
+        self.refused(*at, "--along", "0,0,-0.1", "--picture", "p.txt", says=".png")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1], verbosity=1)
