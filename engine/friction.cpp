@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/loads.h"
+
 namespace palpate {
 namespace {
 
