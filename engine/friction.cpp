@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/loads.h"
 
@@ -55,19 +56,20 @@ class Friction {
     const bool several = set_.links().size() > 1;
     const double shared = several ? set_.items()[link.plane].strength / kSharedWithin : 0.0;
     const double known = link.coefficient * (stiffness_ + shared) * result_.error_bound;
-    return std::abs(excess(link)) <= kRounding * most(link) + known;
+    const double felt = 1e-4 + 1e-3 * strength(link);  // [N]
+    return std::abs(excess(link)) <= kRounding * most(link) + std::min(known, felt);
   }
   [[nodiscard]] bool allMet() const noexcept {
     return std::all_of(set_.links().begin(), set_.links().end(),
                        [&](const FrictionLink& link) { return met(link); });
   }
-  /// Nothing is left to be done, or no time.
-  [[nodiscard]] bool done() const noexcept {
-    return spent() || (shared_ && set_.links().size() == 1) || allMet();
+  [[nodiscard]] bool spent() const noexcept {
+    const int share = set_.links().size() == 1 ? 1 : 2;
+    return share * solves_ >= kMostFrictionSolves ||
+           share * result_.iterations >= kMostFrictionIterations;
   }
-  [[nodiscard]] bool spent() const noexcept { return solves_ >= kMostFrictionSolves; }
 
-  /// One link's equation, the others as they are; from the last balance. False as solve().
+  /// The equation of a link that is alone; from the last balance. False as solve().
   bool meet(const FrictionLink& link) noexcept {
     double low = 0.0;
     double high = most(link);
@@ -114,7 +116,14 @@ class Friction {
   /// solve().
   bool mix(FrictionStart& start, int most_solves) noexcept {
     const auto links = set_.links();
-    for (int k = 0; k < most_solves && !allMet(); ++k) {
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < most_solves && !allMet() && !spent(); ++k) {
+      double worst = 0.0;
+      for (const FrictionLink& link : links) worst = std::max(worst, std::abs(excess(link)));
+      for (std::size_t i = 0; worst < least && i < links.size(); ++i) {
+        start.best[i] = strength(links[i]);
+      }
+      least = std::min(least, worst);
       double dot = 0.0;
       double square = 0.0;
       for (std::size_t i = 0; k > 0 && i < links.size(); ++i) {
@@ -137,10 +146,19 @@ class Friction {
     return true;
   }
 
+  /// After mix() has failed: what held goes on to hold. False as solve().
+  bool hold(const FrictionStart& start) noexcept {
+    const auto links = set_.links();
+    for (std::size_t i = 0; i < links.size(); ++i) {
+      const double last = start.count == links.size() ? start.strengths[i] : 0.0;
+      set(links[i], std::min(std::max(last, start.best[i]), most(links[i])));
+    }
+    return solve();
+  }
+
   [[nodiscard]] SolveResult finish() noexcept {
     if (result_.status == SolveStatus::kBadInput) return result_;
-    // With several links only what is seen counts.
-    const bool jump = shared_ && set_.links().size() == 1;
+    const bool jump = shared_;
     if (!jump && !allMet()) {
       result_.status = std::max(result_.status, SolveStatus::kIterationLimit);
     }
@@ -182,9 +200,8 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   // Where the loads do not depend on the frictions one step meets all laws.
   constexpr int kMixed = 20;
   if (good) good = friction.mix(start, links.size() == 1 ? 1 : kMixed);
-  while (good && !friction.done()) {
-    for (std::size_t i = 0; good && i < links.size(); ++i) good = friction.meet(links[i]);
-  }
+  if (good && links.size() == 1) good = friction.meet(links[0]);
+  if (good && links.size() > 1 && !friction.allMet()) good = friction.hold(start);
   start.count = good ? links.size() : 0;
   for (std::size_t i = 0; i < start.count; ++i) start.strengths[i] = friction.strength(links[i]);
   return friction.finish();

@@ -14,17 +14,23 @@ namespace palpate {
 /// is made.
 struct FrictionStart {
   FrictionStart()
-      : strengths(kMaxPrimitives, 0.0), tried(kMaxPrimitives, 0.0), missed(kMaxPrimitives, 0.0) {}
+      : strengths(kMaxPrimitives, 0.0),
+        tried(kMaxPrimitives, 0.0),
+        missed(kMaxPrimitives, 0.0),
+        best(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }
 
   std::vector<double> strengths;  ///< [N], a link each.
   std::size_t count = 0;          ///< Links of that balance; 0: nothing remembered.
   std::vector<double> tried;      ///< Scratch: what the last trial was,
-  std::vector<double> missed;     ///< and mu n - s_t of it.
+  std::vector<double> missed;     ///< mu n - s_t of it,
+  std::vector<double> best;       ///< and the trial that missed least.
 };
 
-/// Most balances of one solveWithFriction.
+/// Most balances of one friction, and most 3x3 solves after which no other balance begins. Several
+/// frictions together, which need not have an answer, get half.
 inline constexpr int kMostFrictionSolves = 64;
+inline constexpr int kMostFrictionIterations = 400;
 
 /// Finds the balance in which every line of set.links() is as strong as Coulomb's law allows,
 ///
@@ -34,16 +40,17 @@ inline constexpr int kMostFrictionSolves = 64;
 /// depend on s_t, and two closed forms are exact. With other primitives it is one scalar equation a
 /// link on [0, mu s_n], continuous and with a change of sign: a bracketed secant (Illinois),
 /// started from `start`, which also decides between several roots; several links together by
-/// Anderson's mixing of the last two trials, and where that fails in turns.
-/// However the load is found, the balance is one of primitives anchored at the old proxy and makes
-/// no energy.
+/// Anderson's mixing of the last two trials. Where that fails, each holds as it did in the last
+/// tick or in the best trial, whichever is more: nothing slips because a search failed. However the
+/// load is found, the balance is one of primitives anchored at the old proxy and makes no energy.
 ///
 /// @param forces  At least as many as primitives; filled as solveProxy and shareLoads do.
 /// @return        As solveProxy; error_bound gains |s_t - mu n| / k of every link, iterations are
-///                those of all balances, and kIterationLimit says that a law was not met.
+///                those of all balances, and kIterationLimit says that a law was not met: that a
+///                friction is off by more than 0.1 % and 0.1 mN, and than the balance can tell.
 ///
 /// RT: no allocation. Cost: one solveProxy without links; two for planes with friction alone, five
-/// or so among others, at most kMostFrictionSolves.
+/// or so for one among others; several that meet take tens, at most kMostFrictionSolves.
 [[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                             const Vec3& proxy, const SolverParams& params,
                                             WarmStart& warm, FrictionStart& start,

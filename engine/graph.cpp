@@ -326,8 +326,8 @@ class Compiler {
         return factor.by.empty() && !factor.curve.isConstant();
       });
     };
-    if (mode.strength.factors.size() != 1 && !reads(mode.strength) && !reads(mode.friction) &&
-        !reads(mode.viscosity)) {
+    const bool mask = mode.strength.factors.size() == 1 && mode.strength.factors[0].by.empty();
+    if (!mask && !reads(mode.strength) && !reads(mode.friction) && !reads(mode.viscosity)) {
       throw SceneError(path + "/by", "no factor of the mode's curves reads it", "remove it");
     }
   }
@@ -491,7 +491,7 @@ class Compiler {
 
   Mode guide(const ModeSpec& mode, const std::string& path) {
     const GuideSpec& spec = mode.guide;
-    const double length = spec.direction.norm();
+    const double length = spec.direction.stableNorm();
     if (spec.shape == PrimitiveKind::kForce) {
       throw SceneError(path + "/shape", "a guide is a point, a line or a plane", "choose one");
     }

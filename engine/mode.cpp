@@ -16,6 +16,8 @@ constexpr double kSight = 2.0;
 constexpr double kOnIt = 1e-9;
 /// Two walls whose normals' cosine is less are two walls.
 constexpr double kTurn = 0.95;
+/// A flow that turns by less than this share of its speed over a voxel has no vortex: rounding.
+constexpr double kNoVortex = 1e-5;
 /// Pushed this far through its surface, a proxy has left it [voxels].
 constexpr double kYield = 0.05;
 
@@ -128,14 +130,18 @@ bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
   if (!v.inside || !unit(curl, core)) return true;
-  const double strength = mode.strength(place.at);
+  // What the flow turns by over a voxel: of less than rounding nothing is felt.
+  const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
+  const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
+  const double strength =
+      v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
-  const double radius = 2.0 * outwards.norm() / curl.norm() * mode.metres_per_unit;
+  const double radius = 2.0 * outwards.norm() / spin;  // in voxels
+  // From the core's line to the tube's planes over a voxel.
   Vec3 radial;
-  if (radius < mode.voxel || !unit(outwards, radial)) {
-    return place.add(PrimitiveKind::kLine, core, strength);
-  }
-  return addSlab(place.set, place.p, radial, strength);
+  const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
+  if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;
+  return line >= 1.0 || addSlab(place.set, place.p, radial, (1.0 - line) * strength);
 }
 
 bool emit(const GuideMode& mode, const Place& place) noexcept {
@@ -203,7 +209,8 @@ bool emit(const IsosurfaceMode& mode, const Place& place) noexcept {
       if (free) memory.contact = Contact::kOutside;
       break;
     case Contact::kOutside:
-      if (!free && !sight.clear) memory.contact = Contact::kInside;
+      // Nothing holds where the strength is zero.
+      if (!free && (!sight.clear || mode.strength(at) <= 0.0)) memory.contact = Contact::kInside;
       break;
     case Contact::kYielded: {
       if (free) {

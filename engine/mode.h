@@ -88,8 +88,9 @@ struct FrontShapeMode {
 
 /// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand rides the
 /// tube, free round it and along it. Nearer to the core than a voxel there is no radius, and a line
-/// (eq. 11) along the core holds. The radius is that of rigid rotation, r = 2 |v x w| / |curl v|, w
-/// the core's direction curl v / |curl v|; v x w points outwards.
+/// (eq. 11) along the core holds; to two voxels the one passes into the other. The radius is that
+/// of rigid rotation, r = 2 |v x w| / |curl v|, w the core's direction curl v / |curl v|; v x w
+/// points outwards.
 struct VortexTubeMode {
   int vector = -1;
   int curl = -1;

@@ -58,9 +58,14 @@ class PrimitiveSet {
     items_[count_++] = primitive;
     return true;
   }
-  /// Appends the friction at `position` of the plane appended last. RT: no allocation.
+  /// Appends the friction at `position` of the plane appended last; false also where that is none,
+  /// or the coefficient is negative or no number. RT: no allocation.
   [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
     const std::size_t plane = count_ - 1;
+    if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||
+        !(coefficient <= 1e9)) {
+      return false;
+    }
     if (!tryAdd({PrimitiveKind::kLine, position, items_[plane].direction, 0.0})) return false;
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;

@@ -40,7 +40,9 @@ std::array<std::string, 3> componentsOf(const std::string& name) {
 
 /// Gives back what has been read of a file in memory maps, OpenVDB's: else a load would hold the
 /// file beside the grid. The system has the pages in its cache still. Maps that somebody could have
-/// written to are left alone.
+/// written to are left alone. By MADV_PAGEOUT, not MADV_DONTNEED: another thread may end its map of
+/// the same file after we have read the list and before we act on it, and what is then at that
+/// address must not be lost. Where the system has no such advice nothing happens.
 /// @param path  Absolute; empty does nothing.
 void dropMapped(const std::string& path) {
   if (path.empty()) return;
@@ -57,7 +59,9 @@ void dropMapped(const std::string& path) {
         permissions[1] == 'w') {
       continue;
     }
-    madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);  // NOLINT: an address
+#ifdef MADV_PAGEOUT
+    madvise(reinterpret_cast<void*>(begin), end - begin, MADV_PAGEOUT);  // NOLINT: an address
+#endif
   }
 }
 

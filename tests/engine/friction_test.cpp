@@ -147,6 +147,48 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
   CHECK(limited <= 0.02 * static_cast<double>(cases));
 }
 
+TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {
+  // Two walls with friction, a load that passes from one to the other, a slow push along: with
+  // Coulomb's law unmet the walls must go on to hold. k times the hand's step is 4 mN a tick.
+  for (const double degrees : {30.0, 60.0, 80.0}) {
+    for (const double mu : {0.2, 0.8}) {
+      CAPTURE(degrees, mu);
+      GraphSpec spec;
+      std::map<std::string, FieldPtr> fields;
+      for (const double side : {-1.0, 1.0}) {
+        const double angle = degrees * 3.14159265358979 / 180.0;
+        const std::string name = side < 0.0 ? "left" : "right";
+        fields[name] =
+            makeHalfSpace(Vec3::Zero(), Vec3(side * std::cos(angle), 0.0, std::sin(angle)));
+        ModeSpec wall;
+        wall.kind = ModeKind::kIsosurface;
+        wall.of = name;
+        wall.solid = Solid::kBelow;
+        wall.strength = 3.0;
+        wall.friction = mu;
+        spec.modes.push_back(wall);
+      }
+      const auto scene = makeScene(spec, fields);
+      Reader reader;
+      ProxyState state(ForceLimits{100.0, 1e9});
+      Vec3 last_hand(0, 0, 5e-4);
+      Vec3 last = hapticStep(*scene, reader, {last_hand}, state, 1e-3).wanted;
+      double worst = 0.0;
+      for (int i = 1; i <= 3000; ++i) {
+        const double t = 1e-3 * i;
+        const Vec3 hand(1.5e-3 * std::sin(2.0 * t), 7.5e-6 * i / 3.0,
+                        5e-4 - 3e-3 * std::min(1.0, t / 0.5));
+        const Vec3 force = hapticStep(*scene, reader, {hand}, state, 1e-3).wanted;
+        const double moved = kStiffness * (hand - last_hand).norm();
+        worst = std::max(worst, (force - last).norm() - 2.0 * moved);
+        last = force;
+        last_hand = hand;
+      }
+      CHECK(worst <= 0.05);
+    }
+  }
+}
+
 TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   ModeSpec wall;
   wall.kind = ModeKind::kIsosurface;

@@ -277,6 +277,44 @@ TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {
   CHECK((step(0.02 * axis + 1e-3 * round + 1e-3 * axis).wanted + 0.5 * round).norm() < 1e-9);
 }
 
+TEST_CASE("between core and tube the force does not jump, and rounding is no vortex", "[modes]") {
+  const std::map<std::string, FieldPtr> at{{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.1)}};
+  ModeSpec tube;
+  tube.kind = ModeKind::kVortexTube;
+  tube.of = "flow";
+  tube.strength = 1.0;
+  const auto scene = sceneOf({tube}, at);
+  Reader reader;
+  ProxyState state(kOpen);
+  Vec3 last = Vec3::Zero();
+  double worst = 0.0;
+  constexpr double kStep = 5e-5;
+  for (int i = 0; i <= 2000; ++i) {
+    // A spiral from the core outwards, pulled from its proxy all the time.
+    const double r = 6e-3 * i / 2000.0;
+    const Vec3 hand(r * std::cos(kStep * i / std::max(r, 1e-3)),
+                    r * std::sin(kStep * i / std::max(r, 1e-3)), 0.01);
+    const Vec3 force = hapticStep(*scene, reader, {hand}, state, kDt).wanted;
+    if (i > 0) worst = std::max(worst, (force - last).norm());
+    last = force;
+  }
+  CHECK(worst < 4.0 * kStiffness * kStep);
+
+  // Uniform, but for the last digits of a float.
+  const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
+  const std::map<std::string, FieldPtr> noise{{"flow", makeVectorField(frame, [](const Vec3& p) {
+                                                 Mat3 J = Mat3::Zero();
+                                                 J(0, 1) = 6e-5 * std::sin(1e4 * p.x());
+                                                 return VectorSample{Vec3::UnitX(), J, true};
+                                               })}};
+  const auto calm = sceneOf({tube}, noise);
+  ProxyState other(kOpen);
+  for (int i = 0; i < 100; ++i) {
+    const Vec3 hand(1e-4 * i, 2e-4 * i, 0);
+    REQUIRE(hapticStep(*calm, reader, {hand}, other, kDt).wanted.norm() <= 1e-12);
+  }
+}
+
 TEST_CASE("snap-drag makes fronts at even distances, without it the front comes along", "[modes]") {
   const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
   const std::map<std::string, FieldPtr> at{
@@ -310,6 +348,31 @@ TEST_CASE("snap-drag makes fronts at even distances, without it the front comes 
   for (std::size_t i = 1; i < fronts.size(); ++i) {
     CHECK(fronts[i] - fronts[i - 1] == Approx(6e-3).margin(2e-4));
   }
+}
+
+TEST_CASE("an isosurface without strength drags in all of its solid", "[modes]") {
+  // A plate of 2 mm: the surface is in sight everywhere.
+  const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-1), Vec3::Constant(1)}, 1.0};
+  const std::map<std::string, FieldPtr> at{
+      {"plate", makeScalarField(frame, [](const Vec3& p) {
+         const double side = p.z() < 0.0 ? -1.0 : 1.0;
+         return ScalarSample{std::abs(p.z()) - 1e-3, Vec3(0, 0, side), true};
+       })}};
+  ModeSpec jelly;
+  jelly.kind = ModeKind::kIsosurface;
+  jelly.of = "plate";
+  jelly.solid = Solid::kBelow;
+  jelly.viscosity = 0.2;
+  const auto scene = sceneOf({jelly}, at);
+  Reader reader;
+  ProxyState state(kOpen);
+  int dragged = 0;
+  for (int i = 0; i <= 400; ++i) {
+    const Vec3 hand(0, 0, 2e-3 - 1e-5 * i);
+    dragged += static_cast<int>(hapticStep(*scene, reader, {hand}, state, kDt).wanted.norm() > 0.1);
+  }
+  CHECK(dragged > 150);
+  CHECK(dragged < 250);
 }
 
 TEST_CASE("a mode of the user's own reads, places and remembers", "[modes]") {
