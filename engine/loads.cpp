@@ -56,14 +56,14 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   const auto acts = [](const Primitive& p) {
     return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
   };
-  const auto sharedOf = [&](const Primitive& p) {
+  const auto shared_of = [&](const Primitive& p) {
     return Shared(p, (probe - p.position) + result.offset);
   };
   double strength = 0.0;
   Vec3 load = Vec3::Zero();
   int sharing = 0;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
-    if (!acts(primitives[i]) || sharedOf(primitives[i]).apart()) continue;
+    if (!acts(primitives[i]) || shared_of(primitives[i]).apart()) continue;
     strength += primitives[i].strength;
     load += forces[i];
     ++sharing;
@@ -74,18 +74,18 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   // step a search for where that function is lowest: what is missing, along the step, falls to
   // zero.
   Mat3 H;
-  const auto missingAt = [&](const Vec3& lambda) {
+  const auto missing_at = [&](const Vec3& lambda) {
     H = 1e-9 * strength * Mat3::Identity();
     Vec3 missing = load;
     for (const Primitive& p : primitives) {
       if (!acts(p)) continue;
-      const Shared shared = sharedOf(p);
+      const Shared shared = shared_of(p);
       if (!shared.apart()) missing -= shared.forceAt(lambda, H);
     }
     return missing;
   };
   Vec3 lambda = load / strength;
-  Vec3 missing = missingAt(lambda);
+  Vec3 missing = missing_at(lambda);
   for (int k = 0; k < kMostSteps && missing.norm() > kEnough * strength; ++k) {
     const Vec3 step = H.ldlt().solve(missing);
     const Vec3 from = lambda;
@@ -95,7 +95,7 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
     double way = 1.0;
     for (; k < kMostSteps; ++k) {
       lambda = from + way * step;
-      missing = missingAt(lambda);
+      missing = missing_at(lambda);
       const double here = missing.dot(step);
       if (std::abs(here) <= 0.3 * slope) break;
       (here > 0.0 ? low : high) = way;
@@ -105,7 +105,7 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   if (!(missing.norm() <= kGood * strength)) return;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
     if (!acts(primitives[i])) continue;
-    const Shared shared = sharedOf(primitives[i]);
+    const Shared shared = shared_of(primitives[i]);
     if (!shared.apart()) forces[i] = shared.forceAt(lambda, H);
   }
 }
