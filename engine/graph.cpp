@@ -39,6 +39,11 @@ class Compiler {
       throw SceneError("/modes", std::to_string(spec_.modes.size()) + " modes",
                        "use at most " + std::to_string(kMaxModes));
     }
+    for (const auto& [name, motion] : spec_.motions) {
+      const std::string path = "/volumes/" + name + "/place/keyframes";
+      if (fields_.count(name) == 0) unknown(path, name);
+      if (motion == nullptr) throw SceneError(path, "there is no motion", "remove it");
+    }
     for (std::size_t i = 0; i < spec_.modes.size(); ++i) addMode(i);
     addStiffness();
     for (const auto& [name, field] : fields_) {
@@ -140,6 +145,7 @@ class Compiler {
       graph_.scalar_names.push_back(name);
       graph_.scalar_fields.push_back(field);
       graph_.scalar_frames.push_back(field->frame());
+      graph_.scalar_motions.push_back(motionOf(name));
       graph_.scalar_reads.push_back({static_cast<int>(i)});
     }
     current_.scalars |= std::uint64_t{1} << i;
@@ -155,10 +161,43 @@ class Compiler {
       graph_.vector_names.push_back(name);
       graph_.vector_fields.push_back(field);
       graph_.vector_frames.push_back(field->frame());
+      graph_.vector_motions.push_back(motionOf(name));
       graph_.vector_reads.push_back({static_cast<int>(i)});
     }
     current_.vectors |= std::uint64_t{1} << i;
     return graph_.vector_reads[i];
+  }
+
+  /// The motion of a volume, -1 where it stands still.
+  int motionOf(const std::string& name) {
+    const auto motion = spec_.motions.find(name);
+    if (motion == spec_.motions.end()) return -1;
+    auto& motions = graph_.motions;
+    const auto known = std::find(motions.begin(), motions.end(), motion->second);
+    if (known != motions.end()) return static_cast<int>(known - motions.begin());
+    if (motions.size() == kMaxMotions) {
+      throw SceneError("/volumes",
+                       "the modes need more than " + std::to_string(kMaxMotions) + " motions",
+                       "use fewer, or place volumes like each other");
+    }
+    motions.push_back(motion->second);
+    return static_cast<int>(motions.size()) - 1;
+  }
+
+  /// The motion that a mode's primitives are carried by: its own volume's. A user's mode is carried
+  /// where all that it reads moves as one.
+  int motionOf(const ModeSpec& mode) {
+    if (mode.kind == ModeKind::kGuide) return mode.in.empty() ? -1 : motionOf(mode.in);
+    const FieldSet set = mode.kind == ModeKind::kUser ? current_ : support_;
+    std::set<int> found;
+    const auto look = [&](const std::vector<int>& motions, std::uint64_t bits) {
+      for (std::size_t i = 0; i < motions.size(); ++i) {
+        if ((bits >> i & 1U) != 0) found.insert(motions[i]);
+      }
+    };
+    look(graph_.scalar_motions, set.scalars);
+    look(graph_.vector_motions, set.vectors);
+    return found.size() == 1 ? *found.begin() : -1;
   }
 
   int once(int& slot, bool vector, const std::string& name) {
@@ -362,6 +401,7 @@ class Compiler {
     }
     graph_.modes.push_back(compileMode(mode, path));
     graph_.mode_fields.push_back({support_, current_});
+    graph_.mode_motions.push_back(motionOf(mode));
     graph_.mode_sources.push_back(index);
     graph_.mode_names.push_back(name);
   }
@@ -505,6 +545,7 @@ class Compiler {
     if (!(spec.snap > 0.0)) {
       throw SceneError(path + "/snap", "it must be > 0", "give metres, as 0.005");
     }
+    if (!mode.in.empty() && fields_.count(mode.in) == 0) unknown(path + "/in", mode.in);
     GuideMode guide;
     guide.shape = spec.shape;
     guide.position = spec.position;

@@ -13,6 +13,7 @@
 
 #include "engine/field.h"
 #include "engine/mode.h"
+#include "engine/placement.h"
 #include "engine/properties.h"
 
 namespace palpate {
@@ -135,6 +136,7 @@ struct ModeSpec {
   bool two_sided = true;        ///< front shape.
   double snap_voxels = 0.0;     ///< front shape: snap-drag, see mode.h; 0: none.
   GuideSpec guide;
+  std::string in;  ///< guide: the volume that it moves with, given as that rests; empty: none.
   UserSpec user;
 };
 
@@ -145,8 +147,10 @@ inline constexpr double kMostFriction = 10.0;
 struct GraphSpec {
   std::map<std::string, DerivedSpec> fields;
   std::vector<ModeSpec> modes;
-  std::optional<TransferSpec> stiffness;  ///< Coupling stiffness by a property [N/m]; none: as
-                                          ///< CouplingParams says.
+  std::map<std::string, MotionPtr> motions;  ///< By volume; the others stand still. Volumes of one
+                                             ///< pointer move together.
+  std::optional<TransferSpec> stiffness;     ///< Coupling stiffness by a property [N/m]; none: as
+                                             ///< CouplingParams says.
 };
 
 /// A set of a graph's fields.
@@ -210,6 +214,9 @@ struct Graph {
   std::vector<std::shared_ptr<const VectorField>> vector_fields;
   std::vector<FieldFrame> scalar_frames;  ///< How they lie.
   std::vector<FieldFrame> vector_frames;
+  std::vector<MotionPtr> motions;   ///< Each once; none: nothing moves.
+  std::vector<int> scalar_motions;  ///< Of each field its index there; -1: it stands still.
+  std::vector<int> vector_motions;
   std::vector<std::string> scalar_names;  ///< Of the fields, and what each property is: for people.
   std::vector<std::string> vector_names;
   std::vector<std::string> scalar_properties;
@@ -220,6 +227,7 @@ struct Graph {
   std::vector<MagnitudeStep> magnitudes;
   std::vector<Mode> modes;
   std::vector<ModeFields> mode_fields;    ///< One a mode.
+  std::vector<int> mode_motions;          ///< Of what the mode is made of; -1: it stands still.
   std::vector<std::size_t> mode_sources;  ///< Each mode's index in GraphSpec::modes.
   std::vector<std::string> mode_names;
   Transfer stiffness;        ///< [N/m]; no factors: constant.
@@ -231,6 +239,8 @@ struct Graph {
 /// Most modes of one scene, and most fields that one scene reads.
 inline constexpr std::size_t kMaxModes = 256;
 inline constexpr std::size_t kMaxFields = 64;
+/// Most motions: of the fields and of guides.
+inline constexpr std::size_t kMaxMotions = 64;
 
 /// Checks the names, types and edges and flattens them. Throws SceneError whose text begins with
 /// the JSON path of what is wrong, as /modes/0/of.

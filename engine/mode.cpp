@@ -57,6 +57,7 @@ struct Place {
   const Vec3& probe;
   ModeMemory& memory;
   PrimitiveSet& set;
+  const Pose* pose;
 
   [[nodiscard]] const Properties::Scalar& scalar(int i) const noexcept {
     return at.scalars[static_cast<std::size_t>(i)];
@@ -145,11 +146,15 @@ bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
 }
 
 bool emit(const GuideMode& mode, const Place& place) noexcept {
-  const Primitive guide{mode.shape, mode.position, mode.direction};
+  Primitive guide{mode.shape, mode.position, mode.direction};
+  if (place.pose != nullptr) {
+    guide.position = (*place.pose)(mode.position);
+    guide.direction = place.pose->rotation * mode.direction;
+  }
   if (!(distanceTo(guide, place.p) <= mode.snap)) return true;
   const double distance = distanceTo(guide, place.probe) / mode.metres_per_unit;
   const double strength = mode.strength(place.at, distance);
-  return add(place.set, mode.shape, mode.position, mode.direction, strength);
+  return add(place.set, guide.kind, guide.position, guide.direction, strength);
 }
 
 bool emit(const UserMode& mode, const Place& place) noexcept {
@@ -189,7 +194,7 @@ void meetWalls(const Sight& sight, ModeMemory& memory) noexcept {
 }
 
 bool emit(const IsosurfaceMode& mode, const Place& place) noexcept {
-  const auto& [at, p, probe, memory, set] = place;
+  const auto& [at, p, probe, memory, set, pose] = place;
   // The sign of V - V0 counts outside the data as well: background is free or solid like the rest.
   const Properties::Scalar& value = place.scalar(mode.value);
   const double side = mode.sign * (value.value - mode.level);
@@ -270,12 +275,19 @@ double Transfer::operator()(const Properties& properties, double own) const noex
 }
 
 bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p, const Vec3& probe,
-                   ModeMemory& memory, PrimitiveSet& set) noexcept {
+                   ModeMemory& memory, PrimitiveSet& set, const Pose* pose) noexcept {
   const std::size_t before = set.size();
-  const Place place{properties, p, probe, memory, set};
+  const Place place{properties, p, probe, memory, set, pose};
   const bool room = std::visit([&](const auto& m) { return emit(m, place); }, mode);
   memory.emitted = static_cast<int>(set.size() - before);
   return room;
+}
+
+void carry(const Pose& by, ModeMemory& memory) noexcept {
+  memory.anchor = by(memory.anchor);
+  memory.normal = by.rotation * memory.normal;
+  memory.other_anchor = by(memory.other_anchor);
+  memory.other_normal = by.rotation * memory.other_normal;
 }
 
 void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept {

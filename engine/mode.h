@@ -7,6 +7,7 @@
 #include <variant>
 #include <vector>
 
+#include "engine/placement.h"
 #include "engine/primitive.h"
 #include "engine/properties.h"
 #include "engine/transfer.h"
@@ -104,7 +105,7 @@ struct VortexTubeMode {
 /// drawing in makes is counted as injected.
 struct GuideMode {
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Not kForce.
-  Vec3 position = Vec3::Zero();                 ///< [m]
+  Vec3 position = Vec3::Zero();                 ///< [m], where it rests if it moves.
   Vec3 direction = Vec3::UnitX();               ///< Unit; a plane's outward normal.
   double snap = 0.0;                            ///< [m], > 0; infinite: it always acts.
   double metres_per_unit = 1.0;                 ///< Of the distance below.
@@ -116,7 +117,8 @@ struct ModeInput {
   const Properties& properties;
   std::span<const int> reads;  ///< For each name in UserSpec::reads its index in
                                ///< properties.scalars or properties.vectors, whichever it is.
-  const Vec3& proxy;           ///< Before it moves [m]: primitives belong there.
+  const Vec3& proxy;           ///< Before it moves [m]: primitives belong there. Carried along
+                               ///< where all that the mode reads moves as one.
   const Vec3& probe;           ///< [m]
 };
 
@@ -160,11 +162,15 @@ struct ModeMemory {
 /// @param properties  Sampled at p.
 /// @param p           The proxy before it moves [m]: primitives are anchored there.
 /// @param probe       The hand [m].
+/// @param pose        Of the volume that a guide moves with; none: it stands still.
 /// @return            False if the set was full and a primitive was dropped.
 /// RT: no allocation.
 [[nodiscard]] bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p,
-                                 const Vec3& probe, ModeMemory& memory,
-                                 PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
+                                 const Vec3& probe, ModeMemory& memory, PrimitiveSet& set,
+                                 const Pose* pose = nullptr) noexcept PALPATE_NONBLOCKING;
+
+/// Moves what a mode remembers along with its volume. RT: no allocation.
+void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Tells a mode where the balance put the proxy, so that it can notice having been pushed through.
 /// RT: no allocation.

@@ -6,6 +6,14 @@
 #include "engine/error.h"
 
 namespace palpate {
+namespace {
+
+/// The body that a field moves with; null where it stands still.
+const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
+  return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
+}
+
+}  // namespace
 
 std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                        const std::map<std::string, FieldPtr>& fields,
@@ -41,7 +49,8 @@ void Reader::bind(const Scene& scene) noexcept {
   for (const auto& field : scene.graph.vector_fields) field->reset(caches_[i++]);
 }
 
-int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcept {
+int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
+                   std::span<const Body> bodies) noexcept {
   const Graph& graph = scene.graph;
   const auto scalar = [&](int index, double value, bool inside) {
     if (index >= 0) out.scalars[static_cast<std::size_t>(index)] = {value, inside};
@@ -50,7 +59,7 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside};
   };
 
-  const FieldSet wanted = fieldsAt(graph, p_W);
+  const FieldSet wanted = fieldsAt(graph, p_W, bodies);
   int count = 0;
   for (const ScalarRead& read : graph.scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
@@ -62,11 +71,16 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
     }
     ++count;
     const ScalarField& field = *graph.scalar_fields[i];
-    const ScalarSample s = field.sample(p_W, caches_[i]);
+    const Body* body = bodyOf(graph.scalar_motions[i], bodies);
+    const Vec3& p = body == nullptr ? p_W : body->seen;
+    const ScalarSample s = field.sample(p, caches_[i]);
+    const auto turned = [body](const Vec3& v) {
+      return body == nullptr ? v : Vec3(body->pose.rotation * v);
+    };
     scalar(read.value, s.value, s.inside);
-    vector(read.gradient, s.gradient, s.inside);
+    vector(read.gradient, turned(s.gradient), s.inside);
     if (read.cell_gradient >= 0) {
-      vector(read.cell_gradient, field.cellGradient(p_W, caches_[i]), s.inside);
+      vector(read.cell_gradient, turned(field.cellGradient(p, caches_[i])), s.inside);
     }
   }
   for (const VectorRead& read : graph.vector_reads) {
@@ -78,8 +92,14 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
       continue;
     }
     ++count;
-    const VectorSample s =
-        graph.vector_fields[i]->sample(p_W, caches_[graph.scalar_fields.size() + i]);
+    const Body* body = bodyOf(graph.vector_motions[i], bodies);
+    const Vec3& p = body == nullptr ? p_W : body->seen;
+    VectorSample s = graph.vector_fields[i]->sample(p, caches_[graph.scalar_fields.size() + i]);
+    if (body != nullptr) {
+      const Mat3& turn = body->pose.rotation;
+      s.value = turn * s.value;
+      s.jacobian = turn * s.jacobian * turn.transpose();
+    }
     vector(read.value, s.value, s.inside);
     vector(read.curl, curl(s.jacobian), s.inside);
     scalar(read.divergence, divergence(s.jacobian), s.inside);
@@ -97,19 +117,21 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcep
   return count;
 }
 
-FieldSet fieldsAt(const Graph& graph, const Vec3& p_W) noexcept {
-  const auto holding = [&](const std::vector<FieldFrame>& frames) {
+FieldSet fieldsAt(const Graph& graph, const Vec3& p_W, std::span<const Body> bodies) noexcept {
+  const auto holding = [&](const std::vector<FieldFrame>& frames, const std::vector<int>& motions) {
     std::uint64_t bits = 0;
     for (std::size_t i = 0; i < frames.size(); ++i) {
       const Box& box = frames[i].bounds;
-      const bool in = p_W.x() >= box.lower.x() && p_W.x() <= box.upper.x() &&
-                      p_W.y() >= box.lower.y() && p_W.y() <= box.upper.y() &&
-                      p_W.z() >= box.lower.z() && p_W.z() <= box.upper.z();
+      const Body* body = bodyOf(motions[i], bodies);
+      const Vec3& p = body == nullptr ? p_W : body->seen;
+      const bool in = p.x() >= box.lower.x() && p.x() <= box.upper.x() && p.y() >= box.lower.y() &&
+                      p.y() <= box.upper.y() && p.z() >= box.lower.z() && p.z() <= box.upper.z();
       bits |= static_cast<std::uint64_t>(in) << i;
     }
     return bits;
   };
-  const FieldSet here{holding(graph.scalar_frames), holding(graph.vector_frames)};
+  const FieldSet here{holding(graph.scalar_frames, graph.scalar_motions),
+                      holding(graph.vector_frames, graph.vector_motions)};
   FieldSet wanted;
   for (const ModeFields& mode : graph.mode_fields) {
     if (here.holds(mode.support)) wanted |= mode.reads & here;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -36,8 +37,10 @@ struct Scene {
 };
 
 /// The fields that a tick at p_W [m] reads: those of the modes, and of the varying stiffness, whose
-/// support holds it. RT: no allocation. Cost: a few ns a field and mode.
-[[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W) noexcept PALPATE_NONBLOCKING;
+/// support holds it. Moving fields are asked at Body::seen of their motion; without bodies they
+/// rest. RT: no allocation. Cost: a few ns a field and mode.
+[[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
+                                std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
 /// Checks and compiles a scene from fields by name. Throws SceneError; slow, allocates.
 [[nodiscard]] std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
@@ -56,9 +59,11 @@ class Reader {
   void bind(const Scene& scene) noexcept;
 
   /// Step 1 of the paper's figure 1: samples at p_W [m] what the modes read whose support holds it.
-  /// What is not read has no data. Call bind first. Returns how many fields were read.
-  /// RT: no allocation.
-  int sample(const Scene& scene, const Vec3& p_W, Properties& out) noexcept PALPATE_NONBLOCKING;
+  /// What is not read has no data. Moving fields are read at Body::seen of their motion and their
+  /// directions turned by its pose; without bodies they rest. Call bind first. Returns how many
+  /// fields were read. RT: no allocation.
+  int sample(const Scene& scene, const Vec3& p_W, Properties& out,
+             std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
  private:
   std::vector<FieldCache> caches_;

@@ -9,6 +9,7 @@
 #include "engine/device.h"
 #include "engine/friction.h"
 #include "engine/mode.h"
+#include "engine/placement.h"
 #include "engine/primitive.h"
 #include "engine/scene.h"
 #include "engine/solver.h"
@@ -18,7 +19,8 @@ namespace palpate {
 /// How a tick ended, in the order of severity, the best first. Each is safe to send.
 enum class StepStatus : std::uint8_t {
   kConverged,       ///< All is well.
-  kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Raise
+  kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Or a
+                    ///< volume did: it is there, but can have passed the proxy unfelt. Raise
                     ///< max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
@@ -50,17 +52,23 @@ class ProxyState {
  public:
   /// `limits`: of the device that the force goes to. Allocates; the tick does not.
   explicit ProxyState(const ForceLimits& limits = {})
-      : limits_(limits), memories_(kMaxModes), forces_(kMaxPrimitives, Vec3::Zero()) {}
+      : limits_(limits),
+        memories_(kMaxModes),
+        bodies_(kMaxMotions),
+        forces_(kMaxPrimitives, Vec3::Zero()) {}
 
-  /// Lets force out again after a fault; the proxy starts anew at the hand, contacts forgotten.
+  /// Lets force out again after a fault; the proxy starts anew at the hand, contacts forgotten. The
+  /// scene's time has gone on meanwhile.
   void clearFault() noexcept {
     faulted_ = false;
     placed_ = false;
-    scene_id_ = 0;
-    warm_.forget();
   }
   [[nodiscard]] bool faulted() const noexcept { return faulted_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
+  /// Since this proxy met the scene, by the ticks' dt [s]: moving volumes are where they are then.
+  [[nodiscard]] double time() const noexcept { return time_; }
+  /// Where Graph::motions[i] was in the last tick, i < kMaxMotions.
+  [[nodiscard]] const Pose& pose(std::size_t i) const noexcept { return bodies_[i].pose; }
   [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
   /// Of the last sub-step, in the order of the modes; ModeMemory::emitted says how many each.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
@@ -79,12 +87,15 @@ class ProxyState {
 
   ForceLimits limits_;
   std::vector<ModeMemory> memories_;
+  std::vector<Body> bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;
   WarmStart warm_;
   FrictionStart friction_;
   Properties properties_;
   std::uint64_t scene_id_ = 0;
+  double time_ = 0.0;      ///< [s]
+  double posed_at_ = 0.0;  ///< Time of the bodies' poses [s].
   VaryingStiffness stiffness_;
   bool placed_ = false;
   bool faulted_ = false;
@@ -97,11 +108,15 @@ class ProxyState {
 ///
 /// The proxy starts at the first probe position. Where there is data it moves at most one voxel
 /// before properties are read again. A scene that differs from the last tick's keeps the proxy
-/// where it is and forgets contacts.
+/// where it is, forgets contacts and begins at time zero.
+///
+/// A moving volume carries along what is in it before the balance: its own fields are read at, and
+/// its own modes' primitives stand at, the old proxy as the volume saw it last. One that comes
+/// farther than half a voxel in a tick does so in several sub-steps.
 ///
 /// @param reader  This thread's; bound to the scene as needed.
 /// @param hand    Position [m]; NaN or farther than 1e6 m is a fault: zero force, latched.
-/// @param dt      Time since the last tick [s], > 0; else the force may not grow.
+/// @param dt      Time since the last tick [s], > 0; else the force may not grow and volumes stand.
 /// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or so.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt) noexcept PALPATE_NONBLOCKING;

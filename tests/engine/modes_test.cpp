@@ -129,6 +129,33 @@ std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
   return makeScene(spec, at, coupling);
 }
 
+/// Turned and shifted about, there and back in 0.4 s, at less than half a voxel a millisecond.
+MotionPtr tumbling(double slower = 1.0) {
+  std::vector<Keyframe> keys(5);
+  const std::array<Vec3, 3> turns{Vec3(0.2, 0.1, -0.15), Vec3(0.1, 0.3, 0.1), Vec3(-0.1, 0.1, 0.2)};
+  const std::array<Vec3, 3> ways{Vec3(0.01, 0, 0), Vec3(0.01, -0.01, 0), Vec3(0, 0, 0.01)};
+  for (std::size_t i = 0; i < 5; ++i) {
+    keys[i].time = 0.1 * slower * static_cast<double>(i);
+    if (i == 0 || i == 4) continue;
+    const Eigen::Quaterniond q(Eigen::AngleAxisd(turns[i - 1].norm(), turns[i - 1].normalized()));
+    keys[i].rotation_wxyz = {q.w(), q.x(), q.y(), q.z()};
+    keys[i].translate = ways[i - 1];
+  }
+  return std::make_shared<const Motion>(keys, true);
+}
+
+/// The ball moves, guides with it, and so does the flow unless it has a motion of its own.
+std::unique_ptr<const Scene> movingScene(std::vector<ModeSpec> modes, const MotionPtr& motion,
+                                         const MotionPtr& of_flow = nullptr) {
+  GraphSpec spec;
+  for (ModeSpec& mode : modes) {
+    if (mode.kind == ModeKind::kGuide) mode.in = "ball";
+  }
+  spec.modes = std::move(modes);
+  spec.motions = {{"ball", motion}, {"flow", of_flow == nullptr ? motion : of_flow}};
+  return makeScene(spec, fields(), {kStiffness, 0.0});
+}
+
 /// A closed path through the data, three harmonics to each axis; the ball's surface is in the
 /// middle of most.
 class ClosedPath {
@@ -505,6 +532,102 @@ TEST_CASE("scene and hand turned and moved together: so is the force", "[modes]"
     }
     CHECK(worst <= 1e-9 * largest);
   }
+}
+
+TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]") {
+  Random random(78);
+  const MotionPtr motion = tumbling();
+  for (std::size_t i = 0; i < allModes().size(); ++i) {
+    const std::vector<Named> still = allModes();
+    CAPTURE(still[i].name);
+    Scene scene = *sceneOf({still[i].mode, still[1].mode});
+    Scene moving = *movingScene({still[i].mode, still[1].mode}, motion);
+    if (still[i].mode.friction.highest() > 0.0) {
+      scene.solver.tolerance = moving.solver.tolerance = 1e-9;
+    }
+    const ClosedPath path(random, 400);
+    Reader reader;
+    Reader other_reader;
+    ProxyState state(kOpen);
+    ProxyState other_state(kOpen);
+    double worst = 0.0;
+    double largest = 1.0;
+    double time = 0.0;
+    for (int tick = 0; tick <= path.ticks(); ++tick) {
+      const Vec3 hand = path(tick);
+      const Pose pose = motion->poseAt(time);
+      time += kDt;
+      const Vec3 force = hapticStep(scene, reader, {hand}, state, kDt).wanted;
+      const Vec3 other = hapticStep(moving, other_reader, {pose(hand)}, other_state, kDt).wanted;
+      worst = std::max(worst, (pose.rotation * force - other).norm());
+      largest = std::max(largest, force.norm());
+    }
+    CHECK(worst <= 1e-9 * largest);
+  }
+}
+
+TEST_CASE("a motion that stands still changes nothing, to the bit", "[modes][moving]") {
+  const MotionPtr rest = std::make_shared<const Motion>(std::vector<Keyframe>(1));
+  for (const Named& mode : allModes()) {
+    CAPTURE(mode.name);
+    const auto forces = [&](const Scene& scene) {
+      Random random(79);
+      std::vector<double> out;
+      feel(scene, ClosedPath(random, 400),
+           [&](int, const Vec3&, const StepReport& r, const ProxyState&) {
+             out.insert(out.end(), {r.force.x(), r.force.y(), r.force.z(), r.error_bound,
+                                    static_cast<double>(r.substeps), r.injected});
+           });
+      return out;
+    };
+    CHECK(forces(*sceneOf({mode.mode})) == forces(*movingScene({mode.mode}, rest)));
+  }
+}
+
+TEST_CASE("among moving volumes no more work than is injected and held, and nothing allocated",
+          "[modes][moving][passivity][realtime]") {
+  std::vector<std::vector<ModeSpec>> sets;
+  for (const Named& mode : allModes()) sets.push_back({mode.mode});
+  std::vector<ModeSpec> all;
+  for (const Named& mode : allModes()) all.push_back(mode.mode);
+  sets.push_back(all);
+  Random random(80);
+  double injected_sum = 0.0;
+  const long paths = test::cases(kPaths / 50);
+  for (const auto& set : sets) {
+    // The two volumes move together, or each its own way.
+    for (const bool apart : {false, true}) {
+      const auto scene = movingScene(set, tumbling(), apart ? tumbling(2.0) : nullptr);
+      Reader reader;
+      for (long i = 0; i < paths; ++i) {
+        const ClosedPath path(random, static_cast<int>(random.logUniform(150.0, 3000.0)));
+        ProxyState state(kOpen);
+        double work = 0.0;
+        double injected = 0.0;
+        bool fault = false;
+        Vec3 last = path(0);
+        Vec3 force = Vec3::Zero();
+        const CountScope scope;
+        for (int tick = 0; tick <= path.ticks(); ++tick) {
+          const Vec3 hand = path(tick);
+          const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
+          // The last force was held on the way here, which alone adds up to k/2 |dh|^2.
+          work += force.dot(hand - last) - 0.5 * kStiffness * (hand - last).squaredNorm();
+          force = r.wanted;
+          injected += r.injected;
+          fault = fault || r.status == StepStatus::kFault;
+          last = hand;
+        }
+        const auto counts = CountScope::counts();
+        REQUIRE(counts.allocations == 0);
+        REQUIRE(counts.locks == 0);
+        REQUIRE_FALSE(fault);
+        REQUIRE(work <= injected + 1e-12);
+        injected_sum += injected;
+      }
+    }
+  }
+  CHECK(injected_sum > 0.0);
 }
 
 TEST_CASE("no more work than the counted injection on any closed path", "[modes][passivity]") {

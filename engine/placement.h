@@ -1,0 +1,90 @@
+/// Where a moving volume is: rigid poses between keyframes.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// A rigid motion out of a volume's resting frame, the one that its field is given in, into W.
+struct Pose {
+  Mat3 rotation = Mat3::Identity();
+  Vec3 translate = Vec3::Zero();  ///< [m]
+
+  [[nodiscard]] Vec3 operator()(const Vec3& p_rest) const noexcept {
+    return rotation * p_rest + translate;
+  }
+  [[nodiscard]] Vec3 toRest(const Vec3& p) const noexcept {
+    return rotation.transpose() * (p - translate);
+  }
+  [[nodiscard]] bool operator==(const Pose& other) const noexcept {
+    return rotation == other.rotation && translate == other.translate;
+  }
+};
+
+/// The pose of a volume at a time: it turns about W's origin, then shifts.
+struct Keyframe {
+  double time = 0.0;                                ///< Since the scene began [s].
+  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
+  Vec3 translate = Vec3::Zero();                    ///< [m]
+};
+
+/// How a volume moves: turned evenly the short way round and shifted evenly from keyframe to
+/// keyframe, held before the first and after the last, or repeated. Const; shared by the volumes
+/// that move together.
+class Motion {
+ public:
+  /// Throws SceneError, with `path` before what is wrong (/2/time), where there is no keyframe, the
+  /// times do not ascend or are beyond 1e9 s, a rotation is zero, two in a row are half a turn
+  /// apart (either way round would do), or a repeated motion does not end where it began.
+  explicit Motion(std::span<const Keyframe> keyframes, bool repeat = false,
+                  const std::string& path = "/keyframes");
+
+  /// RT: no allocation. Cost: O(log keyframes), one sine and cosine.
+  [[nodiscard]] Pose poseAt(double time) const noexcept PALPATE_NONBLOCKING;
+
+  /// Holds a box of the resting frame wherever the motion takes it, within 0.2 % of the way that
+  /// turning takes its corners.
+  [[nodiscard]] Box sweep(const Box& rest) const;
+  /// At most so fast does any point of a box of the resting frame move [m/s].
+  [[nodiscard]] double topSpeed(const Box& rest) const;
+
+  [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }
+  [[nodiscard]] double from() const noexcept { return knots_.front().time; }
+  [[nodiscard]] double to() const noexcept { return knots_.back().time; }
+  [[nodiscard]] bool repeats() const noexcept { return repeat_; }
+
+ private:
+  /// A keyframe, and the way to the next one.
+  struct Knot {
+    double time = 0.0;
+    Pose pose;
+    Vec3 axis = Vec3::UnitX();  ///< In the resting frame: turned before `pose` turns it.
+    double angle = 0.0;         ///< [rad]
+    Vec3 way = Vec3::Zero();    ///< [m]
+  };
+  [[nodiscard]] static Pose between(const Knot& knot, double share) noexcept PALPATE_NONBLOCKING;
+
+  std::vector<Knot> knots_;
+  bool repeat_ = false;
+};
+
+using MotionPtr = std::shared_ptr<const Motion>;
+
+/// A motion as a tick sees it: where its volumes are, and the proxy as they see it.
+struct Body {
+  Pose pose;                    ///< Of this sub-step.
+  Pose target;                  ///< Of the tick.
+  Pose carry;                   ///< From the last pose to this one, in W.
+  Vec3 seen = Vec3::Zero();     ///< The proxy, carried along, in the resting frame [m].
+  Vec3 carried = Vec3::Zero();  ///< The same in W.
+  bool moved = false;           ///< In this sub-step; else `carried` is the proxy itself.
+};
+
+}  // namespace palpate
