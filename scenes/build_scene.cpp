@@ -94,6 +94,44 @@ bool given(const FieldPtr& field) {
   return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
 }
 
+/// The motions that volumes have of their own.
+std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec) {
+  std::map<std::string, MotionPtr> motions;
+  for (const auto& [name, volume] : spec.volumes) {
+    const PlaceSpec& place = volume.place;
+    const std::string path = at(spec, "/volumes/" + name + "/place");
+    if (place.keyframes.empty()) {
+      if (!place.repeat) continue;
+      throw SceneError(path + "/repeat", "there are no keyframes to repeat", "add \"keyframes\"");
+    }
+    if (place.kind == PlaceSpec::Kind::kLike && !given(volume.field)) {
+      throw SceneError(path + "/keyframes", "a volume placed like another moves with that",
+                       "remove them, or place it by fit, unit or scale");
+    }
+    motions[name] =
+        std::make_shared<const Motion>(place.keyframes, place.repeat, path + "/keyframes");
+  }
+  return motions;
+}
+
+/// Volumes that are placed like a moving one, and what was computed of one, move with it. Their
+/// places are resolved: "like" names no stranger and no circle.
+void joinMotions(const SceneSpec& spec, BuiltScene& built) {
+  const auto follow = [&](const std::string& name, const std::string& leader) {
+    const auto motion = built.motions.find(leader);
+    if (motion != built.motions.end()) built.motions[name] = motion->second;
+  };
+  for (const auto& [name, volume] : spec.volumes) {
+    if (given(volume.field)) continue;
+    const std::string* leader = &name;
+    while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {
+      leader = &spec.volumes.at(*leader).place.like;
+    }
+    follow(name, *leader);
+  }
+  for (const auto& [name, computed] : built.computed) follow(name, computed.from);
+}
+
 /// Throws where a mode lives from the gradient of a volume that is read without one.
 void checkGradients(const SceneSpec& spec) {
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
@@ -221,7 +259,7 @@ class FieldComputer {
   std::map<std::string, Made> made_;
 };
 
-/// Guides that are given in a volume's units, into W.
+/// Guides that are given in a volume's units, into W; they move with it.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph) {
   for (const auto& [i, name] : spec.guide_volumes) {
     const auto placement = built.placements.find(name);
@@ -234,6 +272,7 @@ void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& grap
           near.empty() ? "name a volume of this scene" : "did you mean \"" + near + "\"?");
     }
     const Placement& place = placement->second;
+    graph.modes.at(i).in = name;
     GuideSpec& guide = graph.modes.at(i).guide;
     guide.position = place.translate + place.rotation * (place.scale * guide.position);
     guide.direction = place.rotation * guide.direction;
@@ -246,6 +285,7 @@ void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& grap
 
 BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
   BuiltScene built;
+  built.motions = ownMotions(spec);
   std::vector<std::string> wanted;
   std::vector<VolumeRequest> requests;
   for (const auto& [name, volume] : spec.volumes) {
@@ -287,8 +327,12 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
   }
   GraphSpec graph = FieldComputer(spec, built).compute();
   placeGuides(spec, built, graph);
+  joinMotions(spec, built);
+  graph.motions = built.motions;
   for (const auto& [name, field] : built.fields) {
-    const Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
+    Box box = std::visit([](const auto& f) { return f->frame().bounds; }, field);
+    const auto motion = built.motions.find(name);
+    if (motion != built.motions.end()) box = motion->second->sweep(box);
     built.bounds.extend(box.lower);
     built.bounds.extend(box.upper);
   }

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/placement.h"
 #include "engine/scene.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
@@ -25,7 +26,7 @@ struct PlaceSpec {
     kFit,   ///< The longest side of the active bounds is `size` metres, centred.
     kUnit,  ///< True size: one unit of the file is `size` metres, centred.
     kMap,   ///< p = translate + R scale x.
-    kLike,  ///< The same map as another volume's: co-registered.
+    kLike,  ///< The same map as another volume's: co-registered. Moves with it.
   };
   Kind kind = Kind::kFit;
   double size = 0.1;                                ///< [m]
@@ -33,6 +34,9 @@ struct PlaceSpec {
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
   Vec3 translate = Vec3::Zero();                    ///< [m]
   std::string like;                                 ///< Another volume's name.
+  std::vector<Keyframe> keyframes;  ///< Move the volume so placed; none: it stands still. Not with
+                                    ///< kLike.
+  bool repeat = false;              ///< The last keyframe joins the first.
 };
 
 /// One volume: a grid of a file, one already in memory, or a field of the user's own.
@@ -44,7 +48,7 @@ struct VolumeSpec {
   PlaceSpec place;
   Sampling sampling;
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
-  FieldPtr field;                        ///< If set, all of the above is ignored.
+  FieldPtr field;                        ///< If set, of the above only the keyframes count.
 };
 
 /// A whole scene, as a scene file says it; C++ builds the same and has it checked the same.
@@ -72,9 +76,10 @@ struct BuiltScene {
   std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
                                                                  ///< the computed fields.
   std::map<std::string, Placement> placements;
-  std::map<std::string, FieldPtr> fields;  ///< All volumes, placed.
+  std::map<std::string, FieldPtr> fields;    ///< All volumes, placed, as they rest.
+  std::map<std::string, MotionPtr> motions;  ///< Of those that move.
   std::map<std::string, ComputedField> computed;
-  Box bounds;                      ///< Of all fields in W [m].
+  Box bounds;                      ///< Of all fields in W, wherever they move [m].
   std::vector<std::string> notes;  ///< What was filled or smoothed away, and what is valid but can
                                    ///< hardly be meant, one line each.
 };

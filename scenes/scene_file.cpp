@@ -191,8 +191,30 @@ TransferSpec readTransfer(const Node& node) {
   return TransferSpec(std::move(factors));
 }
 
+Vec3 readVec3(const Node& node) {
+  const auto v = node.numbers<3>();
+  return {v[0], v[1], v[2]};
+}
+
+/// How a volume moves; what its keyframes say is checked when the scene is built.
+void readKeyframes(const Node& node, PlaceSpec& place) {
+  const Node list = node.child("keyframes");
+  if (!list.json().is_array() || list.json().empty()) {
+    list.fail("it is not a list of keyframes", "write [{\"time\": 0, ...}, ...]");
+  }
+  for (std::size_t i = 0; i < list.json().size(); ++i) {
+    const Node key = list.element(i).object({"time", "rotation_wxyz", "translate"});
+    Keyframe& keyframe = place.keyframes.emplace_back();
+    keyframe.time = key.need("time").number();
+    if (key.has("rotation_wxyz")) keyframe.rotation_wxyz = key.child("rotation_wxyz").numbers<4>();
+    if (key.has("translate")) keyframe.translate = readVec3(key.child("translate"));
+  }
+  if (node.has("repeat")) place.repeat = node.child("repeat").flag();
+}
+
 PlaceSpec readPlace(const Node& node) {
-  node.object({"fit", "unit", "scale", "rotation_wxyz", "translate", "like"}, {"keyframes"});
+  node.object(
+      {"fit", "unit", "scale", "rotation_wxyz", "translate", "like", "keyframes", "repeat"});
   PlaceSpec place;
   const int kinds = static_cast<int>(node.has("fit")) + static_cast<int>(node.has("unit")) +
                     static_cast<int>(node.has("scale")) + static_cast<int>(node.has("like"));
@@ -215,11 +237,17 @@ PlaceSpec readPlace(const Node& node) {
     place.kind = PlaceSpec::Kind::kMap;
     place.scale = node.child("scale").positive();
     if (node.has("rotation_wxyz")) place.rotation_wxyz = node.child("rotation_wxyz").numbers<4>();
-    if (node.has("translate")) {
-      const auto t = node.child("translate").numbers<3>();
-      place.translate = {t[0], t[1], t[2]};
-    }
+    if (node.has("translate")) place.translate = readVec3(node.child("translate"));
   }
+  if (node.has("like") && node.has("keyframes")) {
+    node.child("keyframes")
+        .fail("a volume placed like another moves with that",
+              "remove them, or place it by fit, unit or scale");
+  }
+  if (node.has("repeat") && !node.has("keyframes")) {
+    node.child("repeat").fail("there are no keyframes to repeat", "add \"keyframes\"");
+  }
+  if (node.has("keyframes")) readKeyframes(node, place);
   return place;
 }
 
@@ -262,11 +290,6 @@ DerivedSpec readField(const Node& node) {
               "give one of magnitude, gradient, curl, divergence, unit, q, lambda2");
   }
   return derived;
-}
-
-Vec3 readVec3(const Node& node) {
-  const auto v = node.numbers<3>();
-  return {v[0], v[1], v[2]};
 }
 
 GuideSpec readGuide(const Node& node) {

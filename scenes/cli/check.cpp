@@ -127,6 +127,17 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     volume["metres_per_unit"] = frame.metres_per_unit;
     volume["voxel"] = frame.voxel;
     volume["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
+    const auto motion = built.motions.find(name);
+    if (motion != built.motions.end()) {
+      const Motion& moves = *motion->second;
+      const Box swept = moves.sweep(frame.bounds);
+      volume["motion"] = {{"keyframes", moves.size()},
+                          {"from", moves.from()},
+                          {"to", moves.to()},
+                          {"repeat", moves.repeats()},
+                          {"top_speed", moves.topSpeed(frame.bounds)},
+                          {"bounds", {toJson(swept.lower), toJson(swept.upper)}}};
+    }
     json["volumes"][name] = volume;
   }
   json["sampled"] = OrderedJson::array();
@@ -184,6 +195,13 @@ void print(const OrderedJson& json) {
     }
     fmt::print("voxel {} mm, {} mm a unit\n", rounded(1e3 * volume["voxel"].get<double>()),
                rounded(1e3 * volume["metres_per_unit"].get<double>()));
+    if (!volume.contains("motion")) continue;
+    const OrderedJson& motion = volume["motion"];
+    fmt::print("moves     {}: {} keyframes, {} to {} s{}, at most {} m/s\n", name,
+               motion["keyframes"].get<std::size_t>(), rounded(motion["from"].get<double>()),
+               rounded(motion["to"].get<double>()),
+               motion["repeat"].get<bool>() ? ", repeated" : "",
+               rounded(motion["top_speed"].get<double>()));
   }
   for (const auto& sampled : json["sampled"]) {
     const auto list = [](const OrderedJson& names) {

@@ -66,7 +66,8 @@ std::function<double(const Vec3&)> reading(const FieldPtr& field) {
       field);
 }
 
-OrderedJson slice(const FieldPtr& field, const Box& bounds, const Vec3& through, int normal) {
+OrderedJson slice(const FieldPtr& field, const Pose& pose, const Box& bounds, const Vec3& through,
+                  int normal) {
   const auto read = reading(field);
   const int a = (normal + 1) % 3;
   const int b = (normal + 2) % 3;
@@ -84,7 +85,7 @@ OrderedJson slice(const FieldPtr& field, const Box& bounds, const Vec3& through,
       Vec3 p = through;
       p[a] = bounds.lower[a] + (i + 0.5) / columns * bounds.size()[a];
       p[b] = bounds.lower[b] + (j + 0.5) / rows * bounds.size()[b];
-      line.push_back(static_cast<float>(read(p)));
+      line.push_back(static_cast<float>(read(pose.toRest(p))));
     }
     json["values"].push_back(std::move(line));
   }
@@ -120,15 +121,18 @@ void Picture::add(const Telemetry& tick) {
 }
 
 void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
-  // Slices through the middle of what was touched.
+  // Slices through the middle of what was touched; what moves as it is then.
   Vec3 middle = Vec3::Zero();
+  double time = 0.0;
   int touched = 0;
   for (const Telemetry& tick : ticks_) {
     if (tick.report.force.norm() < 0.05) continue;
     middle += tick.report.proxy;
+    time += tick.time;
     ++touched;
   }
   middle = touched == 0 ? built.bounds.centre() : Vec3(middle / touched);
+  if (touched > 0) time /= touched;
   middle = middle.cwiseMax(built.bounds.lower).cwiseMin(built.bounds.upper);
 
   OrderedJson json;
@@ -141,8 +145,10 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
     OrderedJson entry;
     entry["name"] = name;
     entry["slices"] = OrderedJson::array();
+    const auto motion = built.motions.find(name);
+    const Pose pose = motion == built.motions.end() ? Pose{} : motion->second->poseAt(time);
     for (int normal = 0; normal < 3; ++normal) {
-      entry["slices"].push_back(slice(field, built.bounds, middle, normal));
+      entry["slices"].push_back(slice(field, pose, built.bounds, middle, normal));
     }
     entry["levels"] = OrderedJson::array();
     for (const ModeSpec& mode : spec.graph.modes) {

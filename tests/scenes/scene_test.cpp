@@ -30,9 +30,12 @@ Json fullScene() {
     "volumes": {
       "head": {"file": "linear.vdb", "grid": "density", "place": {"fit": 0.1}, "interpolation": "trilinear"},
       "flow": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "head"}},
-      "true": {"file": "linear.vdb", "grid": "density", "place": {"unit": "mm"}},
+      "true": {"file": "linear.vdb", "grid": "density", "place": {"unit": "mm",
+               "keyframes": [{"time": 0}, {"time": 2, "rotation_wxyz": [0.7071, 0, 0, 0.7071]},
+                             {"time": 3.5, "translate": [0, 0, 0]}], "repeat": true}},
       "turned": {"file": "linear.vdb", "grid": "density",
-                 "place": {"scale": 0.01, "rotation_wxyz": [0.7071, 0, 0, 0.7071], "translate": [0, 0, 0.1]}}
+                 "place": {"scale": 0.01, "rotation_wxyz": [0.7071, 0, 0, 0.7071], "translate": [0, 0, 0.1],
+                           "keyframes": [{"time": 1, "translate": [0.1, 0, 0]}]}}
     },
     "fields": {
       "speed": {"magnitude": "flow"}, "spin": {"curl": "flow"}, "source": {"divergence": "flow"},
@@ -146,6 +149,16 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/head/place", Json::object(), "none or several of its kinds"},
       {"/volumes/turned/place/translate", {1, 2}, "not a list of 3 numbers"},
       {"/volumes/true/place/unit", "inch", "\"inch\" is not known: use one of m, cm, mm, um"},
+      {"/volumes/true/place/keyframes", Json::array(), "not a list of keyframes"},
+      {"/volumes/true/place/keyframes", {{"time", 0}}, "not a list of keyframes"},
+      {"/volumes/true/place/keyframes/1/time", "late", "\"late\" is not a number"},
+      {"/volumes/true/place/keyframes/1/turn", 1, "keyframes/1/turn: unknown key"},
+      {"/volumes/true/place/keyframes/1", {{"translate", {0, 0, 0}}}, "\"time\" is missing"},
+      {"/volumes/true/place/keyframes/1/rotation_wxyz", {1, 0, 0}, "not a list of 4 numbers"},
+      {"/volumes/true/place/keyframes/2/translate", {1, 0}, "not a list of 3 numbers"},
+      {"/volumes/true/place/repeat", 1, "/volumes/true/place/repeat: 1 is not true or false"},
+      {"/volumes/head/place/repeat", true, "there are no keyframes to repeat"},
+      {"/volumes/flow/place/keyframes", Json::parse(R"([{"time": 0}])"), "moves with that"},
       {"/fields/speed", Json::object(), "give one of magnitude"},
       {"/fields/speed/curl", "flow", "give one of magnitude"},
       {"/fields/way/q", "flow", "give one of magnitude"},
@@ -341,6 +354,17 @@ TEST_CASE("what only loading can see is named by file and path too", "[scene]") 
   CHECK_THAT(error("/volumes/flow/place/like", "haed"),
              Contains("/volumes/flow/place/like") && Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/volumes/head/place", {{"like", "flow"}}), Contains("in a circle"));
+  const auto keyframes = [&](const char* list, bool repeat = false) {
+    return error("/volumes/head/place",
+                 {{"fit", 0.1}, {"keyframes", Json::parse(list)}, {"repeat", repeat}});
+  };
+  CHECK(keyframes(R"([{"time": 2}])") == "no error");
+  CHECK_THAT(keyframes(R"([{"time": 2}, {"time": 1}])"),
+             Contains("s.json: /volumes/head/place/keyframes/1/time") && Contains("ascend"));
+  CHECK_THAT(keyframes(R"([{"time": 2, "rotation_wxyz": [0, 0, 0, 0]}])"),
+             Contains("keyframes/0/rotation_wxyz: it is no rotation"));
+  CHECK_THAT(keyframes(R"([{"time": 0}, {"time": 1, "translate": [0, 0, 1]}])", true),
+             Contains("keyframes/1: a repeated motion must end where it began"));
   CHECK_THAT(error("/modes/0/of", "flow"), Contains("s.json: /modes/0/of"));
   CHECK_THAT(error("/modes/0/of", "heads"), Contains("did you mean \"head\"?"));
   CHECK_THAT(error("/fields/swirl/magnitude", "swirl"), Contains("derived from itself"));
@@ -368,6 +392,54 @@ TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]")
   spec.graph.modes = {skin};
   const BuiltScene built = buildScene(spec);
   CHECK((built.bounds.centre() - Vec3::Constant(-5.0)).norm() < 1e-12);
+}
+
+TEST_CASE("a volume of keyframes moves, and with it what is placed like it or made of it",
+          "[scene][moving]") {
+  const TemporaryFolder folder;
+  writeVortex(folder.path());
+  Json scene = vortexScene("speed", 0.4, "above");
+  scene["volumes"]["flow"]["place"] = Json::parse(R"({"scale": 0.01, "keyframes": [
+      {"time": 1}, {"time": 2, "translate": [0.3, 0, 0]}]})");
+  scene["volumes"]["with"] = Json::parse(R"({"file": "flow.vdb", "place": {"like": "then"}})");
+  scene["volumes"]["then"] = Json::parse(R"({"file": "flow.vdb", "place": {"like": "flow"}})");
+  scene["modes"].push_back(Json::parse(R"({"mode": "follow", "of": "with", "strength": 1})"));
+  scene["modes"].push_back(Json::parse(
+      R"({"mode": "guide", "shape": "point", "at": [0, 0, 1], "in": "flow", "strength": 1})"));
+  const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()));
+  CHECK(built.motions.size() == 4);
+  CHECK(built.motions.at("with") == built.motions.at("flow"));
+  CHECK(built.motions.at("speed") == built.motions.at("flow"));
+  const Graph& graph = built.scene->graph;
+  CHECK(graph.motions.size() == 1);
+  CHECK(graph.mode_motions == std::vector<int>{0, 0, 0});
+  CHECK(built.bounds.size().x() == Approx(built.bounds.size().y() + 0.3));
+
+  // A field of the user's own moves as well; what nobody moves stands still.
+  SceneSpec spec;
+  spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
+  spec.volumes["ball"].place.keyframes = {{0.0, {1, 0, 0, 0}, Vec3::Zero()},
+                                          {0.1, {1, 0, 0, 0}, Vec3(0, 0, 0.01)}};
+  spec.volumes["rock"].field = makeSphere(Vec3(0.2, 0, 0), 0.04);
+  ModeSpec skin;
+  skin.kind = ModeKind::kIsosurface;
+  skin.of = "ball";
+  skin.solid = Solid::kBelow;
+  skin.strength = 3.0;
+  spec.graph.modes = {skin, skin};
+  spec.graph.modes[1].of = "rock";
+  const BuiltScene own = buildScene(spec);
+  CHECK(own.scene->graph.mode_motions == std::vector<int>{0, -1});
+  Reader reader;
+  ProxyState state;
+  StepReport r;
+  for (int i = 0; i <= 100; ++i) {
+    r = hapticStep(*own.scene, reader, {{0, 0, 0.048}}, state, 1e-3);
+  }
+  CHECK(r.proxy.z() == Approx(0.05));
+  CHECK(r.force.z() == Approx(1.0));
+  spec.volumes["rock"].place.repeat = true;
+  CHECK_THROWS_WITH(buildScene(spec), Contains("/volumes/rock/place/repeat"));
 }
 
 TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene]") {
