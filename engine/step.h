@@ -77,6 +77,8 @@ class ProxyState {
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {forces_.data(), primitives_.size()};
   }
+  /// Graph::motions as the last sub-step saw them.
+  [[nodiscard]] std::span<const Body> bodies() const noexcept { return bodies_; }
   /// What mode i of the scene remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
 

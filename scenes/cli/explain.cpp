@@ -65,8 +65,23 @@ const std::string& vectorName(const Told& told, int i) {
   return told.graph().vector_properties[static_cast<std::size_t>(i)];
 }
 
-Primitive primitiveOf(const GuideMode& guide) {
-  return {guide.shape, guide.position, guide.direction};
+/// Where a field of this motion was read, in its own frame.
+const Vec3& seenFrom(const Told& told, int motion) {
+  return motion < 0 ? told.place() : told.state.bodies()[static_cast<std::size_t>(motion)].seen;
+}
+
+/// Where a guide is in this tick.
+Primitive primitiveOf(const Told& told, const GuideMode& guide) {
+  Primitive primitive{guide.shape, guide.position, guide.direction};
+  const std::vector<Mode>& modes = told.graph().modes;
+  for (std::size_t i = 0; i < modes.size(); ++i) {
+    const int motion = told.graph().mode_motions[i];
+    if (std::get_if<GuideMode>(&modes[i]) != &guide || motion < 0) continue;
+    const Pose& pose = told.state.pose(static_cast<std::size_t>(motion));
+    primitive.position = pose(guide.position);
+    primitive.direction = pose.rotation * guide.direction;
+  }
+  return primitive;
 }
 
 /// What a mode is made of, whichever it is.
@@ -101,7 +116,7 @@ Parts partsOf(const Told& /*told*/, const VortexTubeMode& m) {
   return {-1, m.curl, &m.strength};
 }
 Parts partsOf(const Told& told, const GuideMode& m) {
-  return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(m), told.hand)};
+  return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(told, m), told.hand)};
 }
 Parts partsOf(const Told& /*told*/, const UserMode& /*m*/) {
   return {};
@@ -165,14 +180,19 @@ bool holds(const Box& box, const Vec3& p) {
   return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
 }
 
-/// The fields whose bounds hold a place.
-FieldSet fieldsAround(const Graph& graph, const Vec3& p) {
+/// The fields whose bounds hold the proxy.
+FieldSet fieldsAround(const Told& told) {
+  const Graph& graph = told.graph();
   FieldSet set;
   for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
-    set.scalars |= std::uint64_t{holds(graph.scalar_frames[i].bounds, p)} << i;
+    set.scalars |=
+        std::uint64_t{holds(graph.scalar_frames[i].bounds, seenFrom(told, graph.scalar_motions[i]))}
+        << i;
   }
   for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
-    set.vectors |= std::uint64_t{holds(graph.vector_frames[i].bounds, p)} << i;
+    set.vectors |=
+        std::uint64_t{holds(graph.vector_frames[i].bounds, seenFrom(told, graph.vector_motions[i]))}
+        << i;
   }
   return set;
 }
@@ -192,9 +212,9 @@ std::vector<std::string> readersOf(const Told& told, const FieldSet& field) {
 
 /// Whether one field was read, and why.
 OrderedJson fieldReport(const Told& told, const std::string& name, const FieldFrame& frame,
-                        const FieldSet& field, bool inside) {
-  const bool around = holds(frame.bounds, told.place());
-  const bool sampled = fieldsAt(told.graph(), told.place()).holds(field);
+                        int motion, const FieldSet& field, bool inside) {
+  const bool around = holds(frame.bounds, seenFrom(told, motion));
+  const bool sampled = fieldsAt(told.graph(), told.place(), told.state.bodies()).holds(field);
   OrderedJson json;
   json["field"] = name;
   json["sampled"] = sampled;
@@ -220,7 +240,7 @@ OrderedJson fieldsReport(const Told& told) {
     const bool inside =
         read.value >= 0 ? scalarOf(told, read.value).inside : vectorOf(told, vector).inside;
     json.push_back(fieldReport(told, graph.scalar_names[i], graph.scalar_frames[i],
-                               {std::uint64_t{1} << i, 0}, inside));
+                               graph.scalar_motions[i], {std::uint64_t{1} << i, 0}, inside));
   }
   for (const VectorRead& read : graph.vector_reads) {
     const auto i = static_cast<std::size_t>(read.field);
@@ -228,7 +248,7 @@ OrderedJson fieldsReport(const Told& told) {
     const int scalar = std::max({read.divergence, read.q, read.lambda2});
     const bool inside = vector >= 0 ? vectorOf(told, vector).inside : scalarOf(told, scalar).inside;
     json.push_back(fieldReport(told, graph.vector_names[i], graph.vector_frames[i],
-                               {0, std::uint64_t{1} << i}, inside));
+                               graph.vector_motions[i], {0, std::uint64_t{1} << i}, inside));
   }
   return json;
 }
@@ -265,20 +285,21 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
   if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) return whyIdle(told, *iso, memory);
   if (const auto* guide = std::get_if<GuideMode>(&mode)) {
     return fmt::format("the proxy is {} m from it, farther than its snap of {} m",
-                       shown(distanceTo(primitiveOf(*guide), told.place())), shown(guide->snap));
+                       shown(distanceTo(primitiveOf(told, *guide), told.place())),
+                       shown(guide->snap));
   }
   return "it placed nothing";
 }
 
 bool outOfReach(const Told& told, const Mode& mode) {
   const auto* guide = std::get_if<GuideMode>(&mode);
-  return guide != nullptr && !(distanceTo(primitiveOf(*guide), told.place()) <= guide->snap);
+  return guide != nullptr && !(distanceTo(primitiveOf(told, *guide), told.place()) <= guide->snap);
 }
 
 /// Why mode i placed nothing: the first of its conditions that is not met.
 std::string whySilent(const Told& told, std::size_t i, const Parts& parts, const OrderedJson& of) {
   const Graph& graph = told.graph();
-  const FieldSet missing = without(graph.mode_fields[i].support, fieldsAround(graph, told.place()));
+  const FieldSet missing = without(graph.mode_fields[i].support, fieldsAround(told));
   if (missing.scalars != 0 || missing.vectors != 0) {
     return "the proxy is outside the bounds of " + joined(namesOf(graph, missing));
   }
