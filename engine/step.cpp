@@ -161,6 +161,16 @@ class Tick {
   [[nodiscard]] double reachFrom(const Vec3& a, const Vec3& b) const noexcept {
     const Box way{a.cwiseMin(b), a.cwiseMax(b)};
     double reach = std::numeric_limits<double>::infinity();
+    if (bodies_.empty()) {
+      const auto meet = [&](const std::vector<FieldFrame>& frames) {
+        for (const FieldFrame& frame : frames) {
+          if (meets(way, frame)) reach = std::min(reach, frame.voxel);
+        }
+      };
+      meet(scene_.graph.scalar_frames);
+      meet(scene_.graph.vector_frames);
+      return reach;
+    }
     eachField([&](const FieldFrame& frame, int motion) {
       const Body* body = bodyOf(motion);
       if (body == nullptr) {

@@ -542,7 +542,8 @@ TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]"
     CAPTURE(still[i].name);
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene moving = *movingScene({still[i].mode, still[1].mode}, motion);
-    if (still[i].mode.friction.highest() > 0.0) {
+    const bool rough = still[i].mode.friction.highest() > 0.0;
+    if (rough) {
       scene.solver.tolerance = moving.solver.tolerance = 1e-9;
     }
     const ClosedPath path(random, 400);
@@ -562,7 +563,8 @@ TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]"
       worst = std::max(worst, (pose.rotation * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    CHECK(worst <= 1e-9 * largest);
+    // Of two planes that are one, which carries what decides the friction: to the tolerance.
+    CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
 
