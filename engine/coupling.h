@@ -42,7 +42,7 @@ struct VaryingStiffness {
 /// free space the stiffness follows at once at the rate; pressed against a hard surface it waits
 /// for something to be dissipated, or for the hand to let go.
 ///
-/// @param wanted      [N/m]; not finite or <= 0 (no data): the stiffness stays.
+/// @param wanted      [N/m]; not finite or <= 0: the stiffness stays.
 /// @param offset      x_proxy - x_probe [m].
 /// @param dissipated  In this tick [J]; negative counts as none.
 /// @param dt          [s]

@@ -42,9 +42,7 @@ class Friction {
   [[nodiscard]] double strength(const FrictionLink& link) const noexcept {
     return set_.items()[link.line].strength;
   }
-  void set(const FrictionLink& link, double strength) noexcept {
-    set_.setStrength(link.line, strength);
-  }
+  void set(const FrictionLink& link, double strength) noexcept { set_.setStrength(link, strength); }
   /// The most that a link can hold [N].
   [[nodiscard]] double most(const FrictionLink& link) const noexcept {
     return link.coefficient * set_.items()[link.plane].strength;
@@ -64,9 +62,9 @@ class Friction {
                        [&](const FrictionLink& link) { return met(link); });
   }
   [[nodiscard]] bool spent() const noexcept {
-    const int share = set_.links().size() == 1 ? 1 : 2;
-    return share * solves_ >= kMostFrictionSolves ||
-           share * result_.iterations >= kMostFrictionIterations;
+    const bool alone = set_.links().size() == 1;
+    return solves_ >= (alone ? kMostFrictionSolves : kMostJointSolves - 1) ||
+           (alone ? 1 : 2) * result_.iterations >= kMostFrictionIterations;
   }
 
   /// The equation of a link that is alone; from the last balance. False as solve().
@@ -114,10 +112,12 @@ class Friction {
   /// All links together: the fixed point s_t = mu n, mixed with the last trial so that the slowest
   /// direction's error is extrapolated to zero (Anderson 1965, one step of memory). False as
   /// solve().
-  bool mix(FrictionStart& start, int most_solves) noexcept {
+  bool mix(FrictionStart& start) noexcept {
     const auto links = set_.links();
     double least = std::numeric_limits<double>::infinity();
-    for (int k = 0; k < most_solves && !allMet() && !spent(); ++k) {
+    // Alone, one step: exact where the load does not depend on the friction.
+    const bool alone = links.size() == 1;
+    for (int k = 0; !(alone && k > 0) && !allMet() && !spent(); ++k) {
       double worst = 0.0;
       for (const FrictionLink& link : links) worst = std::max(worst, std::abs(excess(link)));
       for (std::size_t i = 0; worst < least && i < links.size(); ++i) {
@@ -198,8 +198,7 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   bool good = friction.solve();
 
   // Where the loads do not depend on the frictions one step meets all laws.
-  constexpr int kMixed = 20;
-  if (good) good = friction.mix(start, links.size() == 1 ? 1 : kMixed);
+  if (good) good = friction.mix(start);
   if (good && links.size() == 1) good = friction.meet(links[0]);
   if (good && links.size() > 1 && !friction.allMet()) good = friction.hold(start);
   start.count = good ? links.size() : 0;

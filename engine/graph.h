@@ -231,7 +231,7 @@ struct Graph {
   std::vector<std::size_t> mode_sources;  ///< Each mode's index in GraphSpec::modes.
   std::vector<std::string> mode_names;
   Transfer stiffness;        ///< [N/m]; no factors: constant.
-  FieldSet stiffness_reads;  ///< All of it must hold the proxy, else the stiffness stays as it is.
+  FieldSet stiffness_reads;  ///< Where they have data about the proxy; else the background counts.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out: their strength is zero everywhere.
 };

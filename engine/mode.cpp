@@ -274,6 +274,16 @@ double Transfer::operator()(const Properties& properties, double own) const noex
   return product;
 }
 
+double Transfer::anywhere(const Properties& properties) const noexcept {
+  double product = factors.empty() ? 0.0 : 1.0;
+  for (const Factor& factor : factors) {
+    const bool reads = factor.scalar >= 0;
+    product *= factor.curve(
+        reads ? properties.scalars[static_cast<std::size_t>(factor.scalar)].value : 0.0);
+  }
+  return product;
+}
+
 bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p, const Vec3& probe,
                    ModeMemory& memory, PrimitiveSet& set, const Pose* pose) noexcept {
   const std::size_t before = set.size();

@@ -27,6 +27,9 @@ struct Transfer {
   /// The product, >= 0; 0 where a factor's property has no data. `own` is what factors of scalar
   /// -1 read; a constant reads nothing. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
+  /// The product whether or not there are data: without, a scalar is its background, a magnitude
+  /// zero. For the coupling, which has a stiffness everywhere. RT: no allocation.
+  [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
 
 /// A directed force (eq. 8) along a vector: injects energy, as its user asked.

@@ -70,8 +70,10 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// Of a line that friction holds [N]. RT: no allocation.
-  void setStrength(std::size_t i, double strength) noexcept { items_[i].strength = strength; }
+  /// The strength of a friction's line [N]. RT: no allocation.
+  void setStrength(const FrictionLink& link, double strength) noexcept {
+    items_[link.line].strength = strength;
+  }
 
   void clear() noexcept { count_ = link_count_ = 0; }
   [[nodiscard]] std::size_t size() const noexcept { return count_; }

@@ -136,7 +136,7 @@ FieldSet fieldsAt(const Graph& graph, const Vec3& p_W, std::span<const Body> bod
   for (const ModeFields& mode : graph.mode_fields) {
     if (here.holds(mode.support)) wanted |= mode.reads & here;
   }
-  if (here.holds(graph.stiffness_reads)) wanted |= graph.stiffness_reads;
+  wanted |= graph.stiffness_reads & here;
   return wanted;
 }
 

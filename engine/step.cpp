@@ -94,7 +94,7 @@ class Tick {
   void stiffen(const Vec3& offset, double dissipated, double dt) noexcept {
     const Transfer& stiffness = scene_.graph.stiffness;
     if (stiffness.factors.empty()) return;
-    const double wanted = stiffness(state_.properties_);  // 0 without data: stays
+    const double wanted = stiffness.anywhere(state_.properties_);
     state_.stiffness_ = nextStiffness(state_.stiffness_, wanted, offset, dissipated, dt);
   }
 

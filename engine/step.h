@@ -67,8 +67,6 @@ class ProxyState {
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
   /// Since this proxy met the scene, by the ticks' dt [s]: moving volumes are where they are then.
   [[nodiscard]] double time() const noexcept { return time_; }
-  /// Where Graph::motions[i] was in the last tick, i < kMaxMotions.
-  [[nodiscard]] const Pose& pose(std::size_t i) const noexcept { return bodies_[i].pose; }
   [[nodiscard]] const Properties& properties() const noexcept { return properties_; }
   /// Of the last sub-step, in the order of the modes; ModeMemory::emitted says how many each.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return primitives_; }
@@ -77,7 +75,7 @@ class ProxyState {
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {forces_.data(), primitives_.size()};
   }
-  /// Graph::motions as the last sub-step saw them.
+  /// Graph::motions as the last sub-step saw them; the scene's come first, others mean nothing.
   [[nodiscard]] std::span<const Body> bodies() const noexcept { return bodies_; }
   /// What mode i of the scene remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
@@ -119,7 +117,9 @@ class ProxyState {
 /// @param reader  This thread's; bound to the scene as needed.
 /// @param hand    Position [m]; NaN or farther than 1e6 m is a fault: zero force, latched.
 /// @param dt      Time since the last tick [s], > 0; else the force may not grow and volumes stand.
-/// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or so.
+/// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or
+/// so for a few primitives without friction; every sub-step, at most 64, takes up to a balance
+/// (solver.h), or several where frictions meet (friction.h).
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt) noexcept PALPATE_NONBLOCKING;
 

@@ -518,6 +518,7 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   }
   const Node modes = root.need("modes");
   if (!modes.json().is_array()) modes.fail("it is not a list", "write [ ... ]");
+  if (modes.json().empty()) modes.fail("there is no mode, so nothing can be felt", "add one");
   for (std::size_t i = 0; i < modes.json().size(); ++i) {
     spec.graph.modes.push_back(readMode(modes.element(i)));
     const Node mode = modes.element(i);

@@ -9,12 +9,16 @@
 namespace palpate::cli {
 namespace {
 
-std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by) {
+std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
+                     bool is_strength = false) {
   std::string text;
+  // A number as strength acts where the mode's `by` has data.
+  const bool mask = is_strength && transfer.factors.size() == 1 && !by.empty();
   for (const TransferSpec::Factor& factor : transfer.factors) {
     if (!text.empty()) text += " times ";
     if (factor.curve.isConstant()) {
       text += rounded(factor.curve.knots().front().second);
+      if (mask) text += " where " + by + " has data";
       continue;
     }
     std::string curve;
@@ -54,7 +58,7 @@ std::string describe(const ModeSpec& mode, const std::string& in) {
   if (mode.kind == ModeKind::kFrontShape && !mode.two_sided) text += " (one-sided)";
   if (mode.snap_voxels > 0.0)
     text += fmt::format(", snaps at {} voxels", rounded(mode.snap_voxels));
-  text += ", strength " + describe(mode.strength, "N", mode.by);
+  text += ", strength " + describe(mode.strength, "N", mode.by, true);
   if (mode.friction.highest() > 0.0) text += ", friction " + describe(mode.friction, "", mode.by);
   if (mode.viscosity.highest() > 0.0) {
     text += ", viscosity " + describe(mode.viscosity, "N", mode.by);

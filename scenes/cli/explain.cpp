@@ -77,7 +77,7 @@ Primitive primitiveOf(const Told& told, const GuideMode& guide) {
   for (std::size_t i = 0; i < modes.size(); ++i) {
     const int motion = told.graph().mode_motions[i];
     if (std::get_if<GuideMode>(&modes[i]) != &guide || motion < 0) continue;
-    const Pose& pose = told.state.pose(static_cast<std::size_t>(motion));
+    const Pose& pose = told.state.bodies()[static_cast<std::size_t>(motion)].pose;
     primitive.position = pose(guide.position);
     primitive.direction = pose.rotation * guide.direction;
   }
@@ -288,6 +288,12 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
                        shown(distanceTo(primitiveOf(told, *guide), told.place())),
                        shown(guide->snap));
   }
+  if (std::holds_alternative<FrontShapeMode>(mode) && memory.let_go) {
+    return "it has let go of its front, and takes the next where the proxy comes to rest";
+  }
+  if (std::holds_alternative<VortexTubeMode>(mode)) {
+    return "the flow does not turn here, or by no more than rounding";
+  }
   return "it placed nothing";
 }
 
@@ -454,6 +460,7 @@ OrderedJson balanceReport(const Told& told) {
   json["stiffness"] = r.stiffness;
   if (!told.graph().stiffness.factors.empty()) {
     json["stiffness_by"] = report(told, told.graph().stiffness, 0.0);
+    json["stiffness_by"]["value"] = told.graph().stiffness.anywhere(told.properties());
   }
   json["proxy"] = toJson(r.proxy);
   json["spring"] = toJson(spring);
@@ -515,7 +522,9 @@ std::string whatIsSent(const Told& told) {
       fmt::format("The proxy is {} m from the hand, and the spring of {} N/m pulls with {} N",
                   shown(length), shown(r.stiffness), shown(spring));
   if (told.scene.coupling.damping > 0.0) {
-    text += fmt::format(", its damper with {} N", shown(r.wanted.norm() - spring));
+    const double damper = r.wanted.norm() - spring;
+    text += fmt::format(", its damper with {} N", shown(damper));
+    if (damper > 0.999 * spring) text += " (its most: the whole push is made in one tick)";
   }
   const std::string limiter = limiterWords(told);
   if (!limiter.empty()) text += fmt::format("; {}: {} N is sent", limiter, shown(r.force.norm()));
@@ -618,10 +627,11 @@ void printBalance(const OrderedJson& json) {
              text(balance["solver"]), balance["iterations"].get<int>(),
              balance["substeps"].get<int>(), rounded(balance["error_bound"].get<double>()),
              text(balance["status"]));
-  fmt::print("stiffness {} N/m\n", balance.contains("stiffness_by")
-                                       ? text(balance["stiffness"]) + " now, wanted " +
-                                             transferText(balance["stiffness_by"])
-                                       : text(balance["stiffness"]));
+  std::string stiffness = text(balance["stiffness"]);
+  if (balance.contains("stiffness_by")) {
+    stiffness += " now, wanted " + text(balance["stiffness_by"]["value"]);
+  }
+  fmt::print("stiffness {} N/m\n", stiffness);
   fmt::print("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
   fmt::print("spring    {} N; the loads add up to {} N, {} N left over\n", text(balance["spring"]),
              text(balance["loads"]), text(balance["left_over"]));

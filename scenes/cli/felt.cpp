@@ -150,6 +150,13 @@ std::string Felt::words() const {
   text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
                       rounded(force_max_), limited_,
                       statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  std::string troubles;
+  for (const auto& [status, count] : s["status"].items()) {
+    if (status == wordFor(StepStatus::kConverged) || count.get<std::int64_t>() == 0) continue;
+    troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status,
+                            count.get<std::int64_t>());
+  }
+  if (!troubles.empty()) text += "status    " + troubles + "\n";
   text += fmt::format("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
                       rounded(net_energy_), rounded(injected_));
   for (const auto& mode : s["felt"]) {

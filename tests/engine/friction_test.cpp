@@ -103,7 +103,7 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
     CAPTURE(test::describe(probe, kStiffness, {b.set.items().begin(), b.set.items().end()}));
     REQUIRE(result.status == SolveStatus::kConverged);
     const FrictionLink& link = b.set.links()[0];
-    REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-3 * mu * strength);
+    REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-4 + 1e-3 * b.strength(link));
     // What the frictions came to be is balanced as everything else.
     if (i % 100 == 0) {
       const test::Reference reference = test::solveReference(probe, kStiffness, b.set.items());
@@ -144,7 +144,7 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
     }
   }
   CAPTURE(limited);
-  CHECK(limited <= 0.02 * static_cast<double>(cases));
+  CHECK(limited <= 0.005 * static_cast<double>(cases));  // 8 of 5,000
 }
 
 TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {

@@ -80,7 +80,7 @@ struct Hand {
 
 /// How far the proxy is from the surface of a ball that rests at W's origin [voxels].
 double offSurface(const Hand& hand, double radius) {
-  return ((hand.state.pose(0).toRest(hand.state.proxy())).norm() - radius) / kVoxel;
+  return ((hand.state.bodies()[0].pose.toRest(hand.state.proxy())).norm() - radius) / kVoxel;
 }
 
 /// A field everywhere.
@@ -253,13 +253,13 @@ TEST_CASE("friction carries a stuck hand with a spinning ball until it slips", "
         double creep = 0.0;
         StepReport r;
         hand.at(held);
-        Vec3 at_rest = hand.state.pose(0).toRest(hand.state.proxy());
+        Vec3 at_rest = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
         for (int i = 0; i < 2000; ++i) {
           r = hand.at(held);
           const Vec3 q = hand.state.primitives().items()[0].direction;
           const double load = r.wanted.dot(q);
           const Vec3 along = r.wanted - load * q;
-          const Vec3 now = hand.state.pose(0).toRest(hand.state.proxy());
+          const Vec3 now = hand.state.bodies()[0].pose.toRest(hand.state.proxy());
           // Stuck, what drags is the arc that the ball has turned; slipping, mu times the load.
           REQUIRE(along.norm() <= mu * load * (1.0 + 1e-6));
           slipped = slipped || along.norm() > 0.999 * mu * load;
@@ -309,7 +309,8 @@ TEST_CASE("two bodies that move differently are felt together", "[modes][moving]
     if (hand.state.time() < 0.25) continue;  // both have come to rest
     worst = std::max(worst, std::abs(p.z()) / kVoxel);
     for (std::size_t b : {0U, 1U}) {
-      worst = std::max(worst, std::abs(hand.state.pose(b).toRest(p).norm() - kRadius) / kVoxel);
+      worst = std::max(worst,
+                       std::abs(hand.state.bodies()[b].pose.toRest(p).norm() - kRadius) / kVoxel);
     }
   }
   CHECK(worst <= 0.01);
@@ -430,7 +431,7 @@ TEST_CASE("a scene's time begins when a proxy meets it and goes on through fault
   };
   const auto at = [&](double time) {
     CHECK(state.time() == Approx(time));
-    CHECK(state.pose(0).translate.x() == Approx(0.1 * time - 0.1));
+    CHECK(state.bodies()[0].pose.translate.x() == Approx(0.1 * time - 0.1));
   };
   CHECK(tick(*one, 0.0) == StepStatus::kConverged);
   at(0.0);
