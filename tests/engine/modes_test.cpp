@@ -513,9 +513,8 @@ TEST_CASE("scene and hand turned and moved together: so is the force", "[modes]"
     Scene scene = *sceneOf({still[i].mode, still[1].mode});
     Scene turned = *sceneOf({moved[i].mode, moved[1].mode}, fields(pose));
     // Which plane carries what of a shared load, and so its friction, is as exact as the balance.
-    if (still[i].mode.friction.highest() > 0.0) {
-      scene.solver.tolerance = turned.solver.tolerance = 1e-9;
-    }
+    const bool rough = still[i].mode.friction.highest() > 0.0;
+    if (rough) scene.solver.tolerance = turned.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
     Reader reader;
     Reader other_reader;
@@ -530,7 +529,7 @@ TEST_CASE("scene and hand turned and moved together: so is the force", "[modes]"
       worst = std::max(worst, (pose.linear() * force - other).norm());
       largest = std::max(largest, force.norm());
     }
-    CHECK(worst <= 1e-9 * largest);
+    CHECK(worst <= (rough ? 1e-8 : 1e-9) * largest);
   }
 }
 
