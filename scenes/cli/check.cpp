@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "scenes/cli/common.h"
+#include "scenes/cli/touch.h"
 #include "scenes/scene_file.h"
 
 namespace palpate::cli {
@@ -83,16 +84,6 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
     if (i >= 0) out.push_back(graph.scalar_properties[static_cast<std::size_t>(i)]);
   }
   return out;
-}
-
-/// Who reads a field: why it is sampled.
-std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field) {
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
-    if (graph.mode_fields[i].reads.holds(field)) names.push_back(graph.mode_names[i]);
-  }
-  if (graph.stiffness_reads.holds(field)) names.emplace_back("the coupling's stiffness");
-  return names;
 }
 
 OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {

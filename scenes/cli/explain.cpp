@@ -201,15 +201,6 @@ FieldSet without(const FieldSet& all, const FieldSet& less) {
   return {all.scalars & ~less.scalars, all.vectors & ~less.vectors};
 }
 
-std::vector<std::string> readersOf(const Told& told, const FieldSet& field) {
-  std::vector<std::string> names;
-  for (std::size_t i = 0; i < told.modes(); ++i) {
-    if (told.graph().mode_fields[i].reads.holds(field)) names.push_back(told.graph().mode_names[i]);
-  }
-  if (told.graph().stiffness_reads.holds(field)) names.emplace_back("the coupling's stiffness");
-  return names;
-}
-
 /// Whether one field was read, and why.
 OrderedJson fieldReport(const Told& told, const std::string& name, const FieldFrame& frame,
                         int motion, const FieldSet& field, bool inside) {
@@ -227,7 +218,7 @@ OrderedJson fieldReport(const Told& told, const std::string& name, const FieldFr
     json["because"] = inside ? "it has data here" : "it is read, but has no data here";
   }
   json["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
-  json["for"] = readersOf(told, field);
+  json["for"] = readersOf(told.graph(), field);
   return json;
 }
 

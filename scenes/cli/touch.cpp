@@ -81,6 +81,15 @@ Opened openFor(const std::string& scene, const UserSpec& watcher) {
   return opened;
 }
 
+std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field) {
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    if (graph.mode_fields[i].reads.holds(field)) names.push_back(graph.mode_names[i]);
+  }
+  if (graph.stiffness_reads.holds(field)) names.emplace_back("the coupling's stiffness");
+  return names;
+}
+
 ForceLimits pathLimits() {
   return pathDevice().limits;
 }

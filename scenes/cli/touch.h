@@ -1,4 +1,5 @@
-/// What explain and press share: a hand of one's own in a scene, and in words what each mode does.
+/// What check, explain and press share: a hand of one's own in a scene, and in words what each mode
+/// does.
 #pragma once
 
 #include <cstdint>
@@ -27,6 +28,9 @@ struct Opened {
 };
 /// `watcher`: a mode of the caller's own that is added last, if it has a function.
 [[nodiscard]] Opened openFor(const std::string& scene, const UserSpec& watcher = {});
+
+/// Who reads a field, modes and the coupling: why it is sampled.
+[[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);
 
 /// Those of the device `path`: no hand yields, so no hardware limits it.
 [[nodiscard]] ForceLimits pathLimits();
