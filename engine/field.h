@@ -7,6 +7,7 @@
 #include <variant>
 
 #include "engine/flow.h"
+#include "engine/trace.h"
 #include "engine/types.h"
 
 namespace palpate {
@@ -30,6 +31,13 @@ struct VectorSample {
 /// the field lays out as it likes; a Reader owns one for every field.
 struct alignas(64) FieldCache {
   std::array<std::byte, 1984> bytes;
+};
+
+/// Where a value first falls through a level on a straight way.
+struct Crossing {
+  bool found = false;
+  double share = 1.0;  ///< Of the way, 0 to 1.
+  int cells = 0;       ///< Looked at; without cells, values read.
 };
 
 /// How a field lies in the hand's world.
@@ -60,6 +68,14 @@ class ScalarField {
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
+  /// Where on the way from a_W to b_W [m] sign (V - level) first falls below zero, where there are
+  /// data: the contact of a proxy that comes from the free side. A way that begins at or below zero
+  /// crosses at once where it falls at first, and where it rises at its next fall after that. This
+  /// one looks every half voxel; a grid's own is exact.
+  /// RT: no allocation. Cost: as a sample for every half voxel.
+  [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
+                                           double sign,
+                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
 
@@ -78,6 +94,10 @@ class VectorField {
   virtual void reset(FieldCache& cache) const noexcept = 0;
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
+  /// Goes along the stream through p_W; see trace.h. This one takes the field as one smooth piece;
+  /// a grid's own goes cell by cell. RT: no allocation. Cost: five samples a step.
+  [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
+                                    FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
 

@@ -417,10 +417,8 @@ class Compiler {
         return ViscosityMode{slot.index, strength(mode, path, [&] { return slot.index; })};
       }
       case ModeKind::kSurface: {
-        scalarVolume(mode, path);
         SurfaceMode surface;
-        surface.gradient = gradientOf(mode.of);
-        surface.sign = outwardSign(mode.solid);
+        surface.skin = skinOf(mode, path);
         support_ = current_;
         const auto own = [&] { return valueOf(mode.of); };
         surface.strength = strength(mode, path, own);
@@ -432,8 +430,12 @@ class Compiler {
         return isosurface(mode, path);
       case ModeKind::kFollow:
       case ModeKind::kTransverseDamping: {
-        const int vector = vectorOf(mode, path);
-        return FollowMode{vector, strength(mode, path, [&] { return magnitudeOf(vector); })};
+        FollowMode follow;
+        follow.vector = vectorOf(mode, path);
+        follow.field = streamOf(mode.of);
+        follow.voxel = frameOf(support_).voxel;
+        follow.strength = strength(mode, path, [&] { return magnitudeOf(follow.vector); });
+        return follow;
       }
       case ModeKind::kFrontShape:
         return frontShape(mode, path);
@@ -445,6 +447,28 @@ class Compiler {
         return userMode(mode, path);
     }
     return {};
+  }
+
+  Skin skinOf(const ModeSpec& mode, const std::string& path) {
+    const FieldFrame& frame = scalarVolume(mode, path).frame();
+    Skin skin;
+    skin.field = scalarRead(mode.of).field;
+    skin.value = valueOf(mode.of);
+    skin.gradient = gradientOf(mode.of);
+    skin.cell_gradient = cellGradientOf(mode.of);
+    skin.sign = outwardSign(mode.solid);
+    skin.voxel = frame.voxel;
+    skin.metres_per_unit = frame.metres_per_unit;
+    return skin;
+  }
+
+  /// The vector volume whose streams those of a name are; -1 where it is no volume's, nor its
+  /// direction's.
+  int streamOf(const std::string& name) {
+    if (fields_.count(name) != 0) return vectorRead(name).field;
+    const DerivedSpec& derived = spec_.fields.at(name);
+    const bool same = derived.derivation == Derivation::kUnit;
+    return same ? streamOf(derived.of) : -1;
   }
 
   static double outwardSign(Solid solid) noexcept { return solid == Solid::kAbove ? -1.0 : 1.0; }
@@ -475,24 +499,18 @@ class Compiler {
   }
 
   Mode isosurface(const ModeSpec& mode, const std::string& path) {
-    const FieldFrame& frame = scalarVolume(mode, path).frame();
+    IsosurfaceMode iso;
+    iso.skin = skinOf(mode, path);
     if (!(mode.depth_voxels > 0.0) || !std::isfinite(mode.depth_voxels)) {
       throw SceneError(path + "/depth", "it must be > 0", "give a depth in voxels, as 3");
     }
     if (!std::isfinite(mode.value)) {
       throw SceneError(path + "/value", "it is not a finite number", "give the value to be felt");
     }
-    IsosurfaceMode iso;
-    iso.value = valueOf(mode.of);
-    iso.gradient = gradientOf(mode.of);
-    iso.cell_gradient = cellGradientOf(mode.of);
     iso.level = mode.value;
-    iso.sign = outwardSign(mode.solid);
-    iso.voxel = frame.voxel;
-    iso.metres_per_unit = frame.metres_per_unit;
-    iso.depth = mode.depth_voxels * frame.voxel;
+    iso.depth = mode.depth_voxels * iso.skin.voxel;
     support_ = current_;
-    const auto own = [&] { return iso.value; };
+    const auto own = [&] { return iso.skin.value; };
     iso.strength = strength(mode, path, own);
     iso.friction = friction(mode, path, own);
     iso.viscosity = viscosity(mode, path, own);

@@ -1,6 +1,8 @@
 /// Haptic modes: from properties at the proxy to primitives (compiled form, indices only).
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -27,6 +29,8 @@ struct Transfer {
   /// The product, >= 0; 0 where a factor's property has no data. `own` is what factors of scalar
   /// -1 read; a constant reads nothing. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
+  /// The product if scalar `index` were `value`, where there are data. RT: no allocation.
+  [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
   /// The product whether or not there are data: without, a scalar is its background, a magnitude
   /// zero. For the coupling, which has a stiffness everywhere. RT: no allocation.
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
@@ -45,37 +49,47 @@ struct ViscosityMode {
   Transfer strength;
 };
 
-/// A plane (eq. 13) at the proxy across the gradient: memoryless, so the proxy can drift along the
-/// normal as the surface curves; isosurface does not drift. With friction a line (eq. 11) along the
-/// normal, with viscosity a point (eq. 9): the paper's surface, friction and viscosity.
-struct SurfaceMode {
+/// What the two surfaces below read of their scalar volume.
+struct Skin {
+  int field = -1;  ///< Index into Graph::scalar_fields.
+  int value = -1;  ///< -> Properties::scalars
   int gradient = -1;
-  double sign = -1.0;  ///< Outward normal = sign * gradient: -1 where high values are solid.
+  int cell_gradient = -1;        ///< The slope that the value really has.
+  double sign = -1.0;            ///< Outward normal = sign * gradient: -1 where high is solid.
+  double voxel = 1e-3;           ///< [m]
+  double metres_per_unit = 1.0;  ///< Of the field's own space.
+};
+
+/// A plane (eq. 13) through the proxy across the gradient. While it holds, it stays on the surface
+/// V = Va of where it began to: else the proxy drifts along the normal as the surface curves. Left
+/// or yielding, it is at the proxy. With friction a line (eq. 11) along the normal, with viscosity
+/// a point (eq. 9): the paper's surface, friction and viscosity.
+struct SurfaceMode {
+  Skin skin;
   Transfer strength;
   Transfer friction;   ///< Coulomb's mu.
   Transfer viscosity;  ///< [N], wherever the surface acts.
 };
 
-/// A plane (eq. 13) on the surface V = value near the proxy; remembers on which side it is. In a
-/// concave edge both walls hold. With friction each wall has its line (eq. 11).
+/// A plane (eq. 13) on the surface V = level, once the proxy has come to it; remembers on which
+/// side it is. In a concave edge or corner up to three walls hold. With friction each has its line
+/// (eq. 11).
 struct IsosurfaceMode {
-  int value = -1;
-  int gradient = -1;
-  int cell_gradient = -1;
-  double level = 0.0;            ///< V0, in the data's unit.
-  double sign = -1.0;            ///< Outward normal = sign * gradient: -1 where high is solid.
-  double voxel = 1e-3;           ///< [m]
-  double metres_per_unit = 1.0;  ///< Of the field's own space.
-  double depth = 3e-3;           ///< After yielding, pushes until this far past the surface [m].
+  Skin skin;
+  double level = 0.0;   ///< V0, in the data's unit.
+  double depth = 3e-3;  ///< After yielding, pushes until this far past the surface [m].
   Transfer strength;
   Transfer friction;   ///< Coulomb's mu.
   Transfer viscosity;  ///< [N], a point (eq. 9) on the solid side: what the body is made of.
 };
 
 /// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. Weak, it is
-/// the paper's transverse damping.
+/// the paper's transverse damping. Where the line holds, the proxy goes along the curve that the
+/// stream is (VectorField::trace), as far as the balance took it along the line.
 struct FollowMode {
   int vector = -1;
+  int field = -1;  ///< Index into Graph::vector_fields; -1: derived, and followed by its tangents.
+  double voxel = 1e-3;  ///< [m]
   Transfer strength;
 };
 
@@ -125,7 +139,7 @@ struct ModeInput {
   const Vec3& probe;           ///< [m]
 };
 
-/// Adds primitives; returns false if the set was full. Called in the tick, once a sub-step: no
+/// Adds primitives; returns false if the set was full. Called in the tick, once a balance: no
 /// allocation, no lock, no exception. What it adds should stand at the proxy, else it can make
 /// energy (counted as injected).
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
@@ -140,8 +154,13 @@ struct UserMode {
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
                           FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
 
-/// What a mode remembers between ticks. `contact` and the edge are isosurface's; snap-drag has an
-/// anchor and a normal as well.
+/// A plane that a mode remembers.
+struct Wall {
+  Vec3 anchor = Vec3::Zero();   ///< [m]
+  Vec3 normal = Vec3::UnitX();  ///< Outward.
+};
+
+/// What a mode remembers between ticks. `contact` is isosurface's.
 struct ModeMemory {
   enum class Contact : std::uint8_t {
     kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
@@ -150,33 +169,66 @@ struct ModeMemory {
     kInside,   ///< On the solid side: free to move and to leave.
   };
   Contact contact = Contact::kUnknown;
-  int emitted = 0;              ///< Primitives of this mode in the last sub-step.
-  Vec3 anchor = Vec3::Zero();   ///< The plane's position [m].
-  Vec3 normal = Vec3::UnitX();  ///< Its outward normal.
-  bool placed = false;          ///< Outside, with the plane above placed.
-  bool let_go = false;          ///< Snapped off its front, until the proxy has come to rest.
-  bool cornered = false;        ///< In a concave edge: the plane below is its other wall.
-  Vec3 other_anchor = Vec3::Zero();
-  Vec3 other_normal = Vec3::UnitX();
+  int emitted = 0;       ///< Primitives of this mode in the last balance.
+  Wall wall;             ///< A surface's plane; snap-drag's as well.
+  bool placed = false;   ///< There is one.
+  bool touched = false;  ///< The way of the proxy met the surface where properties are read next.
+  bool let_go = false;   ///< Snapped off its front, until the proxy has come to rest.
+  std::array<Wall, 2> others;  ///< In a concave edge or corner: the other walls.
+  std::size_t other_count = 0;
+  bool holds = false;     ///< The last balance lies on a surface's plane,
+  bool captured = false;  ///< and the plane on V = level.
+  double level = 0.0;
+  double share = 1.0;          ///< Of its strength, where a yielded surface fades.
+  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy, and where it was read last:
+  Vec3 ahead = Vec3::Zero();   ///< between them lies the proxy's way.
+  double stride = 0.5;         ///< Of the next trace [voxels].
+  // What the next error estimate is made of: see doubt().
+  double bend = 0.0;         ///< |q - q'|, q the normal and q' that of the cell's own polynomial.
+  double turn = 0.0;         ///< |q - q| of the plane and the last one,
+  double way = 0.0;          ///< read so far from each other [voxels],
+  Vec3 read = Vec3::Zero();  ///< the plane here [m].
+};
+
+/// Where the primitives of a mode belong.
+struct Stand {
+  const Vec3& proxy;      ///< Before it moves [m]: primitives without memory are anchored there.
+  const Vec3& read;       ///< Where properties were read [m].
+  const Vec3& probe;      ///< The hand [m].
+  const Pose* pose;       ///< Of the volume that a guide moves with; none: it stands still.
+  bool foreseen = false;  ///< Nothing new was read: planes stay where they are remembered.
 };
 
 /// Step 2 of the paper's figure 1: adds the primitives that one mode asks for at the proxy.
 ///
-/// @param properties  Sampled at p.
-/// @param p           The proxy before it moves [m]: primitives are anchored there.
-/// @param probe       The hand [m].
-/// @param pose        Of the volume that a guide moves with; none: it stands still.
-/// @return            False if the set was full and a primitive was dropped.
+/// @return  False if the set was full and a primitive was dropped.
 /// RT: no allocation.
-[[nodiscard]] bool addPrimitives(const Mode& mode, const Properties& properties, const Vec3& p,
-                                 const Vec3& probe, ModeMemory& memory, PrimitiveSet& set,
-                                 const Pose* pose = nullptr) noexcept PALPATE_NONBLOCKING;
+[[nodiscard]] bool addPrimitives(const Mode& mode, const Properties& properties, const Stand& stand,
+                                 ModeMemory& memory,
+                                 PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
 /// Moves what a mode remembers along with its volume. RT: no allocation.
 void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Tells a mode where the balance put the proxy, so that it can notice having been pushed through.
-/// RT: no allocation.
+/// An estimate of how far x, the last balance, is from where it would be if properties had been
+/// read there [voxels]. 0 for modes whose primitives do not turn. RT: no allocation.
+[[nodiscard]] double doubt(const Mode& mode, const Vec3& x,
+                           const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Tells a mode where the last balance is, by the solver: on its plane or not. RT: no allocation.
+void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Tells a mode where the proxy has come to, so that it can notice having been left or pushed
+/// through. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Off its surfaces by a fraction of a voxel, on the free side of all the walls that a mode
+/// remembers: whence the way to the next place is swept. Zero where there is none. RT: no
+/// allocation.
+[[nodiscard]] Vec3 liftOff(const IsosurfaceMode& mode, const ModeMemory& memory) noexcept;
+
+/// True where x is behind a wall that a mode remembers: pressed through. RT: no allocation.
+[[nodiscard]] bool givesWay(const IsosurfaceMode& mode, const Vec3& x,
+                            const ModeMemory& memory) noexcept;
 
 }  // namespace palpate

@@ -82,9 +82,11 @@ struct Body {
   Pose pose;                    ///< Of this sub-step.
   Pose target;                  ///< Of the tick.
   Pose carry;                   ///< From the last pose to this one, in W.
-  Vec3 seen = Vec3::Zero();     ///< The proxy, carried along, in the resting frame [m].
-  Vec3 carried = Vec3::Zero();  ///< The same in W.
-  bool moved = false;           ///< In this sub-step; else `carried` is the proxy itself.
+  Vec3 from = Vec3::Zero();     ///< The proxy before it moves, carried along, in the resting frame
+                                ///< [m],
+  Vec3 carried = Vec3::Zero();  ///< and in W.
+  Vec3 seen = Vec3::Zero();     ///< Where properties are read, in the resting frame [m].
+  bool moved = false;           ///< Since the proxy did; else `carried` is the proxy itself.
 };
 
 }  // namespace palpate

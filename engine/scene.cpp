@@ -25,6 +25,10 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   if (!std::isfinite(coupling.damping) || coupling.damping < 0.0) {
     throw SceneError("/coupling/damping", "it must be a finite number >= 0", "give N s/m, as 0.5");
   }
+  if (!(step.tolerance_voxels > 0.0) || !(step.tolerance_voxels <= kMostTolerance)) {
+    throw SceneError("/accuracy/tolerance_voxels", "it must be > 0 and at most 1",
+                     "give a share of a voxel, as 0.01");
+  }
   if (step.max_substeps < 1 || step.max_substeps > 64) {
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 8");
   }
@@ -115,6 +119,30 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
     scalar(magnitude.to, v.value.norm(), v.inside);
   }
   return count;
+}
+
+void Reader::turn(const Scene& scene, Properties& read, std::span<const Body> bodies) noexcept {
+  const Graph& graph = scene.graph;
+  const auto turned = [&](int motion, int index) {
+    const Body* body = bodyOf(motion, bodies);
+    if (body == nullptr || !body->moved || index < 0) return;
+    Vec3& v = read.vectors[static_cast<std::size_t>(index)].value;
+    v = body->carry.rotation * v;
+  };
+  for (const ScalarRead& r : graph.scalar_reads) {
+    const int motion = graph.scalar_motions[static_cast<std::size_t>(r.field)];
+    turned(motion, r.gradient);
+    turned(motion, r.cell_gradient);
+  }
+  for (const VectorRead& r : graph.vector_reads) {
+    const int motion = graph.vector_motions[static_cast<std::size_t>(r.field)];
+    turned(motion, r.value);
+    turned(motion, r.curl);
+  }
+  for (const UnitStep& step : graph.units) {
+    const Properties::Vector& v = read.vectors[static_cast<std::size_t>(step.from)];
+    read.vectors[static_cast<std::size_t>(step.to)].value = unit(v.value);
+  }
 }
 
 FieldSet fieldsAt(const Graph& graph, const Vec3& p_W, std::span<const Body> bodies) noexcept {

@@ -21,8 +21,11 @@ struct StepParams {
                          ///< so many moves in which a primitive held it, the rest of the way waits
                          ///< for the next tick. 1 to 64. Moves in which nothing holds it are free,
                          ///< up to kMostSubsteps in all.
+  double tolerance_voxels = 0.01;  ///< How far the proxy may be off its surface or stream, > 0.
 };
 
+/// Largest StepParams::tolerance_voxels.
+inline constexpr double kMostTolerance = 1.0;
 /// Most sub-steps of one tick.
 inline constexpr int kMostSubsteps = 64;
 
@@ -64,6 +67,26 @@ class Reader {
   /// fields were read. RT: no allocation.
   int sample(const Scene& scene, const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
+
+  /// Turns what was read of fields whose volumes have moved since, Body::carry.
+  static void turn(const Scene& scene, Properties& read,
+                   std::span<const Body> bodies) noexcept PALPATE_NONBLOCKING;
+
+  /// The contact of a way with a surface, in the resting frame of its field; see
+  /// ScalarField::firstFall.
+  [[nodiscard]] Crossing firstFall(const Scene& scene, const Skin& skin, double level,
+                                   const Vec3& from, const Vec3& to) noexcept PALPATE_NONBLOCKING {
+    const auto i = static_cast<std::size_t>(skin.field);
+    return scene.graph.scalar_fields[i]->firstFall(from, to, level, skin.sign, caches_[i]);
+  }
+  /// Along a stream, in the resting frame of its field, an index into Graph::vector_fields; see
+  /// VectorField::trace.
+  [[nodiscard]] Trace trace(const Scene& scene, int field, const Vec3& p,
+                            const TraceOrder& order) noexcept PALPATE_NONBLOCKING {
+    const auto i = static_cast<std::size_t>(field);
+    return scene.graph.vector_fields[i]->trace(p, order,
+                                               caches_[scene.graph.scalar_fields.size() + i]);
+  }
 
  private:
   std::vector<FieldCache> caches_;

@@ -30,6 +30,7 @@ class Tick {
         bodies_[i].pose = scene_.graph.motions[i]->poseAt(state_.time_);
       }
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
+      state_.known_ = false;
       state_.warm_.forget();
       state_.friction_.forget();
       // A stiffness that a swapped scene does not vary is that scene's; one that it does goes on.
@@ -46,48 +47,16 @@ class Tick {
   /// Steps 1 and 2: properties, primitives, balance, until the proxy has arrived. Returns
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
-    Vec3& proxy = state_.proxy_;
-    bool arrived = false;
-    int held = 0;
-    Vec3 offset = proxy - probe_;
+    offset_ = state_.proxy_ - probe_;
     const int parts = bodies_.empty() ? 1 : planMotion(report);
-    while (!arrived && held < scene_.step.max_substeps && report.substeps < kMostSubsteps) {
-      ++report.substeps;
-      if (!bodies_.empty()) moveBodies(report.substeps, parts);
-      report.samples += reader_.sample(scene_, proxy, state_.properties_, bodies_);
-      placePrimitives(report);
-      const SolveResult solved =
-          solveWithFriction(probe_, state_.stiffness_.value, state_.primitives_, proxy,
-                            scene_.solver, state_.warm_, state_.friction_, state_.forces_);
-      good = solved.status != SolveStatus::kBadInput;
-      if (!good) return offset;
-      if (solved.status == SolveStatus::kIterationLimit) {
-        worsen(report, StepStatus::kIterationLimit);
-      }
-      report.iterations += solved.iterations;
-      report.error_bound = solved.error_bound;
-      report.solver = solved.solver;
-
-      constexpr double kFree = 1e-9;  // [m] from the probe: nothing holds the proxy
-      if (solved.offset.norm() > kFree) ++held;
-
-      // At most as far as the data of this place can be trusted.
-      const double before = offset.squaredNorm();
-      const Vec3 way = solved.proxy - proxy;
-      const double reach = reachFrom(proxy, solved.proxy);
-      const double length = way.norm();
-      const bool there = length <= reach;
-      if (!there && (bodies_.empty() || !followBody(solved.proxy))) proxy += (reach / length) * way;
-      if (there) proxy = solved.proxy;
-      arrived = there && report.substeps >= parts;
-      offset = there ? solved.offset : Vec3(proxy - probe_);
-      report.injected +=
-          std::max(0.0, 0.5 * state_.stiffness_.value * (offset.squaredNorm() - before));
-      if (arrived) settleModes(proxy);
+    if (!state_.known_) lookRound(report);
+    for (int part = 1; part <= parts && good; ++part) {
+      if (!bodies_.empty()) moveBodies(part, parts);
+      good = follow(parts - part, report);
     }
-    if (!arrived) worsen(report, StepStatus::kSubstepLimit);
+    settleModes(state_.proxy_);
     state_.posed_at_ = state_.time_;
-    return offset;
+    return offset_;
   }
 
   /// After the proxy has moved: the stiffness of the next tick.
@@ -103,20 +72,253 @@ class Tick {
   }
 
  private:
-  void placePrimitives(StepReport& report) noexcept {
+  /// A way that the proxy may go.
+  struct Way {
+    Vec3 end;
+    bool clear = true;  ///< It leads to the balance.
+    bool cut = false;   ///< Else: only as far as the data can be trusted. Or it met a surface.
+    bool near = true;   ///< To where properties were read last.
+  };
+  /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
+  struct Rail {
+    bool laid = false;          ///< For the way from this proxy.
+    int mode = -1;              ///< -1: no line holds.
+    Vec3 pull = Vec3::Zero();   ///< What the line does to the proxy [N].
+    Vec3 shift = Vec3::Zero();  ///< From the tangent to the curve [m].
+  };
+
+  /// A proxy that is new here: properties where it is.
+  void lookRound(StepReport& report) noexcept {
+    for (Body& body : bodies_) body.seen = body.pose.toRest(state_.proxy_);
+    for (Body& body : bodies_) body.carried = state_.proxy_;
+    report.samples += reader_.sample(scene_, state_.proxy_, state_.properties_, bodies_);
+    read_at_ = state_.proxy_;
+    placePrimitives(false, report);
+    state_.known_ = true;
+  }
+
+  /// The volumes stand; the proxy goes where the balance puts it. First by the primitives of the
+  /// last reading; then properties are read where that led, planes placed anew, and the balance
+  /// found again, until it would not move if they were read once more. False where a sample spoilt
+  /// the balance. At least `later` readings are left over.
+  bool follow(int later, StepReport& report) noexcept {
+    sampled_ = false;
+    rail_ = {};
+    read_at_ = state_.proxy_;
+    bool cut = false;
+    if (!balance(true, report)) return false;
+    for (;;) {
+      const Way way = advance(report);
+      const bool known = sampled_ && (way.near || !cut);
+      const bool arrived = known && way.clear && !doubtful();
+      const bool spent = sampled_ && (held_ + later >= scene_.step.max_substeps ||
+                                      report.substeps >= kMostSubsteps);
+      if (arrived || spent) {
+        if (!arrived) worsen(report, StepStatus::kSubstepLimit);
+        moveTo(way, report);
+        return true;
+      }
+      cut = way.cut;
+      if (cut) {
+        moveTo(way, report);
+        rail_ = {};
+      }
+      read(way.end, report);
+      if (!balance(false, report)) return false;
+      if (offset_of_balance_.norm() > kFree) ++held_;
+    }
+  }
+
+  /// Properties at a place.
+  void read(const Vec3& at, StepReport& report) noexcept {
+    ++report.substeps;
+    for (Body& body : bodies_) body.seen = body.pose.toRest(at);
+    report.samples += reader_.sample(scene_, at, state_.properties_, bodies_);
+    read_at_ = at;
+    sampled_ = true;
+  }
+
+  /// Places the primitives and finds their balance: target_.
+  bool balance(bool foreseen, StepReport& report) noexcept {
+    placePrimitives(foreseen, report);
+    // What the curve led aside of the tangent waits for the next tick.
+    const bool on_rail = rail_.mode >= 0;
+    const double k = state_.stiffness_.value;
+    const Vec3 probe = on_rail ? Vec3(probe_ + rail_.shift) : probe_;
+    const SolveResult solved =
+        solveWithFriction(probe, k, state_.primitives_, state_.proxy_, scene_.solver, state_.warm_,
+                          state_.friction_, state_.forces_);
+    if (solved.status == SolveStatus::kBadInput) return false;
+    if (solved.status == SolveStatus::kIterationLimit && !foreseen) {
+      worsen(report, StepStatus::kIterationLimit);
+    }
+    report.iterations += solved.iterations;
+    if (!foreseen) {
+      report.error_bound = solved.error_bound;
+      report.solver = solved.solver;
+    }
+    target_ = solved.proxy;
+    offset_of_balance_ = on_rail ? Vec3(solved.proxy - probe_) : solved.offset;
+    const auto& modes = scene_.graph.modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) weigh(modes[i], target_, state_.memories_[i]);
+    return true;
+  }
+
+  /// How far the proxy may go towards the balance.
+  Way advance(StepReport& report) noexcept {
+    Way way{target_};
+    const Vec3& from = sampled_ ? read_at_ : state_.proxy_;
+    const Vec3 line = target_ - from;
+    const double length = line.norm();
+    const double reach = reachFrom(from, target_);
+    way.near = length <= kNear * reach;
+    if (!(length <= reach)) {
+      way.clear = false;
+      way.cut = true;
+      if (bodies_.empty() || sampled_ || !followBody(target_, way.end)) {
+        way.end = from + (reach / length) * line;
+      }
+    }
+    if (!rail_.laid) layRail(way, report);
+    meetSurfaces(way, report);
+    return way;
+  }
+
+  /// The first line that holds the proxy: along the curve instead of its tangent.
+  void layRail(Way& way, StepReport& report) noexcept {
+    rail_.laid = true;
+    const Graph& graph = scene_.graph;
+    std::size_t first = 0;
+    for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+      ModeMemory& memory = state_.memories_[i];
+      const std::size_t index = first;
+      first += static_cast<std::size_t>(memory.emitted);
+      const auto* mode = std::get_if<FollowMode>(&graph.modes[i]);
+      if (mode == nullptr || mode->field < 0 || memory.emitted == 0) continue;
+      const Primitive& line = state_.primitives_.items()[index];
+      const Vec3 go = way.end - line.position;
+      const Vec3 aside = target_ - line.position;
+      constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
+      constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
+      if ((aside - line.direction.dot(aside) * line.direction).norm() > kOn * mode->voxel) continue;
+      if (std::abs(line.direction.dot(go)) < kStays * mode->voxel) continue;
+      const Body* body = bodyOf(graph.mode_motions[i]);
+      TraceOrder order;
+      order.along =
+          body == nullptr ? line.direction : Vec3(body->pose.rotation.transpose() * line.direction);
+      order.length = line.direction.dot(go);
+      order.tolerance = kTracePerVoxel * scene_.step.tolerance_voxels;
+      order.stride = memory.stride;
+      const Trace trace =
+          reader_.trace(scene_, mode->field,
+                        body == nullptr ? line.position : body->pose.toRest(line.position), order);
+      memory.stride = trace.stride;
+      report.traced += trace.samples;
+      const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
+      // Where the stream or its data end the rest is gone straight on.
+      const double rest = trace.capped ? 0.0 : order.length - trace.length;
+      const Vec3 on = line.direction.dot(go) * line.direction;
+      rail_.mode = static_cast<int>(i);
+      rail_.pull = state_.forces_[index];
+      rail_.shift = curve + rest * line.direction - (line.position + on);
+      way.end += rail_.shift;
+      if (trace.capped) worsen(report, StepStatus::kSubstepLimit);
+      return;
+    }
+  }
+
+  /// Cuts a way where it first meets a surface from the free side.
+  void meetSurfaces(Way& way, StepReport& report) noexcept {
+    const Graph& graph = scene_.graph;
+    double share = 1.0;
+    Vec3 end = way.end;
+    ModeMemory* met = nullptr;
+    for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+      const auto* mode = std::get_if<IsosurfaceMode>(&graph.modes[i]);
+      ModeMemory& memory = state_.memories_[i];
+      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) continue;
+      if (givesWay(*mode, target_, memory)) continue;
+      const auto field = static_cast<std::size_t>(mode->skin.field);
+      const Body* body = bodyOf(graph.scalar_motions[field]);
+      const Vec3 lift = liftOff(*mode, memory);
+      // What led to the last reading is known to be free.
+      Vec3 from = (sampled_ ? read_at_ : state_.proxy_) + lift;
+      Vec3 to = way.end + lift;
+      if (memory.placed && (to - from).norm() < kSeen * mode->skin.voxel && sampled_) continue;
+      if (body != nullptr) {
+        from = sampled_ ? body->pose.toRest(from)
+                        : Vec3(body->from + body->pose.rotation.transpose() * lift);
+        to = body->pose.toRest(to);
+      }
+      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) continue;
+      // Where it has no strength there is nothing to meet.
+      if (!(mode->strength.at(state_.properties_, mode->skin.value, mode->level) > 0.0)) continue;
+      const Crossing crossing = reader_.firstFall(scene_, mode->skin, mode->level, from, to);
+      report.walked += crossing.cells;
+      if (!crossing.found) continue;
+      if (met != nullptr && crossing.share >= share) continue;
+      share = crossing.share;
+      const Vec3 at = from + share * (to - from);
+      end = body == nullptr ? at : body->pose(at);
+      met = &memory;
+    }
+    if (met == nullptr) return;
+    met->touched = true;
+    // Where nothing of it held the proxy before, there it has come to.
+    way = {end, false, !met->placed, way.near};
+    ++held_;
+  }
+
+  /// The proxy goes there; what it adds to the spring's energy is counted.
+  void moveTo(const Way& way, StepReport& report) noexcept {
+    const Vec3 before = offset_;
+    state_.proxy_ = way.end;
+    offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
+    report.waiting = rail_.shift;
+    report.injected += std::max(0.0, state_.stiffness_.value * offset_.dot(offset_ - before));
+    for (Body& body : bodies_) {
+      body.from = body.pose.toRest(state_.proxy_);
+      body.carried = state_.proxy_;
+      body.moved = false;
+    }
+  }
+
+  /// True while another reading would move the balance by more than the tolerance.
+  [[nodiscard]] bool doubtful() const noexcept {
+    const auto& modes = scene_.graph.modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      // The estimate is somewhat optimistic (MOTION measured up to 6.6 times).
+      if (doubt(modes[i], target_, state_.memories_[i]) > scene_.step.tolerance_voxels / 3.0) {
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void placePrimitives(bool foreseen, StepReport& report) noexcept {
     state_.primitives_.clear();
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
+      ModeMemory& memory = state_.memories_[i];
+      if (static_cast<int>(i) == rail_.mode) {
+        // Its line has led; what it did to the proxy stays.
+        const double pull = rail_.pull.norm();
+        memory.emitted = pull > 0.0 ? 1 : 0;
+        if (pull > 0.0 && !state_.primitives_.tryAdd(
+                              {PrimitiveKind::kForce, state_.proxy_, rail_.pull / pull, pull})) {
+          worsen(report, StepStatus::kDropped);
+        }
+        continue;
+      }
       const Body* body = bodyOf(scene_.graph.mode_motions[i]);
       const Vec3& p = body == nullptr ? state_.proxy_ : body->carried;
       const Pose* pose = body == nullptr ? nullptr : &body->pose;
-      if (body != nullptr && body->moved) carry(body->carry, state_.memories_[i]);
-      if (!addPrimitives(modes[i], state_.properties_, p, probe_, state_.memories_[i],
-                         state_.primitives_, pose)) {
+      const Stand stand{p, foreseen ? p : read_at_, probe_, pose, foreseen};
+      if (!addPrimitives(modes[i], state_.properties_, stand, memory, state_.primitives_)) {
         worsen(report, StepStatus::kDropped);
       }
     }
-    report.primitives = static_cast<int>(state_.primitives_.size());
+    if (!foreseen) report.primitives = static_cast<int>(state_.primitives_.size());
   }
 
   void settleModes(const Vec3& proxy) noexcept {
@@ -152,7 +354,7 @@ class Tick {
   [[nodiscard]] static bool meets(const Body& body, const Vec3& b,
                                   const FieldFrame& frame) noexcept {
     const Vec3 end = body.pose.toRest(b);
-    return meets({body.seen.cwiseMin(end), body.seen.cwiseMax(end)}, frame);
+    return meets({body.from.cwiseMin(end), body.from.cwiseMax(end)}, frame);
   }
 
   /// How far the proxy may go from a before properties are read again: a voxel of the finest volume
@@ -175,8 +377,11 @@ class Tick {
       const Body* body = bodyOf(motion);
       if (body == nullptr) {
         if (meets(way, frame)) reach = std::min(reach, frame.voxel);
-      } else if ((b - body->carried).norm() > frame.voxel && meets(*body, b, frame)) {
-        const double carried = (body->carried - a).norm();
+        return;
+      }
+      const double carried = sampled_ ? 0.0 : (body->carried - a).norm();
+      const bool far = sampled_ || (b - body->carried).norm() > frame.voxel;
+      if (far && meets(*body, b, frame)) {
         reach = std::min(reach, std::max(frame.voxel - carried, 0.5 * frame.voxel));
       }
     });
@@ -186,7 +391,7 @@ class Tick {
   /// Part of the way to b, for a proxy that one moving volume holds back: a voxel of it from where
   /// that volume was read, as if it stood still. False, and nothing done, where another volume
   /// could not follow that.
-  [[nodiscard]] bool followBody(const Vec3& b) noexcept {
+  [[nodiscard]] bool followBody(const Vec3& b, Vec3& end) noexcept {
     const Body* holder = nullptr;
     double share = 1.0;
     eachField([&](const FieldFrame& frame, int motion) {
@@ -208,7 +413,7 @@ class Tick {
       const Box way{from.cwiseMin(to), from.cwiseMax(to)};
       trusted = trusted && !(body == nullptr ? meets(way, frame) : meets(*body, to, frame));
     });
-    if (trusted) state_.proxy_ = to;
+    if (trusted) end = to;
     return trusted;
   }
 
@@ -250,12 +455,18 @@ class Tick {
       } else {
         body.pose = body.target;
       }
-      body.seen = last.toRest(p);
+      body.from = last.toRest(p);
       body.moved = !(body.pose == last);
-      body.carried = body.moved ? body.pose(body.seen) : p;
+      body.carried = body.moved ? body.pose(body.from) : p;
       if (!body.moved) continue;
       body.carry.rotation = body.pose.rotation * last.rotation.transpose();
       body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
+    }
+    reader_.turn(scene_, state_.properties_, bodies_);
+    const auto& modes = scene_.graph.modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      const Body* body = bodyOf(scene_.graph.mode_motions[i]);
+      if (body != nullptr && body->moved) carry(body->carry, state_.memories_[i]);
     }
   }
 
@@ -264,6 +475,21 @@ class Tick {
   const Vec3 probe_;
   ProxyState& state_;
   const std::span<Body> bodies_;  ///< One for each of the scene's motions.
+  Rail rail_;
+  bool sampled_ = false;                   ///< Since the volumes moved.
+  int held_ = 0;                           ///< Readings after which something held the proxy.
+  Vec3 read_at_ = Vec3::Zero();            ///< Where properties were read last [m].
+  Vec3 target_ = Vec3::Zero();             ///< The last balance [m],
+  Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
+  Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
+
+  /// A shorter way along a surface is seen from where properties were read [voxels].
+  static constexpr double kSeen = 0.1;
+  /// What is read holds so far from there, as a share of how far the proxy may go.
+  static constexpr double kNear = 0.25;
+  static constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
+  /// Error of a trace a voxel, by the scene's tolerance: a metre of stream within it.
+  static constexpr double kTracePerVoxel = 1e-2;
 };
 
 StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand, ProxyState& state,

@@ -31,16 +31,22 @@ enum class StepStatus : std::uint8_t {
 
 /// What one tick did.
 struct StepReport {
-  Vec3 force = Vec3::Zero();   ///< For the device, after limitForce [N].
-  Vec3 wanted = Vec3::Zero();  ///< Before it [N].
-  Vec3 proxy = Vec3::Zero();   ///< [m]
-  double stiffness = 0.0;      ///< k of this tick's balance and force [N/m].
-  double error_bound = 0.0;    ///< Of the last balance [m].
-  double injected = 0.0;       ///< Energy that the proxy's motion added to the spring [J]: the sum
-                               ///< of max(0, k/2 |h - p_new|^2 - k/2 |h - p_old|^2), all sub-steps.
-  int iterations = 0;          ///< Of the solver (SolveResult), all sub-steps.
+  Vec3 force = Vec3::Zero();    ///< For the device, after limitForce [N].
+  Vec3 wanted = Vec3::Zero();   ///< Before it [N].
+  Vec3 proxy = Vec3::Zero();    ///< [m]
+  double stiffness = 0.0;       ///< k of this tick's balance and force [N/m].
+  double error_bound = 0.0;     ///< Of the last balance [m].
+  Vec3 waiting = Vec3::Zero();  ///< What the balance leaves for the next tick [m]: a proxy that
+                                ///< went along a curved stream is off the balance on its tangent by
+                                ///< this; with the probe so much farther on it is the balance.
+  double injected = 0.0;  ///< Work that primitives did on the proxy [J], the sum over its moves
+                          ///< of max(0, -k (h - p_new).(p_new - p_old)): at least what they
+                          ///< added to the spring, k/2 |h - p_new|^2 - k/2 |h - p_old|^2.
+  int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;                              ///< Field reads, all sub-steps.
+  int traced = 0;                               ///< Reads of vectors along streams.
+  int walked = 0;                               ///< Cells looked at for a surface on the way.
   int primitives = 0;                           ///< Balanced in the last sub-step.
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
   StepStatus status = StepStatus::kConverged;
@@ -98,6 +104,7 @@ class ProxyState {
   double posed_at_ = 0.0;  ///< Time of the bodies' poses [s].
   VaryingStiffness stiffness_;
   bool placed_ = false;
+  bool known_ = false;  ///< Properties have been read in this scene.
   bool faulted_ = false;
   Vec3 proxy_ = Vec3::Zero();
   Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].

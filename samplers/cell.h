@@ -10,12 +10,58 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "engine/types.h"
 
 namespace palpate {
+
+/// c0 + c1 s + c2 s^2 + c3 s^3.
+using Cubic = std::array<double, 4>;
+
+/// Where a cubic first falls below zero for s from 0 to 1, or 2 where it does not. `above`: it was
+/// above zero before, and says afterwards whether it has been. `first`: where it begins at or below
+/// zero and falls, that counts.
+inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
+  const auto at = [&c](double s) { return c[0] + s * (c[1] + s * (c[2] + s * c[3])); };
+  if (c[0] > 0.0) above = true;
+  if (first && !above) {
+    const double slope = c[1] != 0.0 ? c[1] : c[2] != 0.0 ? c[2] : c[3];
+    if (slope < 0.0) return 0.0;
+  }
+  // Between its turning points it is monotone.
+  std::array<double, 4> ends{0.0, 1.0, 1.0, 1.0};
+  std::size_t count = 1;
+  const double a = 3.0 * c[3];
+  const double half = c[2];
+  const double root = half * half - a * c[1];
+  if (root > 0.0) {
+    // The roots of a s^2 + 2 half s + c1 without cancellation.
+    const double q = -(half + std::copysign(std::sqrt(root), half));
+    const double s1 = a != 0.0 ? q / a : 2.0;
+    const double s2 = q != 0.0 ? c[1] / q : 2.0;
+    for (const double s : {std::min(s1, s2), std::max(s1, s2)}) {
+      if (s > 0.0 && s < 1.0) ends[count++] = s;
+    }
+  }
+  ends[count++] = 1.0;
+  for (std::size_t i = 0; i + 1 < count; ++i) {
+    const double end = at(ends[i + 1]);
+    if (end > 0.0) above = true;
+    if (!above || !(end < 0.0)) continue;
+    double low = ends[i];
+    double high = ends[i + 1];
+    for (int n = 0; n < 50; ++n) {
+      const double middle = 0.5 * (low + high);
+      (at(middle) > 0.0 ? low : high) = middle;
+    }
+    return low;
+  }
+  return 2.0;
+}
 
 /// C numbers at each voxel of a cube of W^3: voxel (i, j, k) is number at(i, j, k), the last axis
 /// fastest, its components side by side. Bit n of `active` is that of voxel n.
@@ -93,6 +139,44 @@ class TrilinearKernel {
       const double v = c_[2][n] + c_[6][n] * z;
       row[n] = c_[0][n] + c_[3][n] * z + v * y + (u + uv * y) * x;
     }
+  }
+
+  /// The value alone.
+  [[gnu::always_inline]] void value(const Vec3& t, std::array<double, kC>& v) const noexcept {
+    const double x = t.x();
+    const double y = t.y();
+    const double z = t.z();
+    for (std::size_t n = 0; n < kC; ++n) {
+      const double uv = c_[4][n] + c_[7][n] * z;
+      const double u = c_[1][n] + c_[5][n] * z;
+      const double w = c_[2][n] + c_[6][n] * z;
+      v[n] = c_[0][n] + c_[3][n] * z + w * y + (u + uv * y) * x;
+    }
+  }
+  /// Least and largest value of the cell's corners (first component), and so of the cell.
+  [[nodiscard]] std::pair<double, double> range() const noexcept {
+    const double x = c_[1][0];
+    const double y = c_[2][0];
+    const double z = c_[3][0];
+    const double xy = x + y + c_[4][0];
+    const double xz = x + z + c_[5][0];
+    const double yz = y + z + c_[6][0];
+    const double all = xy + z + c_[5][0] + c_[6][0] + c_[7][0];
+    const auto [least, most] = std::minmax({0.0, x, y, z, xy, xz, yz, all});
+    return {c_[0][0] + least, c_[0][0] + most};
+  }
+  /// The value (its first component) along t + s d: a cubic in s.
+  [[nodiscard]] Cubic along(const Vec3& t, const Vec3& d) const noexcept {
+    std::array<double, kC> at;
+    value(t, at);
+    const Vec3 by = slope(t);
+    const double uvw = c_[7][0];
+    const double uv = c_[4][0] + uvw * t.z();
+    const double uw = c_[5][0] + uvw * t.y();
+    const double vw = c_[6][0] + uvw * t.x();
+    return {at[0], by.x() * d.x() + by.y() * d.y() + by.z() * d.z(),
+            uv * d.x() * d.y() + uw * d.x() * d.z() + vw * d.y() * d.z(),
+            uvw * d.x() * d.y() * d.z()};
   }
 
   /// Gradient by the index of the value's own polynomial (its first component's).

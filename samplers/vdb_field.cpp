@@ -13,6 +13,7 @@
 #include <openvdb/tree/ValueAccessor.h>
 
 #include "engine/error.h"
+#include "engine/trace_cells.h"
 #include "samplers/cell.h"
 #include "samplers/spline.h"
 #include "samplers/volume_grid.h"
@@ -173,6 +174,7 @@ template <std::size_t N>
 /// The map between W and a grid's index space, and what follows from it.
 struct IndexMap {
   Mat3 index_from_world;  ///< p_I = index_from_world p_W + origin_I
+  Mat3 world_from_index;
   Vec3 origin_I;
   Mat3 rotation;             ///< file to W
   Mat3 gradient_from_index;  ///< g_W = gradient_from_index g_I, per unit of the file
@@ -181,6 +183,7 @@ struct IndexMap {
   IndexMap(const Volume::Grid::Part& part, const Placement& placement) {
     const Mat3 index_from_file = part.linear.inverse();
     index_from_world = index_from_file * placement.rotation.transpose() / placement.scale;
+    world_from_index = placement.scale * placement.rotation * part.linear;
     origin_I = -index_from_world * placement.translate - index_from_file * part.origin;
     gradient_from_index = placement.rotation * index_from_file.transpose();
     rotation = placement.rotation;
@@ -265,9 +268,116 @@ class GridReader {
     return times(map_.gradient_from_index, cache.kernel.slope(t));
   }
 
+  /// As ScalarField::firstFall, exact: walks the cells on the way. One whose corners are all on the
+  /// free side cannot hold the level; in the others the value is a cubic. Trilinear scalars only.
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   Cache& cache) const noexcept {
+    constexpr int kMostCells = 256;
+    Crossing out;
+    const Vec3 from = map_(a_W);
+    const Vec3 to = map_(b_W);
+    std::array<int, 3> cell{};
+    if (!floorOf(from, cell) || !isPlace(to)) return out;
+    const Vec3 way(to.x() - from.x(), to.y() - from.y(), to.z() - from.z());
+    bool above = false;
+    double share = 0.0;
+    while (out.cells < kMostCells) {
+      // To the next face.
+      double next = 1.0;
+      std::size_t axis = 3;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double d = way[static_cast<Eigen::Index>(a)];
+        if (d == 0.0) continue;
+        const double face = cell[a] + (d > 0.0 ? 1.0 : 0.0);
+        const double s = (face - from[static_cast<Eigen::Index>(a)]) / d;
+        if (s < next) {
+          next = s;
+          axis = a;
+        }
+      }
+      next = std::max(next, share);
+      ++out.cells;
+      if (cell != cache.cell) load(cell, cache);
+      auto [least, most] = cache.kernel.range();
+      least = sign * (least - level);
+      most = sign * (most - level);
+      if (least > most) std::swap(least, most);
+      const bool data = hasData(cache.active);
+      if (least >= 0.0 || !data) {
+        // Nothing to fall through; without data there is no side.
+        above = above || (data && most > 0.0) || !data;
+      } else if (next > share || share == 0.0) {
+        const double length = next - share;
+        const Vec3 t(from.x() + share * way.x() - cell[0], from.y() + share * way.y() - cell[1],
+                     from.z() + share * way.z() - cell[2]);
+        const Vec3 d(length * way.x(), length * way.y(), length * way.z());
+        Cubic cubic = cache.kernel.along(t, d);
+        cubic[0] -= level;
+        for (double& c : cubic) c *= sign;
+        const double fall = palpate::firstFall(cubic, share == 0.0, above);
+        if (fall <= 1.0) {
+          out.found = true;
+          out.share = std::min(share + fall * length, 1.0);
+          return out;
+        }
+      }
+      if (axis == 3) break;
+      share = next;
+      cell[axis] += way[static_cast<Eigen::Index>(axis)] > 0.0 ? 1 : -1;
+    }
+    return out;
+  }
+
+  /// As VectorField::trace, cell by cell. Trilinear vectors in one grid only.
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order, double voxel,
+                            Cache& cache) const noexcept {
+    Flow flow{*this, cache, {}, voxel};
+    TraceOrder scaled = order;
+    scaled.length = order.length / voxel;
+    Trace out = traceCells(flow, map_(p_W), scaled);
+    out.position = times(map_.world_from_index, out.position - map_.origin_I);
+    out.length *= voxel;
+    return out;
+  }
+
   [[nodiscard]] const GridT& grid() const noexcept { return *grid_; }
 
  private:
+  /// The cells as trace_cells.h walks them, in index space.
+  struct Flow {
+    static constexpr bool kCells = true;
+    const GridReader& reader;
+    Cache& cache;
+    std::array<int, 3> cell;
+    double voxel;
+
+    bool enter(const Vec3& u, const Vec3& direction) noexcept {
+      if (!floorOf(u, cell)) return false;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const auto n = static_cast<Eigen::Index>(a);
+        if (u[n] == cell[a] && direction[n] < 0.0) --cell[a];
+      }
+      return here();
+    }
+    bool pass(int axis, int side) noexcept {
+      cell[static_cast<std::size_t>(axis)] += side;
+      return here();
+    }
+    bool here() noexcept {
+      if (cell != cache.cell) reader.load(cell, cache);
+      return reader.hasData(cache.active);
+    }
+    [[nodiscard]] Vec3 lower() const noexcept { return Vec3(cell[0], cell[1], cell[2]); }
+    [[nodiscard]] Vec3 value(const Vec3& u) const noexcept {
+      std::array<double, 3> v;
+      cache.kernel.value(Vec3(u.x() - cell[0], u.y() - cell[1], u.z() - cell[2]), v);
+      return {v[0], v[1], v[2]};
+    }
+    [[nodiscard]] Vec3 rate(const Vec3& v) const noexcept {
+      return times(reader.map_.index_from_world, Vec3(voxel * v.x(), voxel * v.y(), voxel * v.z()));
+    }
+  };
+
   static const GridData& gridFor(const Volume& volume, std::size_t part,
                                  Interpolation interpolation) {
     if (interpolation == Interpolation::kQuadratic) return splineCoefficients(volume, 2)[part];
@@ -305,13 +415,26 @@ class GridReader {
     row = std::bit_cast<Row>(rows);
   }
 
+  /// False for NaN as well.
+  [[gnu::always_inline]] static bool isPlace(const Vec3& p_I) noexcept {
+    return std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
+  }
+  static bool floorOf(const Vec3& p_I, std::array<int, 3>& cell) noexcept {
+    if (!isPlace(p_I)) return false;
+    for (std::size_t a = 0; a < 3; ++a) {
+      cell[a] = static_cast<int>(std::floor(p_I[static_cast<Eigen::Index>(a)]));
+    }
+    return true;
+  }
+  /// Whether the cell has data; see insideAt.
+  [[nodiscard]] bool hasData(std::uint64_t active) const noexcept {
+    return insideAt(Vec3(0.0, 0.0, 0.0), active);
+  }
+
   /// Loads the cell about p_W, and gives the position in it; false where it is no place in a grid.
   [[gnu::always_inline]] bool locate(const Vec3& p_W, Cache& cache, Vec3& t) const noexcept {
     const Vec3 p_I = map_(p_W);
-    // False for NaN as well.
-    const bool there =
-        std::abs(p_I.x()) < 1e9 && std::abs(p_I.y()) < 1e9 && std::abs(p_I.z()) < 1e9;
-    if (!there) return false;
+    if (!isPlace(p_I)) return false;
     std::array<int, 3> cell{};
     for (int a = 0; a < 3; ++a) {
       const double from = Kernel::kNearest ? p_I[a] + 0.5 : p_I[a];
@@ -435,6 +558,15 @@ class VdbScalarField final : public GridField<ScalarField, GridT, Kernel, 1> {
       return sample(p_W, memory).gradient;
     }
   }
+
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   FieldCache& memory) const noexcept override {
+    if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
+      return this->readers()[0].firstFall(a_W, b_W, level, sign, Base::cachesIn(memory)[0]);
+    } else {
+      return ScalarField::firstFall(a_W, b_W, level, sign, memory);
+    }
+  }
 };
 
 template <class GridT, class Kernel>
@@ -451,6 +583,15 @@ class VdbVectorField final : public GridField<VectorField, GridT, Kernel, 1> {
     out.value = Vec3(row[0], row[1], row[2]);
     std::copy_n(row.begin() + 3, 9, out.jacobian.data());
     return out;
+  }
+
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
+                            FieldCache& memory) const noexcept override {
+    if constexpr (std::is_same_v<Kernel, TrilinearKernel<3>>) {
+      return this->readers()[0].trace(p_W, order, this->frame().voxel, Base::cachesIn(memory)[0]);
+    } else {
+      return VectorField::trace(p_W, order, memory);
+    }
   }
 };
 

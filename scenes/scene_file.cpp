@@ -493,10 +493,11 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
     const Node node =
         root.child("accuracy").object({"tolerance_voxels", "max_substeps", "description"});
     if (node.has("tolerance_voxels")) {
-      (void)node.child("tolerance_voxels").positive();
-      spec.notes.push_back(source +
-                           ": /accuracy/tolerance_voxels: no effect yet: this version "
-                           "moves the proxy a voxel at a time");
+      const Node tolerance = node.child("tolerance_voxels");
+      spec.step.tolerance_voxels = tolerance.positive();
+      if (spec.step.tolerance_voxels > kMostTolerance) {
+        tolerance.fail("it is more than a voxel", "give a share of a voxel, as 0.01");
+      }
     }
     if (node.has("max_substeps")) {
       spec.step.max_substeps = node.child("max_substeps").whole(1, 64);

@@ -98,6 +98,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     json["coupling"]["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
   json["max_substeps"] = spec.step.max_substeps;
+  json["tolerance_voxels"] = spec.step.tolerance_voxels;
   json["volumes"] = OrderedJson::object();
   for (const auto& [name, field] : built.fields) {
     const FieldFrame& frame =
@@ -169,11 +170,12 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
 void print(const OrderedJson& json) {
   fmt::print("scene     {}: valid\n", json["scene"].get<std::string>());
   const OrderedJson& coupling = json["coupling"];
-  fmt::print("coupling  {}, {} N s/m; at most {} sub-steps a tick\n",
+  fmt::print("coupling  {}, {} N s/m; motion to {} voxel, at most {} sub-steps a tick\n",
              coupling.contains("stiffness_by")
                  ? coupling["stiffness_by"].get<std::string>()
                  : number(coupling["stiffness"].get<double>()) + " N/m",
-             number(json["coupling"]["damping"].get<double>()), json["max_substeps"].get<int>());
+             number(json["coupling"]["damping"].get<double>()),
+             number(json["tolerance_voxels"].get<double>()), json["max_substeps"].get<int>());
   for (const auto& [name, volume] : json["volumes"].items()) {
     fmt::print("volume    {}: ", name);
     if (volume.contains("file")) {

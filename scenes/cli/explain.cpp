@@ -101,10 +101,10 @@ Parts partsOf(const Told& /*told*/, const ViscosityMode& m) {
   return {m.scalar, -1, &m.strength};
 }
 Parts partsOf(const Told& /*told*/, const SurfaceMode& m) {
-  return {-1, m.gradient, &m.strength, &m.friction, &m.viscosity};
+  return {-1, m.skin.gradient, &m.strength, &m.friction, &m.viscosity};
 }
 Parts partsOf(const Told& /*told*/, const IsosurfaceMode& m) {
-  return {m.value, m.gradient, &m.strength, &m.friction, &m.viscosity};
+  return {m.skin.value, m.skin.gradient, &m.strength, &m.friction, &m.viscosity};
 }
 Parts partsOf(const Told& /*told*/, const FollowMode& m) {
   return {-1, m.vector, &m.strength};
@@ -263,13 +263,13 @@ OrderedJson propertiesReport(const Told& told) {
 
 /// Why an isosurface that has data, a normal and a strength placed nothing.
 std::string whyIdle(const Told& told, const IsosurfaceMode& iso, const ModeMemory& memory) {
-  const double value = scalarOf(told, iso.value).value;
+  const double value = scalarOf(told, iso.skin.value).value;
   const std::string is =
       fmt::format("the value here is {}, the surface is at {}", shown(value), shown(iso.level));
   if (memory.contact == ModeMemory::Contact::kInside) {
     return "not in contact: the proxy is on the solid side, free to move and to leave; " + is;
   }
-  return "not in contact: the surface is more than two voxels away; " + is;
+  return "not in contact: the proxy is on the free side and has not come to the surface; " + is;
 }
 
 std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory) {
@@ -456,7 +456,9 @@ OrderedJson balanceReport(const Told& told) {
   json["proxy"] = toJson(r.proxy);
   json["spring"] = toJson(spring);
   json["loads"] = toJson(sum);
-  json["left_over"] = (sum - spring).norm();
+  const Vec3 waiting = r.stiffness * r.waiting;
+  json["waiting"] = toJson(waiting);
+  json["left_over"] = (sum + waiting - spring).norm();
   json["injected_energy"] = r.injected;
   return json;
 }
@@ -612,6 +614,13 @@ void printMode(const OrderedJson& mode) {
   }
 }
 
+/// True where a vector is worth telling [N].
+bool told(const OrderedJson& force) {
+  constexpr double kLeast = 1e-9;
+  return std::any_of(force.begin(), force.end(),
+                     [](const OrderedJson& x) { return std::abs(x.get<double>()) > kLeast; });
+}
+
 void printBalance(const OrderedJson& json) {
   const OrderedJson& balance = json["balance"];
   fmt::print("balance   {}, {} iterations, {} sub-steps, within {} m of the exact one; {}\n",
@@ -626,6 +635,10 @@ void printBalance(const OrderedJson& json) {
   fmt::print("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
   fmt::print("spring    {} N; the loads add up to {} N, {} N left over\n", text(balance["spring"]),
              text(balance["loads"]), text(balance["left_over"]));
+  if (told(balance["waiting"])) {
+    fmt::print("waiting   {} N: a stream that bends leaves it for the next tick\n",
+               text(balance["waiting"]));
+  }
   const OrderedJson& force = json["force"];
   const OrderedJson& limiter = force["limiter"];
   fmt::print("damper    {} N\n", text(force["damper"]));

