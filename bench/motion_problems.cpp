@@ -235,15 +235,25 @@ MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double spee
 
   // Down onto the surface first, slowly.
   constexpr int kDown = 200;
+  Vec3 above = motion.outside;
+  if (kind == ModeKind::kSurface) {
+    // It holds wherever it is: it begins where the true surface is.
+    Vec3 below = motion.hand(0.0);
+    for (int i = 0; i < 60; ++i) {
+      const Vec3 middle = 0.5 * (above + below);
+      (motion.distance(middle) > 0.0 ? above : below) = middle;
+    }
+  }
   for (int i = 0; i <= kDown; ++i) {
     const double t = static_cast<double>(i) / kDown;
-    const Vec3 hand = motion.outside + t * (motion.hand(0.0) - motion.outside);
+    const Vec3 hand = above + t * (motion.hand(0.0) - above);
     (void)hapticStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
 
   MotionResult out;
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
-  const auto lap = static_cast<long>(motion.lap / pace);
+  // Several laps at each end: a small sphere has few ticks to one.
+  const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
   double first = 0.0;
   double last = 0.0;
   double squares = 0.0;

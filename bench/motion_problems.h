@@ -76,7 +76,7 @@ struct MotionResult {
   double off_max = 0.0;  ///< Largest distance from the interpolant's surface while held.
   double off_rms = 0.0;
   double true_max = 0.0;  ///< From the true surface.
-  double drift = 0.0;     ///< Mean signed distance from the true surface, last lap less first.
+  double drift = 0.0;     ///< Mean signed distance from the true surface, last tenth less first.
   double samples = 0.0;   ///< A tick.
   double cells = 0.0;     ///< Walked, a tick.
   double most_samples = 0.0;

@@ -81,10 +81,12 @@ class Tick {
   };
   /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
   struct Rail {
-    bool laid = false;          ///< For the way from this proxy.
-    int mode = -1;              ///< -1: no line holds.
-    Vec3 pull = Vec3::Zero();   ///< What the line does to the proxy [N].
-    Vec3 shift = Vec3::Zero();  ///< From the tangent to the curve [m].
+    bool laid = false;  ///< For the way from this proxy.
+    int mode = -1;      ///< -1: no line holds.
+    Primitive line;     ///< The tangent where the curve led.
+    /// How much farther on the probe would have to be for that to be the balance [m]: the curve led
+    /// aside of the tangent, and what the tangent held is not all across the new one.
+    Vec3 waiting = Vec3::Zero();
   };
 
   /// A proxy that is new here: properties where it is.
@@ -144,7 +146,7 @@ class Tick {
     // What the curve led aside of the tangent waits for the next tick.
     const bool on_rail = rail_.mode >= 0;
     const double k = state_.stiffness_.value;
-    const Vec3 probe = on_rail ? Vec3(probe_ + rail_.shift) : probe_;
+    const Vec3 probe = on_rail ? Vec3(probe_ + rail_.waiting) : probe_;
     const SolveResult solved =
         solveWithFriction(probe, k, state_.primitives_, state_.proxy_, scene_.solver, state_.warm_,
                           state_.friction_, state_.forces_);
@@ -215,13 +217,16 @@ class Tick {
       memory.stride = trace.stride;
       report.traced += trace.samples;
       const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
+      const Vec3 ahead = body == nullptr ? trace.direction
+                                         : Vec3(body->pose.rotation * trace.direction);
       // Where the stream or its data end the rest is gone straight on.
       const double rest = trace.capped ? 0.0 : order.length - trace.length;
       const Vec3 on = line.direction.dot(go) * line.direction;
+      const Vec3 shift = curve + rest * line.direction - (line.position + on);
       rail_.mode = static_cast<int>(i);
-      rail_.pull = state_.forces_[index];
-      rail_.shift = curve + rest * line.direction - (line.position + on);
-      way.end += rail_.shift;
+      rail_.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
+      rail_.waiting = shift + ahead.dot(state_.forces_[index]) / state_.stiffness_.value * ahead;
+      way.end += shift;
       if (trace.capped) worsen(report, StepStatus::kSubstepLimit);
       return;
     }
@@ -274,7 +279,7 @@ class Tick {
     const Vec3 before = offset_;
     state_.proxy_ = way.end;
     offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
-    report.waiting = rail_.shift;
+    report.waiting = rail_.waiting;
     report.injected += std::max(0.0, state_.stiffness_.value * offset_.dot(offset_ - before));
     for (Body& body : bodies_) {
       body.from = body.pose.toRest(state_.proxy_);
@@ -301,11 +306,9 @@ class Tick {
     for (std::size_t i = 0; i < modes.size(); ++i) {
       ModeMemory& memory = state_.memories_[i];
       if (static_cast<int>(i) == rail_.mode) {
-        // Its line has led; what it did to the proxy stays.
-        const double pull = rail_.pull.norm();
-        memory.emitted = pull > 0.0 ? 1 : 0;
-        if (pull > 0.0 && !state_.primitives_.tryAdd(
-                              {PrimitiveKind::kForce, state_.proxy_, rail_.pull / pull, pull})) {
+        memory.emitted = 1;
+        if (!state_.primitives_.tryAdd(rail_.line)) {
+          memory.emitted = 0;
           worsen(report, StepStatus::kDropped);
         }
         continue;

@@ -101,14 +101,26 @@ template <class Flow>
     Vec3 k4;
     Vec3 k5;
     const Vec3 r1 = rate;
-    if (!cell.direction(u + 0.5 * h * r1, k1, k2)) break;
-    const Vec3 r2 = flow.rate(k2);
-    if (!cell.direction(u + 0.5 * h * r2, k1, k3)) break;
-    const Vec3 r3 = flow.rate(k3);
-    if (!cell.direction(u + h * r3, k1, k4)) break;
-    const Vec3 r4 = flow.rate(k4);
-    const Vec3 end = u + (h / 6.0) * (r1 + 2.0 * r2 + 2.0 * r3 + r4);
-    if (!cell.direction(end, k1, k5)) break;
+    Vec3 r2;
+    Vec3 r3;
+    Vec3 r4;
+    Vec3 end;
+    const auto stages = [&] {
+      if (!cell.direction(u + 0.5 * h * r1, k1, k2)) return false;
+      r2 = flow.rate(k2);
+      if (!cell.direction(u + 0.5 * h * r2, k1, k3)) return false;
+      r3 = flow.rate(k3);
+      if (!cell.direction(u + h * r3, k1, k4)) return false;
+      r4 = flow.rate(k4);
+      end = u + (h / 6.0) * (r1 + 2.0 * r2 + 2.0 * r3 + r4);
+      return cell.direction(end, k1, k5);
+    };
+    if (!stages()) {
+      // A place without a direction is near.
+      if (h <= kLeast) break;
+      out.stride = std::max(0.5 * std::min(h, out.stride), kLeast);
+      continue;
+    }
     const Vec3 r5 = flow.rate(k5);
     const double error = h / 6.0 * (k4 - k5).norm();
     const double allowed = order.tolerance * h;

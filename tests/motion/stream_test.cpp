@@ -1,0 +1,108 @@
+/// A proxy on a stream: how far it comes off the exact one, at what cost.
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "bench/motion_problems.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using namespace palpate::bench;
+using palpate::test::Random;
+
+namespace {
+
+/// Streams of a flow along which a hand `pull` aside stays before the centre of curvature.
+std::vector<Stream> streamsOf(const std::function<Vec3(int, int, int)>& flow, int wavelength,
+                              double length, std::size_t count, double pull,
+                              const char* interpolation = "trilinear") {
+  Random random(7);
+  std::vector<Stream> streams;
+  while (streams.size() < count) {
+    const Vec3 start(random.uniform(0, wavelength), random.uniform(0, wavelength),
+                     random.uniform(0, wavelength));
+    // Where Taylor and Green's flow hardly moves it turns on the spot.
+    if (flow(static_cast<int>(start.x()), static_cast<int>(start.y()), static_cast<int>(start.z()))
+            .norm() < 0.35) {
+      continue;
+    }
+    Stream stream = makeStream("", flow, start, length, nullptr, 1e-9, interpolation);
+    if (stream.mostBend(pull) < 0.9) streams.push_back(std::move(stream));
+  }
+  return streams;
+}
+
+}  // namespace
+
+TEST_CASE("over 1,280 voxels a proxy departs from its stream by less than 0.02", "[motion]") {
+  // Asked: the sum of one-tick departures at most 0.02 voxel (goal 0.01), at most 20 samples a
+  // tick.
+  for (const int wavelength : {16, 32}) {
+    for (const bool abc : {true, false}) {
+      const auto flow = abc ? abcFlow(wavelength) : taylorGreen(wavelength);
+      for (const Stream& stream : streamsOf(flow, wavelength, 1280.0, 3, 1.0)) {
+        const StreamResult r = feelStream(stream, 0.5, 1.0, {});
+        CAPTURE(abc, wavelength, r.off_max, r.departures, r.samples, r.most_samples);
+        CHECK(r.departures <= 0.01);
+        CHECK(r.samples <= 15.0);
+        CHECK(r.capped == 0.0);
+      }
+    }
+  }
+}
+
+TEST_CASE("a stream is followed at any speed, and the more exactly the less is allowed",
+          "[motion]") {
+  for (const double tolerance : {1e-2, 1e-3}) {
+    for (const double speed : {0.05, 0.5, 1.0}) {
+      double off = 0.0;
+      double departures = 0.0;
+      for (const int wavelength : {16, 32}) {
+        for (const Stream& stream : streamsOf(abcFlow(wavelength), wavelength, 128.0, 6, 1.0)) {
+          StepParams step;
+          step.tolerance_voxels = tolerance;
+          const StreamResult r = feelStream(stream, speed, 1.0, step);
+          CHECK(r.capped == 0.0);
+          off = std::max(off, r.off_max);
+          departures = std::max(departures, r.departures);
+        }
+      }
+      CAPTURE(tolerance, speed, off, departures);
+      CHECK(off <= 0.1 * tolerance + 1e-3);
+      CHECK(departures <= 0.01);
+    }
+  }
+}
+
+TEST_CASE("on a spline a stream has no kinks", "[motion]") {
+  for (const char* interpolation : {"quadratic", "cubic"}) {
+    // Its course is that of the trilinear field, so only cost and force are looked at.
+    for (const Stream& stream : streamsOf(abcFlow(32), 32, 128.0, 2, 1.0, interpolation)) {
+      const StreamResult r = feelStream(stream, 0.5, 1.0, {});
+      CAPTURE(interpolation, r.samples, r.off_max);
+      CHECK(r.samples <= 15.0);
+      CHECK(r.capped == 0.0);
+      CHECK(r.off_max < 1.0);
+    }
+  }
+}
+
+TEST_CASE("past a hairpin the proxy jumps, and no force step is larger than the strength",
+          "[motion]") {
+  // A hand that is beyond the stream's centre of curvature has no nearest place on it.
+  Random random(9);
+  int hairpins = 0;
+  for (int i = 0; i < 60 && hairpins < 6; ++i) {
+    const Vec3 start(random.uniform(0, 16), random.uniform(0, 16), random.uniform(0, 16));
+    const Stream stream = makeStream("", abcFlow(16), start, 200.0);
+    if (stream.mostBend(2.2) < 1.2) continue;
+    ++hairpins;
+    const StreamResult r = feelStream(stream, 0.5, 2.2, {});
+    CAPTURE(r.force_step, r.force_most, r.off_max, r.capped);
+    CHECK(r.force_most <= 1.0 + 0.4 * voxelsPerTick(0.5));  // 1 N, and what waits along the stream
+    CHECK(r.force_step <= 1.0);
+  }
+  CHECK(hairpins == 6);
+}

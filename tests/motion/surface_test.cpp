@@ -1,0 +1,139 @@
+/// A proxy on a surface: how far it comes off the interpolated one, at what cost. design:
+/// MOTION.md.
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "bench/motion_problems.h"
+
+using namespace palpate;
+using namespace palpate::bench;
+
+namespace {
+
+constexpr double kStrong = 8.0;  // [N]: deeper than any hand here presses
+
+StepParams within(double tolerance) {
+  StepParams step;
+  step.tolerance_voxels = tolerance;
+  return step;
+}
+
+/// For the record of a run.
+std::string words(const SurfaceMotion& motion, const MotionResult& r) {
+  return motion.name + ": off " + std::to_string(r.off_max) + ", true " +
+         std::to_string(r.true_max) + ", drift " + std::to_string(r.drift) + ", samples " +
+         std::to_string(r.samples) + " (" + std::to_string(r.most_samples) + ")";
+}
+
+}  // namespace
+
+TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
+  // Asked: 0.01 voxel at every tick, at most 2 readings on average at 40 voxels, mean radius lap 1
+  // to lap 100 within 1e-4.
+  struct Case {
+    SurfaceMotion motion;
+    double off;
+    double samples;
+  };
+  const std::vector<Case> cases{{sphereMotion("level set", 40, 2.56), 1e-3, 1.1},
+                                {sphereMotion("level set", 40, 7.0), 5e-3, 1.1},
+                                {sphereMotion("fog 6", 40, 2.56), 2e-3, 1.1},
+                                {sphereMotion("fog 6", 40, 7.0), 0.01, 2.0},
+                                {sphereMotion("level set", 8, 2.56), 0.01, 3.0},
+                                {sphereMotion("fog 6", 8, 2.56), 0.01, 3.0}};
+  for (const Case& c : cases) {
+    const MotionResult r = feelSurface(c.motion, ModeKind::kIsosurface, 0.5, 100, {}, kStrong);
+    CAPTURE(words(c.motion, r));
+    CHECK(r.off_max <= c.off);
+    CHECK(r.samples <= c.samples);
+    CHECK(std::abs(r.drift) <= 1e-4);
+    CHECK(r.capped == 0.0);
+    CHECK(r.lost == 0.0);
+    if (c.motion.floor > 0.0) {
+      // From the true sphere it is as far as the interpolant is.
+      CHECK(r.true_max <= 1.05 * c.motion.floor + r.off_max);
+    }
+  }
+}
+
+TEST_CASE("a surface mode stays on the value where it began to hold", "[motion]") {
+  for (const SurfaceMotion& motion :
+       {sphereMotion("level set", 40, 2.56), sphereMotion("fog 6", 40, 2.56),
+        sphereMotion("level set", 8, 2.56), sphereMotion("fog 6", 8, 2.56)}) {
+    const MotionResult r = feelSurface(motion, ModeKind::kSurface, 0.5, 100, {}, kStrong);
+    CAPTURE(words(motion, r));
+    CHECK(r.off_max <= 0.01);
+    CHECK(r.samples <= (motion.lap > 200.0 ? 2.0 : 3.5));
+    CHECK(std::abs(r.drift) <= 1e-4);
+    CHECK(r.capped == 0.0);
+    CHECK(r.lost == 0.0);
+  }
+}
+
+TEST_CASE("the tolerance that a scene asks for is kept, fast or slow", "[motion]") {
+  const std::vector<SurfaceMotion> motions{sphereMotion("level set", 40, 2.56),
+                                           sphereMotion("fog 6", 40, 2.56),
+                                           sphereMotion("fog 3", 40, 2.56),
+                                           sphereMotion("level set", 8, 2.56),
+                                           sphereMotion("level set", 3.5, 1.5),
+                                           torusMotion(30, 12, 2.6),
+                                           torusMotion(30, 12, 5.0),
+                                           hollowMotion(40, 2.56),
+                                           hollowMotion(8, 2.56),
+                                           sphereMotion("level set", 8, 2.56, "quadratic"),
+                                           sphereMotion("fog 6", 8, 2.56, "cubic")};
+  for (const SurfaceMotion& motion : motions) {
+    double cheapest = 0.0;
+    for (const double tolerance : {1e-2, 1e-3, 1e-4}) {
+      for (const double speed : {0.05, 0.5, 2.0}) {
+        StepParams step = within(tolerance);
+        step.max_substeps = 16;
+        const MotionResult r =
+            feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
+        CAPTURE(tolerance, speed, words(motion, r));
+        CHECK(r.capped == 0.0);
+        // The estimate is taken three times, and is at most so wrong.
+        CHECK(r.off_max <= 1.25 * tolerance);
+        if (speed == 0.5) {
+          CHECK(r.samples >= cheapest);
+          cheapest = r.samples;
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("B-splines lower the floor that trilinear values leave", "[motion]") {
+  const auto error = [](const char* interpolation) {
+    return feelSurface(sphereMotion("level set", 8, 2.56, interpolation), ModeKind::kIsosurface,
+                       0.5, 20, within(1e-3), kStrong)
+        .true_max;
+  };
+  CHECK(error("trilinear") == Approx(0.031).epsilon(0.1));  // (1/8 + 1/8) / 8
+  CHECK(error("cubic") < 1e-3);
+  CHECK(error("quadratic") < 2e-3);
+}
+
+TEST_CASE("over a cube's edges and into its corners", "[motion]") {
+  // The interpolant rounds an edge within its cell. Convex ones are left clean; in concave ones
+  // several walls hold and take turns, and some ticks end at the cap.
+  for (const bool turned : {false, true}) {
+    const MotionResult over =
+        feelSurface(cubeMotion(2.56, turned), ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
+    CAPTURE(turned, over.off_max, over.capped, over.samples);
+    CHECK(over.off_max <= 0.01);
+    CHECK(over.capped <= 0.02);
+    CHECK(over.samples <= 1.2);
+    const SurfaceMotion hollow = cubeMotion(2.56, turned, true);
+    const MotionResult into = feelSurface(hollow, ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
+    CAPTURE(into.off_max, into.off_rms, into.true_max, into.capped, into.samples);
+    CHECK(into.lost == 0.0);
+    CHECK(into.off_max <= 0.6);
+    CHECK(into.off_rms <= 0.03);
+    CHECK(into.true_max <= 0.6);  // the interpolant fills an edge by up to 0.4 voxel
+    CHECK(into.capped <= 0.2);
+  }
+}
