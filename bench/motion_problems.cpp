@@ -505,6 +505,47 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
   };
 }
 
+std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length) {
+  openvdb::initialize();
+  openvdb::io::File in(file);
+  in.open(false);
+  openvdb::Vec3SGrid::Ptr grid;
+  const openvdb::GridPtrVecPtr grids = in.getGrids();
+  for (const openvdb::GridBase::Ptr& any : *grids) {
+    if (!grid) grid = openvdb::gridPtrCast<openvdb::Vec3SGrid>(any);
+  }
+  std::vector<Stream> streams;
+  if (!grid) return streams;
+  const auto accessor =
+      std::make_shared<openvdb::Vec3SGrid::ConstAccessor>(grid->getConstAccessor());
+  const auto voxel = [grid, accessor](int i, int j, int k) {
+    const openvdb::Vec3f v = accessor->getValue(Coord(i, j, k));
+    return Vec3(v.x(), v.y(), v.z());
+  };
+  double fastest = 0.0;
+  for (auto it = grid->cbeginValueOn(); it; ++it) {
+    fastest = std::max(fastest, static_cast<double>(it->length()));
+  }
+  const openvdb::CoordBBox box = grid->evalActiveVoxelBoundingBox();
+  const auto corner = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
+  const Vec3 low = corner(box.min()) + Vec3::Constant(1.5);
+  const Vec3 high = corner(box.max()) - Vec3::Constant(1.5);
+  const auto inside = [=](const Vec3& p) {
+    return (p.array() >= low.array()).all() && (p.array() <= high.array()).all();
+  };
+  test::Random random(7);
+  constexpr int kTries = 20000;
+  constexpr double kLeast = 8.0;
+  for (int i = 0; i < kTries && streams.size() < count; ++i) {
+    const Vec3 start(random.uniform(low.x(), high.x()), random.uniform(low.y(), high.y()),
+                     random.uniform(low.z(), high.z()));
+    if (blend(voxel, cellOf(start), start).norm() < 0.1 * fastest) continue;
+    Stream stream = makeStream(file, voxel, start, length, inside, 0.02 * fastest);
+    if (stream.x.size() > 1 && stream.length() >= kLeast) streams.push_back(std::move(stream));
+  }
+  return streams;
+}
+
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step) {
   GraphSpec spec;
   spec.modes.resize(1);

@@ -116,6 +116,10 @@ Stream makeStream(const std::string& name, const std::function<Vec3(int, int, in
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength);
 
+/// Streams of a file's vector grid, from random places in its faster parts, in the grid's own
+/// voxels as if they were cubes; at most `length` long, and at least 8.
+std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length);
+
 struct StreamResult {
   double off_max = 0.0;     ///< From the course.
   double departures = 0.0;  ///< Sum over ticks of the departure from the exact local stream, by

@@ -217,8 +217,8 @@ class Tick {
       memory.stride = trace.stride;
       report.traced += trace.samples;
       const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
-      const Vec3 ahead = body == nullptr ? trace.direction
-                                         : Vec3(body->pose.rotation * trace.direction);
+      const Vec3 ahead =
+          body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
       // Where the stream or its data end the rest is gone straight on.
       const double rest = trace.capped ? 0.0 : order.length - trace.length;
       const Vec3 on = line.direction.dot(go) * line.direction;
@@ -492,7 +492,7 @@ class Tick {
   static constexpr double kNear = 0.25;
   static constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
   /// Error of a trace a voxel, by the scene's tolerance: a metre of stream within it.
-  static constexpr double kTracePerVoxel = 1e-2;
+  static constexpr double kTracePerVoxel = 3e-3;
 };
 
 StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand, ProxyState& state,
