@@ -141,8 +141,8 @@ SurfaceMotion hollowMotion(double radius, double depth) {
 SurfaceMotion torusMotion(double major, double minor, double depth) {
   SurfaceMotion motion;
   const Vec3 c(52.3, 51.7, 52.45);
-  const Vec3 u = firstAxis();
-  const Vec3 w = secondAxis();
+  const Vec3& u = firstAxis();
+  const Vec3& w = secondAxis();
   const Vec3 n = u.cross(w);
   motion.name = "torus " + std::to_string(major).substr(0, 2) + "/" +
                 std::to_string(minor).substr(0, 2) + ", level set";

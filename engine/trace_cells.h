@@ -77,14 +77,14 @@ template <class Flow>
     // To the end, as far as the estimate allows, or to the face ahead.
     double h = std::min(left, out.stride);
     bool to_face = false;
-    const Vec3 rate = flow.rate(k1);
+    const Vec3 r1 = flow.rate(k1);
     if constexpr (Flow::kCells) {
       double face = 1e9;
       for (int a = 0; a < 3; ++a) {
         const double t = u[a] - flow.lower()[a];
         for (const double side : {-1.0, 1.0}) {
           const double gap = std::max(side > 0.0 ? 1.0 - t : t, 0.0);
-          const double speed = side * rate[a];
+          const double speed = side * r1[a];
           const double turn = 0.5 * side * bend[a];
           const double root = speed * speed + 4.0 * turn * gap;
           if (root < 0.0) continue;
@@ -100,7 +100,6 @@ template <class Flow>
     Vec3 k3;
     Vec3 k4;
     Vec3 k5;
-    const Vec3 r1 = rate;
     Vec3 r2;
     Vec3 r3;
     Vec3 r4;

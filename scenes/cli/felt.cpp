@@ -51,6 +51,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) {
   closed_form_ += static_cast<std::int64_t>(r.solver == SolverKind::kClosedForm);
   limited_ += static_cast<std::int64_t>(r.limited);
   samples_ += r.samples;
+  traced_ += r.traced;
+  walked_ += r.walked;
   substeps_ += r.substeps;
   primitives_ += r.primitives;
   iterations_ += r.iterations;
@@ -110,6 +112,8 @@ OrderedJson Felt::summary() const {
   json["net_energy"] = net_energy_;
   json["injected_energy"] = injected_;
   json["per_tick"] = {{"samples", static_cast<double>(samples_) / ticks},
+                      {"traced", static_cast<double>(traced_) / ticks},
+                      {"walked", static_cast<double>(walked_) / ticks},
                       {"primitives", static_cast<double>(primitives_) / ticks},
                       {"substeps", static_cast<double>(substeps_) / ticks},
                       {"iterations", static_cast<double>(iterations_) / ticks}};
@@ -138,9 +142,11 @@ std::string Felt::words() const {
   const double ticks = std::max(1.0, s["ticks"].get<double>());
   const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
   std::string text = fmt::format(
-      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} primitives, {} "
-      "sub-steps\n",
+      "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along "
+      "streams, {} cells on the way, {} primitives, {} sub-steps\n",
       us("p50"), us("p99"), us("p99.9"), us("max"), rounded(s["per_tick"]["samples"].get<double>()),
+      rounded(s["per_tick"]["traced"].get<double>()),
+      rounded(s["per_tick"]["walked"].get<double>()),
       rounded(s["per_tick"]["primitives"].get<double>()),
       rounded(s["per_tick"]["substeps"].get<double>()));
   text += fmt::format(

@@ -65,6 +65,8 @@ class Felt {
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
+  std::int64_t traced_ = 0;
+  std::int64_t walked_ = 0;
   std::int64_t substeps_ = 0;
   std::int64_t primitives_ = 0;
   std::int64_t iterations_ = 0;
