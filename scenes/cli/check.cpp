@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "samplers/thickness.h"
 #include "scenes/cli/common.h"
 #include "scenes/cli/touch.h"
 #include "scenes/scene_file.h"
@@ -86,6 +87,36 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
   return out;
 }
 
+/// How thick the solid of an isosurface is; null where nothing can say.
+OrderedJson thicknessOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
+  const auto volume = built.volumes.find(mode.of);
+  if (volume == built.volumes.end()) return nullptr;
+  // What is computed is read as what it comes from.
+  const auto computed = built.computed.find(mode.of);
+  const std::string& source = computed == built.computed.end() ? mode.of : computed->second.from;
+  const auto found =
+      measureThickness(volume->second, spec.volumes.at(source).sampling, mode.value, mode.solid);
+  if (!found) return nullptr;
+  const Placement& place = built.placements.at(mode.of);
+  OrderedJson json = {{"surface_cells", found->surface_cells},
+                      {"thin_cells", found->thin_cells},
+                      {"below_one", found->below_one},
+                      {"crowd", found->crowd}};
+  for (const char* key :
+       {"tenth", "least", "thinnest", "thinnest_file", "crowd_at", "crowd_at_file"}) {
+    json[key] = nullptr;
+  }
+  if (found->thin_cells > 0) {
+    json["tenth"] = found->tenth;
+    json["least"] = found->least;
+    json["thinnest"] = toJson(place(found->thinnest_F));
+    json["thinnest_file"] = toJson(found->thinnest_F);
+    json["crowd_at"] = toJson(place(found->crowd_F));
+    json["crowd_at_file"] = toJson(found->crowd_F);
+  }
+  return json;
+}
+
 OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   const Graph& graph = built.scene->graph;
   OrderedJson json;
@@ -158,13 +189,35 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     const std::size_t source = graph.mode_sources[i];
     const auto in = spec.guide_volumes.find(source);
-    json["modes"].push_back({{"name", graph.mode_names[i]},
-                             {"does", describe(spec.graph.modes[source],
-                                               in == spec.guide_volumes.end() ? "" : in->second)}});
+    const ModeSpec& mode = spec.graph.modes[source];
+    OrderedJson entry = {
+        {"name", graph.mode_names[i]},
+        {"does", describe(mode, in == spec.guide_volumes.end() ? "" : in->second)}};
+    if (mode.kind == ModeKind::kIsosurface) entry["thickness"] = thicknessOf(mode, spec, built);
+    json["modes"].push_back(entry);
   }
   json["silent"] = graph.silent;
   json["left_out"] = graph.unused;
   return json;
+}
+
+/// What is to be said of how thick a mode's solid is; empty: nothing.
+std::string remark(const OrderedJson& thickness) {
+  if (thickness.is_null()) return "not looked at: only trilinear volumes are";
+  const auto thin = thickness["thin_cells"].get<std::uint64_t>();
+  if (thin == 0) return "";
+  const auto cells = thickness["surface_cells"].get<std::uint64_t>();
+  const auto place = [&](const char* key) {
+    const OrderedJson& at = thickness[key];
+    return fmt::format("({}, {}, {})", rounded(at[0].get<double>()), rounded(at[1].get<double>()),
+                       rounded(at[2].get<double>()));
+  };
+  return fmt::format(
+      "{} surface cells; {} ({} %) thinner than {} voxels, {} of them than 1, most together at "
+      "{}, the thinnest {:.2g} at {}: a fast hand can pass there",
+      cells, thin, rounded(100.0 * static_cast<double>(thin) / static_cast<double>(cells)), kThick,
+      thickness["below_one"].get<std::uint64_t>(), place("crowd_at"),
+      thickness["least"].get<double>(), place("thinnest"));
 }
 
 void print(const OrderedJson& json) {
@@ -215,6 +268,10 @@ void print(const OrderedJson& json) {
   for (const auto& mode : json["modes"]) {
     fmt::print("mode      {}: {}\n", mode["name"].get<std::string>(),
                mode["does"].get<std::string>());
+    if (!mode.contains("thickness")) continue;
+    const std::string thickness = remark(mode["thickness"]);
+    if (thickness.empty()) continue;
+    fmt::print("thickness {}: {}\n", mode["name"].get<std::string>(), thickness);
   }
   for (const auto& silent : json["silent"]) {
     fmt::print("left out  mode {}: its strength is zero everywhere\n", silent.get<std::string>());

@@ -276,6 +276,63 @@ class Check(Case):
         scene.write_text(json.dumps(data))
         self.assertIn("derives   unit of flow", run("check", scene).stdout)
 
+    def test_says_where_a_solid_is_thin(self):
+        scene = self.dir / "thin.json"
+        mode = {"name": "tip", "mode": "isosurface", "of": "it", "value": 11.9, "strength": 1}
+        it = {"file": "linear.vdb", "grid": "density",
+              "place": {"scale": 0.01, "translate": [1, 0, 0]}}
+        text = {"palpate": 1, "volumes": {"it": it}, "modes": [mode]}
+
+        def lines():
+            scene.write_text(json.dumps(text))
+            return [l for l in run("check", scene).stdout.splitlines()
+                    if l.startswith("thickness ")]
+
+        def thickness():
+            scene.write_text(json.dumps(text))
+            return json.loads(run("check", scene, "--json").stdout)["modes"][0]["thickness"]
+
+        # Only the voxel at (4, 4, 0) is above 11.9: eight cells about it.
+        line, = lines()
+        self.assertTrue(line.startswith("thickness tip: 8 surface cells; 8 (100 %) thinner than "
+                                        "1.5 voxels, 8 of them than 1, most together at (1.04, "),
+                        line)
+        self.assertTrue(line.endswith("): a fast hand can pass there"), line)
+        found = thickness()
+        self.assertEqual([found[k] for k in ("surface_cells", "thin_cells", "below_one")],
+                         [8, 8, 8])
+        self.assertLess(0, found["least"])
+        self.assertLessEqual(found["least"], found["tenth"])
+        self.assertLess(found["tenth"], 0.2)
+        for place in ("thinnest", "crowd_at"):
+            for w, f, at, shift in zip(found[place], found[place + "_file"], (4, 4, 0), (1, 0, 0)):
+                self.assertAlmostEqual(f, at, delta=0.1)
+                self.assertAlmostEqual(w, 0.01 * f + shift, delta=1e-12)
+
+        # Of a thick solid the line says nothing, and the JSON all.
+        it["file"], it["grid"] = "ball.vdb", "ball"
+        mode.update(value=0, solid="below")
+        self.assertEqual(lines(), [])
+        found = thickness()
+        self.assertGreater(found["surface_cells"], 1000)
+        self.assertEqual([found[k] for k in ("thin_cells", "below_one", "crowd", "least")],
+                         [0, 0, 0, None])
+
+        it["interpolation"] = "cubic"
+        self.assertEqual(lines(), ["thickness tip: not looked at: only trilinear volumes are"])
+        self.assertIsNone(thickness())
+
+        # What is computed at load is looked at as well; other modes have no thickness.
+        text["volumes"]["it"] = {"file": "linear.vdb", "grid": "velocity"}
+        text["fields"] = {"speed": {"magnitude": "it"}}
+        mode.update(of="speed", value=3, solid="above")
+        self.assertGreater(thickness()["surface_cells"], 0)
+        mode.update(mode="surface")
+        for key in ("value", "solid"):
+            del mode[key]
+        scene.write_text(json.dumps(text))
+        self.assertNotIn("thickness", run("check", scene, "--json").stdout)
+
     def test_bad_scenes(self):
         scene = self.dir / "bad.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "gone.vdb"}}, "modes": '
