@@ -218,25 +218,100 @@ SurfaceMotion cubeMotion(double depth, bool turned, bool hollow) {
   return motion;
 }
 
+namespace {
+
+/// One mode on one field, and what a thread keeps of it.
+struct Engine {
+  std::unique_ptr<const Scene> scene;
+  Reader reader;
+  ProxyState state{ForceLimits{1e3, 1e12}};
+
+  Engine(const ModeSpec& mode, const FieldPtr& field, const StepParams& step) {
+    GraphSpec spec;
+    spec.modes.push_back(mode);
+    spec.modes[0].of = "it";
+    scene = makeScene(spec, {{"it", field}}, {kMotionStiffness, 0.0}, step);
+  }
+  StepReport tick(const Vec3& hand) {
+    return hapticStep(*scene, reader, {hand}, state, kMotionTick);
+  }
+};
+
+Ticked tickedOf(const StepReport& r) {
+  return {r.proxy,
+          r.wanted,
+          static_cast<double>(r.samples + r.traced),
+          static_cast<double>(r.walked),
+          r.injected,
+          0.0,
+          r.status != StepStatus::kConverged};
+}
+
+/// The hands of a way, made before anything is timed.
+std::vector<Vec3> handsOf(const std::function<Vec3(double)>& hand, double pace, long ticks) {
+  std::vector<Vec3> hands;
+  hands.reserve(static_cast<std::size_t>(ticks));
+  for (long i = 1; i <= ticks; ++i) {
+    hands.emplace_back(kVoxel * hand(static_cast<double>(i) * pace));
+  }
+  return hands;
+}
+
+/// All ticks, and the median time of one [ns], of batches.
+double tickAll(const std::vector<Vec3>& hands, const Stepper& method, std::vector<Ticked>& ticked) {
+  const std::size_t batch = hands.size() < 640 ? 16 : 64;
+  std::vector<double> times;
+  ticked.resize(hands.size());
+  auto begun = std::chrono::steady_clock::now();
+  for (std::size_t i = 0; i < hands.size(); ++i) {
+    ticked[i] = method(hands[i]);
+    if ((i + 1) % batch != 0) continue;
+    const auto now = std::chrono::steady_clock::now();
+    times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
+                    static_cast<double>(batch));
+    begun = std::chrono::steady_clock::now();
+  }
+  // A way of a few ticks is one batch.
+  if (times.empty() && !hands.empty()) {
+    const auto now = std::chrono::steady_clock::now();
+    times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() /
+                    static_cast<double>(hands.size()));
+  }
+  return percentile(times, 0.5);
+}
+
+}  // namespace
+
+Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& step,
+                 double strength) {
+  ModeSpec mode;
+  mode.kind = kind;
+  mode.strength = strength;
+  mode.value = motion.level;
+  mode.solid = motion.solid;
+  const auto engine = std::make_shared<Engine>(mode, motion.field, step);
+  return [engine, kind, level = motion.level](const Vec3& hand) {
+    Ticked out = tickedOf(engine->tick(hand));
+    out.level = kind == ModeKind::kSurface ? engine->state.memory(0).level : level;
+    return out;
+  };
+}
+
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength) {
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = kind;
-  spec.modes[0].of = "it";
-  spec.modes[0].strength = strength;
-  spec.modes[0].value = motion.level;
-  spec.modes[0].solid = motion.solid;
-  const auto scene = makeScene(spec, {{"it", motion.field}}, {kMotionStiffness, 0.0}, step);
-  Reader reader;
-  ProxyState state({1e3, 1e12});
+  return feelSurface(motion, engineOn(motion, kind, step, strength), speed, laps,
+                     kind == ModeKind::kSurface);
+}
+
+MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, double speed,
+                         double laps, bool anywhere) {
   Probed probed(std::get<0>(motion.field));
   const double pace = voxelsPerTick(speed);
 
   // Down onto the surface first, slowly.
   constexpr int kDown = 200;
   Vec3 above = motion.outside;
-  if (kind == ModeKind::kSurface) {
+  if (anywhere) {
     // It holds wherever it is: it begins where the true surface is.
     Vec3 below = motion.hand(0.0);
     for (int i = 0; i < 60; ++i) {
@@ -247,7 +322,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double spee
   for (int i = 0; i <= kDown; ++i) {
     const double t = static_cast<double>(i) / kDown;
     const Vec3 hand = above + t * (motion.hand(0.0) - above);
-    (void)hapticStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
+    (void)method(kVoxel * hand);
   }
 
   MotionResult out;
@@ -257,35 +332,24 @@ MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double spee
   double first = 0.0;
   double last = 0.0;
   double squares = 0.0;
-  std::vector<double> times;
-  constexpr long kBatch = 64;
-  auto begun = std::chrono::steady_clock::now();
-  std::vector<Vec3> proxies;
-  std::vector<bool> held;
-  std::vector<double> levels;
+  const std::vector<Vec3> hands = handsOf(motion.hand, pace, ticks);
+  std::vector<Ticked> ticked;
+  out.nanoseconds = tickAll(hands, method, ticked);
   for (long i = 1; i <= ticks; ++i) {
-    const Vec3 hand = kVoxel * motion.hand(static_cast<double>(i) * pace);
-    const StepReport r = hapticStep(*scene, reader, {hand}, state, kMotionTick);
-    proxies.push_back(r.proxy / kVoxel);
+    const Ticked& r = ticked[static_cast<std::size_t>(i - 1)];
     out.samples += r.samples;
-    out.cells += r.walked;
-    out.most_samples = std::max<double>(out.most_samples, r.samples);
-    out.capped += r.status == StepStatus::kConverged ? 0.0 : 1.0;
+    out.cells += r.cells;
+    out.most_samples = std::max(out.most_samples, r.samples);
+    out.capped += r.capped ? 1.0 : 0.0;
     out.injected += r.injected;
-    held.push_back(r.wanted.norm() > 1e-6);
-    levels.push_back(kind == ModeKind::kSurface ? state.memory(0).level : motion.level);
-    out.lost += held.back() ? 0.0 : 1.0;
-    if (i % kBatch == 0) {
-      const auto now = std::chrono::steady_clock::now();
-      times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() / kBatch);
-      begun = std::chrono::steady_clock::now();
+    if (!(r.force.norm() > 1e-6)) {
+      const bool below = motion.distance(hands[static_cast<std::size_t>(i - 1)] / kVoxel) < -0.5;
+      out.lost += below ? 1.0 : 0.0;
+      continue;
     }
-  }
-  for (long i = 1; i <= ticks; ++i) {
-    const Vec3& p = proxies[static_cast<std::size_t>(i - 1)];
-    if (!held[static_cast<std::size_t>(i - 1)]) continue;
-    const double off = probed.off(p, levels[static_cast<std::size_t>(i - 1)]);
+    const Vec3 p = r.proxy / kVoxel;
     const double distance = motion.distance(p);
+    const double off = std::abs(distance) > 1.0 ? distance : probed.off(p, r.level);
     out.off_max = std::max(out.off_max, std::abs(off));
     out.true_max = std::max(out.true_max, std::abs(distance));
     squares += off * off;
@@ -300,7 +364,6 @@ MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double spee
   out.capped /= n;
   out.lost /= n;
   out.injected /= laps;
-  out.nanoseconds = times.empty() ? 0.0 : percentile(times, 0.5);
   return out;
 }
 
@@ -546,15 +609,20 @@ std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, do
   return streams;
 }
 
+Stepper engineOn(const Stream& stream, const StepParams& step) {
+  ModeSpec mode;
+  mode.kind = ModeKind::kFollow;
+  mode.strength = 1.0;
+  const auto engine = std::make_shared<Engine>(mode, stream.field, step);
+  return [engine](const Vec3& hand) { return tickedOf(engine->tick(hand)); };
+}
+
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step) {
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = ModeKind::kFollow;
-  spec.modes[0].of = "it";
-  spec.modes[0].strength = 1.0;
-  const auto scene = makeScene(spec, {{"it", stream.field}}, {kMotionStiffness, 0.0}, step);
-  Reader reader;
-  ProxyState state({1e3, 1e12});
+  return feelStream(stream, engineOn(stream, step), speed, pull);
+}
+
+StreamResult feelStream(const Stream& stream, const Stepper& method, double speed, double pull,
+                        bool judged) {
   const double pace = voxelsPerTick(speed);
   StreamResult out;
   const auto hand = [&](double way) {
@@ -564,52 +632,44 @@ StreamResult feelStream(const Stream& stream, double speed, double pull, const S
     return Vec3(stream.x[i] + f * (stream.x[i + 1] - stream.x[i]) +
                 pull * (stream.n[i] + f * (stream.n[i + 1] - stream.n[i])).normalized());
   };
-  (void)hapticStep(*scene, reader, {kVoxel * stream.x[0]}, state, kMotionTick);
+  std::vector<Vec3> proxies{method(kVoxel * stream.x[0]).proxy / kVoxel};
   const auto ticks = static_cast<long>(stream.length() / pace);
-  std::vector<Vec3> proxies{state.proxy() / kVoxel};
-  std::vector<double> times;
-  Vec3 force = Vec3::Zero();
-  auto begun = std::chrono::steady_clock::now();
-  constexpr long kBatch = 64;
-  for (long i = 1; i <= ticks; ++i) {
-    const StepReport r = hapticStep(*scene, reader, {kVoxel * hand(static_cast<double>(i) * pace)},
-                                    state, kMotionTick);
+  std::vector<Ticked> ticked;
+  out.nanoseconds = tickAll(handsOf(hand, pace, ticks), method, ticked);
+  for (std::size_t i = 0; i < ticked.size(); ++i) {
+    const Ticked& r = ticked[i];
     proxies.push_back(r.proxy / kVoxel);
-    out.samples += r.samples + r.traced;
-    out.most_samples = std::max<double>(out.most_samples, r.samples + r.traced);
-    out.capped += r.status == StepStatus::kConverged ? 0.0 : 1.0;
-    if (i > 1) out.force_step = std::max(out.force_step, (r.wanted - force).norm());
-    force = r.wanted;
-    out.force_most = std::max(out.force_most, force.norm());
-    if (i % kBatch == 0) {
-      const auto now = std::chrono::steady_clock::now();
-      times.push_back(std::chrono::duration<double, std::nano>(now - begun).count() / kBatch);
-      begun = std::chrono::steady_clock::now();
-    }
+    out.samples += r.samples;
+    out.most_samples = std::max(out.most_samples, r.samples);
+    out.capped += r.capped ? 1.0 : 0.0;
+    if (i > 0) out.force_step = std::max(out.force_step, (r.force - ticked[i - 1].force).norm());
+    out.force_most = std::max(out.force_most, r.force.norm());
   }
   std::size_t near = 0;
   for (std::size_t i = 1; i < proxies.size(); ++i) {
     const Vec3& p = proxies[i];
-    out.off_max = std::max(out.off_max, fromCourse(stream, p, near));
+    const double off = fromCourse(stream, p, near);
+    // Past its end the course's bend is not known.
+    if (near + 1 < stream.x.size()) out.off_max = std::max(out.off_max, off);
+    if (!judged) continue;
     const Vec3& before = proxies[i - 1];
     // The nearest place of the exact stream through the last proxy.
     double way = (p - before).dot(stream.directionAt(before));
-    Vec3 off;
+    Vec3 departure;
     for (int pass = 0; pass < 3; ++pass) {
       way = std::clamp(way, -4.0, 4.0);
       const Vec3 on = stream.onFrom(before, way);
       const Vec3 d = stream.directionAt(on);
       const double along = (p - on).dot(d);
-      off = p - on - along * d;
+      departure = p - on - along * d;
       way += along;
     }
-    out.departures += off.norm();
+    out.departures += departure.norm();
   }
   const auto n = static_cast<double>(ticks);
   out.departures *= 1280.0 / stream.length();
   out.samples /= n;
   out.capped /= n;
-  out.nanoseconds = times.empty() ? 0.0 : percentile(times, 0.5);
   return out;
 }
 

@@ -83,9 +83,29 @@ struct MotionResult {
   double capped = 0.0;       ///< Share of ticks whose status is not converged.
   double nanoseconds = 0.0;  ///< A tick, the median of hundreds.
   double injected = 0.0;     ///< [J] a lap.
-  double lost = 0.0;         ///< Share of ticks in which nothing held the proxy.
+  double lost = 0.0;         ///< Share of ticks in which nothing held the proxy, the hand below.
 };
 
+/// What one tick of any method came to.
+struct Ticked {
+  Vec3 proxy = Vec3::Zero();  ///< [m]
+  Vec3 force = Vec3::Zero();  ///< [N]
+  double samples = 0.0;       ///< Reads of the field, those of tracing included.
+  double cells = 0.0;
+  double injected = 0.0;  ///< [J]
+  double level = 0.0;     ///< Of the surface on which the proxy should be.
+  bool capped = false;
+};
+/// A method: takes the hand [m] tick by tick.
+using Stepper = std::function<Ticked(const Vec3& hand)>;
+
+/// Feels a surface by any method. What is farther from the true surface than a voxel counts by
+/// that distance, since slopes there say nothing.
+MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, double speed,
+                         double laps, bool anywhere = false);
+/// The engine on a surface.
+Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& step,
+                 double strength = 3.0);
 /// Feels a surface by the engine.
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength = 3.0);
@@ -132,6 +152,11 @@ struct StreamResult {
   double force_most = 0.0;  ///< [N]
 };
 
+/// Follows a stream by any method; departures are only found where `judged`.
+StreamResult feelStream(const Stream& stream, const Stepper& method, double speed, double pull,
+                        bool judged = true);
+/// The engine on a stream.
+Stepper engineOn(const Stream& stream, const StepParams& step);
 /// Follows a stream by the engine, the hand on its course and `pull` aside, strength 1 N.
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 

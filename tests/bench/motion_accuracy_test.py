@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""The chart of motion, from end to end: motion_accuracy_test.py PROGRAM CHART. No time is tested."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+PROGRAM = sys.argv[1]
+CHART = sys.argv[2]
+
+SPHERES = {"sphere, radius 40", "sphere, radius 8", "sphere, radius 3.5", "sphere in fog, radius 40",
+           "inside of a sphere, radius 40"}
+SURFACES = SPHERES | {"torus, radii 30 and 12", "cube, over its edges",
+                      "hollow cube, into its corners"}
+STREAMS = {"ABC flow, 16 voxels", "Taylor-Green, 16 voxels"}
+OURS = {("palpate", tolerance) for tolerance in ("0.1", "0.01", "1e-3", "1e-4")}
+ON_SURFACES = OURS | {("plane", n) for n in ("1", "4", "16", "64")} | {
+    ("midpoint", n) for n in ("1", "2", "3", "5")}
+ON_STREAMS = OURS | {("line", n) for n in ("1", "4", "16", "64")} | {("midpoint", "1")} | {
+    ("RK4", n) for n in ("1", "4", "16")}
+
+
+class MotionAccuracy(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.holder = tempfile.TemporaryDirectory()
+        cls.dir = Path(cls.holder.name)
+        cls.result = cls.dir / "result.json"
+        subprocess.run([PROGRAM, "--quick", "--output", str(cls.result)], check=True, timeout=300)
+        cls.data = json.loads(cls.result.read_text())
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.holder.cleanup()
+
+    def row(self, kind, case, method, setting):
+        found = [r for r in self.data[kind]
+                 if (r["case"], r["method"], r["setting"]) == (case, method, setting)]
+        self.assertEqual(len(found), 1, (case, method, setting))
+        return found[0]
+
+    def test_says_where_and_how_it_was_measured(self):
+        self.assertEqual(list(self.data), ["machine", "options", "surfaces", "streams"])
+        for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
+            self.assertIn(key, self.data["machine"])
+        self.assertTrue(self.data["options"]["quick"])
+
+    def test_every_method_is_judged_and_timed(self):
+        for kind, names, methods in (("surfaces", SURFACES, ON_SURFACES),
+                                     ("streams", STREAMS, ON_STREAMS)):
+            judged = [(r["case"], r["method"], r["setting"]) for r in self.data[kind]]
+            self.assertEqual(len(judged), len(names) * len(methods))
+            self.assertEqual(set(judged), {(n, *m) for n in names for m in methods})
+            for r in self.data[kind]:
+                self.assertEqual(r["speed"], 0.5)
+                self.assertGreater(r["ns"]["median"], 0, r)
+                self.assertGreater(r["reads"], 0, r)
+                self.assertLessEqual(r["reads"], r["most_reads"])
+
+    def test_the_proxy_is_as_near_to_spheres_as_the_scene_asks(self):
+        for case in SPHERES:
+            r = self.row("surfaces", case, "palpate", "0.01")
+            self.assertLessEqual(r["off"], 0.01, r)
+            self.assertEqual((r["lost"], r["capped"]), (0, 0), r)
+            if r["floor"]:
+                self.assertLessEqual(r["true"], 1.05 * r["floor"] + r["off"], r)
+
+    def test_a_smaller_tolerance_is_a_smaller_error(self):
+        for case in SPHERES:
+            errors = [self.row("surfaces", case, *m)["off"] for m in sorted(OURS, key=lambda m: -float(m[1]))]
+            self.assertEqual(errors, sorted(errors, reverse=True), case)
+
+    def test_one_step_on_a_plane_is_a_hundred_times_farther_off(self):
+        ours = self.row("surfaces", "sphere, radius 40", "palpate", "0.01")
+        one = self.row("surfaces", "sphere, radius 40", "plane", "1")
+        self.assertEqual(one["lost"], 0)
+        self.assertGreater(one["off"], 100 * ours["off"])
+        # Ours reads the field no more often.
+        self.assertLessEqual(ours["reads"], 1.1 * one["reads"])
+
+    def test_no_number_of_steps_makes_up_for_memory_in_fog(self):
+        case = "sphere in fog, radius 40"
+        ours = self.row("surfaces", case, "palpate", "0.01")
+        for method in ON_SURFACES - OURS:
+            r = self.row("surfaces", case, *method)
+            self.assertTrue(r["lost"] > 0 or r["off"] > 100 * ours["off"], r)
+
+    def test_streams_are_followed(self):
+        for case in STREAMS:
+            r = self.row("streams", case, "palpate", "0.01")
+            self.assertLessEqual(r["off"], 0.01, r)
+            self.assertLessEqual(r["departures"], 0.02, r)
+            self.assertLessEqual(r["reads"], 20, r)
+            self.assertEqual(r["capped"], 0, r)
+            self.assertGreater(self.row("streams", case, "line", "1")["off"], 100 * r["off"])
+
+    def test_draws_a_chart_and_fills_a_page(self):
+        page = self.dir / "page.md"
+        page.write_text("before\n<!-- numbers: begin -->\nold\n<!-- numbers: end -->\nafter\n")
+        folder = self.dir / "charts"
+        subprocess.run([CHART, str(self.result), str(folder), "--doc", str(page)], check=True,
+                       timeout=300)
+        self.assertEqual(sorted(os.listdir(folder)), ["motion_accuracy.png", "motion_accuracy.svg"])
+        self.assertLess((folder / "motion_accuracy.svg").stat().st_size, 600000)
+        text = page.read_text()
+        self.assertTrue(text.startswith("before\n") and text.endswith("after\n"))
+        self.assertNotIn("old\n", text)
+        self.assertIn("| palpate, 0.01 voxel |", text)
+        self.assertIn("| plane, 1 step |", text)
+        self.assertIn("| RK4, 4 sub-steps |", text)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
