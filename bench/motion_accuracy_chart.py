@@ -37,10 +37,11 @@ FOLLOWED = {"surfaces": [("palpate", "0.01"), ("palpate", "1e-4"), ("plane", "1"
             "streams": [("palpate", "0.01"), ("palpate", "1e-4"), ("line", "1"), ("line", "16"),
                         ("RK4", "4")]}
 # Where a line over the speed is named: at which speed, above or below, on which side.
-LABELS = {("palpate", "0.01"): (-1, True, "right"), ("palpate", "1e-4"): (-1, False, "right"),
+LABELS = {("palpate", "0.01"): (1, True, "left"), ("palpate", "1e-4"): (1, False, "left"),
           ("plane", "1"): (0, True, "left"), ("line", "1"): (0, True, "left"),
-          ("plane", "16"): (0, False, "left"), ("line", "16"): (0, False, "left"),
-          ("midpoint", "3"): (-1, False, "right"), ("RK4", "4"): (0, True, "left")}
+          ("plane", "16"): (1, False, "left"), ("line", "16"): (1, False, "left"),
+          ("midpoint", "3"): (0, False, "left"), ("RK4", "4"): (0, True, "left")}
+STREAM_LABELS = {**LABELS, ("palpate", "1e-4"): (1, True, "left")}
 
 
 def label(method, setting):
@@ -126,8 +127,9 @@ def draw_speeds(ax, kind, rows):
                 color=colour, linestyle="-" if method == "palpate" else "--", linewidth=1.1,
                 marker=marker, markersize=4 if fine else 6,
                 markerfacecolor=colour if method == "palpate" else "white", zorder=3)
-        words = stream_label if kind == "streams" else label
-        at, above, side = LABELS[method, setting]
+        words, labels = (stream_label, STREAM_LABELS) if kind == "streams" else (label, LABELS)
+        which, above, side = labels[method, setting]
+        at = min(which, len(mine) - 1)  # a short run has but one speed
         ax.annotate(words(method, setting), (mine[at]["speed"], place(mine[at], kind)),
                     xytext=(0, 5 if above else -10), textcoords="offset points", fontsize=6.5,
                     color=colour, ha=side)
