@@ -482,14 +482,15 @@ void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept {
   memory.holds = memory.placed && std::abs(past) <= kHeld * surface->skin.voxel;
 }
 
-void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept {
+void settle(const Mode& mode, const Vec3& proxy, const Vec3& x, ModeMemory& memory) noexcept {
   memory.let_go = false;
   const auto* iso = std::get_if<IsosurfaceMode>(&mode);
   if (iso == nullptr || memory.contact != Contact::kOutside || !memory.placed) return;
   std::size_t which = 0;
   const double past = deepest(proxy, memory, which);
   if (which < memory.other_count) std::swap(memory.wall, memory.others[which]);
-  if (past > kYield * iso->skin.voxel) {
+  std::size_t any = 0;
+  if (past > kYield * iso->skin.voxel && deepest(x, memory, any) > kYield * iso->skin.voxel) {
     memory.contact = Contact::kYielded;
   } else if (past < -kOnIt * iso->skin.voxel) {
     forgetWalls(memory);

@@ -218,9 +218,11 @@ void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 /// Tells a mode where the last balance is, by the solver: on its plane or not. RT: no allocation.
 void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Tells a mode where the proxy has come to, so that it can notice having been left or pushed
-/// through. RT: no allocation.
-void settle(const Mode& mode, const Vec3& proxy, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+/// Tells a mode where the proxy has come to, and the last balance x, so that it can notice having
+/// been left or pushed through: a proxy that is behind a wall because its way was cut is not.
+/// RT: no allocation.
+void settle(const Mode& mode, const Vec3& proxy, const Vec3& x,
+            ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Off its surfaces by a fraction of a voxel, on the free side of all the walls that a mode
 /// remembers: whence the way to the next place is swept. Zero where there is none. RT: no

@@ -54,7 +54,7 @@ class Tick {
       if (!bodies_.empty()) moveBodies(part, parts);
       good = follow(parts - part, report);
     }
-    settleModes(state_.proxy_);
+    settleModes();
     state_.posed_at_ = state_.time_;
     return offset_;
   }
@@ -292,8 +292,7 @@ class Tick {
   [[nodiscard]] bool doubtful() const noexcept {
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
-      // The estimate is somewhat optimistic (MOTION measured up to 6.6 times).
-      if (doubt(modes[i], target_, state_.memories_[i]) > scene_.step.tolerance_voxels / 3.0) {
+      if (doubt(modes[i], target_, state_.memories_[i]) > kSure * scene_.step.tolerance_voxels) {
         return true;
       }
     }
@@ -324,9 +323,11 @@ class Tick {
     if (!foreseen) report.primitives = static_cast<int>(state_.primitives_.size());
   }
 
-  void settleModes(const Vec3& proxy) noexcept {
+  void settleModes() noexcept {
     const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) settle(modes[i], proxy, state_.memories_[i]);
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      settle(modes[i], state_.proxy_, target_, state_.memories_[i]);
+    }
   }
 
   [[nodiscard]] const Body* bodyOf(int motion) const noexcept {
@@ -490,6 +491,8 @@ class Tick {
   static constexpr double kSeen = 0.1;
   /// What is read holds so far from there, as a share of how far the proxy may go.
   static constexpr double kNear = 0.25;
+  /// Share of the tolerance that the estimate may reach: it is optimistic, by up to 7 times.
+  static constexpr double kSure = 1.0 / 7.0;
   static constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
   /// Error of a trace a voxel, by the scene's tolerance: a metre of stream within it.
   static constexpr double kTracePerVoxel = 3e-3;
