@@ -329,8 +329,18 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   const auto ticks = static_cast<long>(laps * motion.lap / pace);
   // Several laps at each end: a small sphere has few ticks to one.
   const auto lap = static_cast<long>(std::max(1.0, laps / 10.0) * motion.lap / pace);
-  double first = 0.0;
-  double last = 0.0;
+  struct Mean {
+    double sum = 0.0;
+    double count = 0.0;
+    void add(double x) {
+      sum += x;
+      count += 1.0;
+    }
+    [[nodiscard]] double mean() const { return count > 0.0 ? sum / count : 0.0; }
+  };
+  Mean first;
+  Mean last;
+  double held = 0.0;
   double squares = 0.0;
   const std::vector<Vec3> hands = handsOf(motion.hand, pace, ticks);
   std::vector<Ticked> ticked;
@@ -353,12 +363,13 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
     out.off_max = std::max(out.off_max, std::abs(off));
     out.true_max = std::max(out.true_max, std::abs(distance));
     squares += off * off;
-    if (i <= lap) first += distance / static_cast<double>(lap);
-    if (i > ticks - lap) last += distance / static_cast<double>(lap);
+    held += 1.0;
+    if (i <= lap) first.add(distance);
+    if (i > ticks - lap) last.add(distance);
   }
   const auto n = static_cast<double>(ticks);
-  out.off_rms = std::sqrt(squares / n);
-  out.drift = last - first;
+  out.off_rms = held > 0.0 ? std::sqrt(squares / held) : 0.0;
+  out.drift = last.mean() - first.mean();
   out.samples /= n;
   out.cells /= n;
   out.capped /= n;

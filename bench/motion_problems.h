@@ -29,7 +29,7 @@ inline double voxelsPerTick(double speed) {
 /// A dense grid of n^3 voxels as a field, voxel (i, j, k) at that place in voxels.
 FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear", bool level_set = true);
-/// The same of vectors, size by axis; `periodic` repeats the values beyond by their function.
+/// The same of vectors, size by axis.
 FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear");
 

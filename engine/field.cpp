@@ -42,11 +42,13 @@ Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, 
   if (!(steps <= kMostSteps)) return out;
   const int count = std::max(static_cast<int>(steps), 1);
   double last = height(0.0);
+  bool above = false;
   for (int i = 1; i <= count; ++i) {
     const double share = static_cast<double>(i) / count;
     const double here = height(share);
     const double from = static_cast<double>(i - 1) / count;
-    if (here < 0.0 && (last > 0.0 || (i == 1 && here < last))) {
+    above = above || last > 0.0;
+    if (here < 0.0 && (above || (i == 1 && here < last))) {
       out.found = true;
       if (last <= 0.0) {
         out.share = from;

@@ -26,7 +26,7 @@ constexpr double kNoVortex = 1e-5;
 /// Pushed this far through its surface, a proxy has left it [voxels].
 constexpr double kYield = 0.05;
 /// A balance this near a plane is held by it [voxels].
-constexpr double kHeld = 1e-6;
+constexpr double kHeld = 1e-4;
 /// The way of a proxy along its surface is swept this far above it [voxels].
 constexpr double kLift = 0.25;
 
@@ -75,10 +75,14 @@ struct Place {
   bool add(PrimitiveKind kind, const Vec3& direction, double strength) const noexcept {
     return palpate::add(set, kind, stand.proxy, direction, strength);
   }
+  /// No direction here: none to go on with either.
+  bool nothing() const noexcept {
+    memory.before.setZero();
+    return true;
+  }
   /// The direction of a primitive at the proxy that is to hold until `read`: half way between those
   /// at the two places (the trapezoidal rule). `q`: where properties were read last.
   [[nodiscard]] Vec3 midway(const Vec3& q) const noexcept {
-    memory.ahead = q;
     const bool here = stand.foreseen || stand.read == stand.proxy;
     if (here || !(memory.before.dot(q) > 0.0)) memory.before = q;
     return here ? q : Vec3((memory.before + q).normalized());
@@ -100,7 +104,7 @@ bool emit(const ViscosityMode& mode, const Place& place) noexcept {
 bool emit(const FollowMode& mode, const Place& place) noexcept {
   const Properties::Vector& v = place.vector(mode.vector);
   Vec3 q;
-  if (!v.inside || !unit(v.value, q)) return true;
+  if (!v.inside || !unit(v.value, q)) return place.nothing();
   return place.add(PrimitiveKind::kLine, place.midway(q), mode.strength(place.at));
 }
 
@@ -110,7 +114,7 @@ bool emit(const FrontShapeMode& mode, const Place& place) noexcept {
   Vec3 q;
   if (!v.inside || !unit(v.value, q)) {
     memory.placed = false;
-    return true;
+    return place.nothing();
   }
   // Snap-drag: off its front by force, the proxy is still held by it, until it is let go. Else the
   // front is at p.
@@ -137,7 +141,7 @@ bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
   const Properties::Vector& v = place.vector(mode.vector);
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
-  if (!v.inside || !unit(curl, core)) return true;
+  if (!v.inside || !unit(curl, core)) return place.nothing();
   // What the flow turns by over a voxel: of less than rounding nothing is felt.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
@@ -149,8 +153,8 @@ bool emit(const VortexTubeMode& mode, const Place& place) noexcept {
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;
-  return line >= 1.0 ||
-         addSlab(place.set, place.stand.proxy, place.midway(radial), (1.0 - line) * strength);
+  if (line >= 1.0) return place.nothing();
+  return addSlab(place.set, place.stand.proxy, place.midway(radial), (1.0 - line) * strength);
 }
 
 bool emit(const GuideMode& mode, const Place& place) noexcept {
@@ -166,14 +170,15 @@ bool emit(const GuideMode& mode, const Place& place) noexcept {
 }
 
 bool emit(const UserMode& mode, const Place& place) noexcept {
-  return mode.place(mode.state.get(), {place.at, mode.reads, place.stand.proxy, place.stand.probe},
+  return mode.place(mode.state.get(),
+                    {place.at, mode.reads, place.stand.proxy, place.stand.probe, place.stand.read,
+                     place.stand.foreseen},
                     place.set);
 }
 
 /// Where the surface is, seen from where properties were read.
 struct Sight {
   bool clear = false;   ///< Data, a normal, and the surface within kSight.
-  bool sure = false;    ///< And the value falls along the normal as it does anywhere.
   double height = 0.0;  ///< Signed distance from the surface, > 0 on the free side [voxels].
   double bend = 0.0;    ///< |normal - that of the cell's own polynomial|
   Vec3 normal = Vec3::UnitX();
@@ -191,8 +196,7 @@ Sight look(const Skin& skin, double level, const Place& place) noexcept {
     sight.normal = steepest;
   }
   double slope = skin.sign * own.dot(sight.normal);
-  sight.sure = slope > 0.3 * own.norm();
-  if (!sight.sure) slope = gradient.norm();
+  if (!(slope > 0.0)) slope = gradient.norm();
   if (unit(skin.sign * own, steepest)) sight.bend = (sight.normal - steepest).norm();
   sight.height = skin.sign * (value.value - level) / slope * skin.metres_per_unit / skin.voxel;
   sight.clear = std::abs(sight.height) <= kSight;
@@ -224,7 +228,7 @@ void meetWalls(const Sight& sight, bool touched, ModeMemory& memory) noexcept {
 void forgetWalls(ModeMemory& memory) noexcept {
   memory.placed = memory.touched = false;
   memory.other_count = 0;
-  memory.bend = memory.turn = memory.way = 0.0;
+  memory.missing = memory.bend = memory.turn = memory.way = 0.0;
 }
 
 /// Puts the plane on the surface.
@@ -237,7 +241,7 @@ void placeWall(const Skin& skin, const Sight& sight, const Place& place) noexcep
     // its way.
     if (sight.height >= 0.0) forgetWalls(memory);
     memory.read = x;
-    memory.bend = memory.turn = 0.0;
+    memory.missing = memory.bend = memory.turn = 0.0;
     return;
   }
   if (memory.placed) meetWalls(sight, memory.touched, memory);
@@ -245,6 +249,7 @@ void placeWall(const Skin& skin, const Sight& sight, const Place& place) noexcep
   memory.way = (x - place.stand.proxy).norm() / skin.voxel;
   memory.bend = sight.bend;
   const double height = std::clamp(sight.height, -kStep, kStep);
+  memory.missing = std::abs(sight.height - height);
   const bool on_it = std::abs(height) < kOnIt;
   memory.wall = {on_it ? x : Vec3(x - height * skin.voxel * sight.normal), sight.normal};
   memory.read = x;
@@ -312,6 +317,12 @@ bool emit(const SurfaceMode& mode, const Place& place) noexcept {
   return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at)) && room;
 }
 
+/// Outside, of the surface itself: also where V was read beside it.
+double strengthOf(const IsosurfaceMode& mode, const Place& place) noexcept {
+  if (place.memory.contact != Contact::kOutside) return mode.strength(place.at);
+  return mode.strength.at(place.at, mode.skin.value, mode.level);
+}
+
 /// Which side is the proxy on, and where is the plane?
 void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
@@ -331,7 +342,7 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
       break;
     case Contact::kOutside:
       // Nothing holds where the strength is zero.
-      if ((!free && !sight.clear) || ((!free || touched) && mode.strength(place.at) <= 0.0)) {
+      if ((!free || touched) && (!sight.clear || strengthOf(mode, place) <= 0.0)) {
         memory.contact = Contact::kInside;
       }
       break;
@@ -377,7 +388,7 @@ bool emit(const IsosurfaceMode& mode, const Place& place) noexcept {
     room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at));
   }
   if (!memory.placed) return room;
-  const double strength = memory.share * mode.strength(place.at);
+  const double strength = memory.share * strengthOf(mode, place);
   return addWalls(skin, strength, mode.friction(place.at), place) && room;
 }
 
@@ -402,7 +413,7 @@ double doubtOf(const Skin& skin, const Vec3& x, const ModeMemory& memory) noexce
   const double left = (way - down * q).norm();
   constexpr double kLeastWay = 0.05;
   return left * (memory.bend + 0.5 * memory.turn * left / std::max(memory.way, kLeastWay)) +
-         0.1 * memory.bend * std::abs(down);
+         0.1 * memory.bend * std::abs(down) + memory.missing;
 }
 
 }  // namespace
@@ -461,7 +472,6 @@ void carry(const Pose& by, ModeMemory& memory) noexcept {
   for (Wall& wall : memory.others) move(wall);
   memory.read = by(memory.read);
   memory.before = by.rotation * memory.before;
-  memory.ahead = by.rotation * memory.ahead;
 }
 
 double doubt(const Mode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
@@ -483,7 +493,8 @@ void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept {
 }
 
 void settle(const Mode& mode, const Vec3& proxy, const Vec3& x, ModeMemory& memory) noexcept {
-  memory.let_go = false;
+  if (proxy == x) memory.let_go = false;
+  memory.touched = false;
   const auto* iso = std::get_if<IsosurfaceMode>(&mode);
   if (iso == nullptr || memory.contact != Contact::kOutside || !memory.placed) return;
   std::size_t which = 0;
@@ -492,7 +503,7 @@ void settle(const Mode& mode, const Vec3& proxy, const Vec3& x, ModeMemory& memo
   std::size_t any = 0;
   if (past > kYield * iso->skin.voxel && deepest(x, memory, any) > kYield * iso->skin.voxel) {
     memory.contact = Contact::kYielded;
-  } else if (past < -kOnIt * iso->skin.voxel) {
+  } else if (past < -kHeld * iso->skin.voxel) {
     forgetWalls(memory);
   }
 }

@@ -137,9 +137,13 @@ struct ModeInput {
   const Vec3& proxy;           ///< Before it moves [m]: primitives belong there. Carried along
                                ///< where all that the mode reads moves as one.
   const Vec3& probe;           ///< [m]
+  const Vec3& read;  ///< Where properties were read [m]: where the balance before this one
+                     ///< led, at most a voxel or so from the proxy.
+  bool foreseen;     ///< Of the tick before: nothing new was read yet.
 };
 
-/// Adds primitives; returns false if the set was full. Called in the tick, once a balance: no
+/// Adds primitives; returns false if the set was full. Called in the tick, once a balance: the
+/// first of a tick is foreseen, then one follows each reading. No
 /// allocation, no lock, no exception. What it adds should stand at the proxy, else it can make
 /// energy (counted as injected).
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
@@ -180,12 +184,12 @@ struct ModeMemory {
   bool captured = false;  ///< and the plane on V = level.
   double level = 0.0;
   double share = 1.0;          ///< Of its strength, where a yielded surface fades.
-  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy, and where it was read last:
-  Vec3 ahead = Vec3::Zero();   ///< between them lies the proxy's way.
+  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
   double stride = 0.5;         ///< Of the next trace [voxels].
   // What the next error estimate is made of: see doubt().
+  double missing = 0.0;      ///< From the plane to the surface, where that is too far [voxels].
   double bend = 0.0;         ///< |q - q'|, q the normal and q' that of the cell's own polynomial.
-  double turn = 0.0;         ///< |q - q| of the plane and the last one,
+  double turn = 0.0;         ///< |q - p|, p the normal of the plane before,
   double way = 0.0;          ///< read so far from each other [voxels],
   Vec3 read = Vec3::Zero();  ///< the plane here [m].
 };

@@ -21,12 +21,14 @@ struct StepParams {
                          ///< so many moves in which a primitive held it, the rest of the way waits
                          ///< for the next tick. 1 to 64. Moves in which nothing holds it are free,
                          ///< up to kMostSubsteps in all.
-  double tolerance_voxels = 0.01;  ///< How far the proxy may be off its surface or stream, > 0.
+  double tolerance_voxels = 0.01;  ///< How far the proxy may be off its surface or stream by its
+                                   ///< motion, of the volume as interpolated [voxels]: above 0, at
+                                   ///< most kMostTolerance.
 };
 
 /// Largest StepParams::tolerance_voxels.
 inline constexpr double kMostTolerance = 1.0;
-/// Most sub-steps of one tick.
+/// Most sub-steps, which are readings, of one tick.
 inline constexpr int kMostSubsteps = 64;
 
 /// Fields, graph and parameters. Immutable once made; readers and the proxy's memory live
@@ -68,19 +70,20 @@ class Reader {
   int sample(const Scene& scene, const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
-  /// Turns what was read of fields whose volumes have moved since, Body::carry.
+  /// Turns what was read of fields whose volumes have moved since by Body::carry: once a move.
+  /// RT: no allocation. Cost: O(fields).
   static void turn(const Scene& scene, Properties& read,
                    std::span<const Body> bodies) noexcept PALPATE_NONBLOCKING;
 
-  /// The contact of a way with a surface, in the resting frame of its field; see
-  /// ScalarField::firstFall.
+  /// The contact of a way [m] with a surface, in the resting frame of its field; see
+  /// ScalarField::firstFall. RT: no allocation.
   [[nodiscard]] Crossing firstFall(const Scene& scene, const Skin& skin, double level,
                                    const Vec3& from, const Vec3& to) noexcept PALPATE_NONBLOCKING {
     const auto i = static_cast<std::size_t>(skin.field);
     return scene.graph.scalar_fields[i]->firstFall(from, to, level, skin.sign, caches_[i]);
   }
   /// Along a stream, in the resting frame of its field, an index into Graph::vector_fields; see
-  /// VectorField::trace.
+  /// VectorField::trace. RT: no allocation.
   [[nodiscard]] Trace trace(const Scene& scene, int field, const Vec3& p,
                             const TraceOrder& order) noexcept PALPATE_NONBLOCKING {
     const auto i = static_cast<std::size_t>(field);

@@ -19,9 +19,10 @@ namespace palpate {
 /// How a tick ended, in the order of severity, the best first. Each is safe to send.
 enum class StepStatus : std::uint8_t {
   kConverged,       ///< All is well.
-  kSubstepLimit,    ///< The hand moved farther than the sub-steps allow: the rest waits. Or a
-                    ///< volume did: it is there, but can have passed the proxy unfelt. Raise
-                    ///< max_substeps or the rate if it happens often.
+  kSubstepLimit,    ///< The readings were used up before the proxy had arrived: a hand too fast, a
+                    ///< stream too long, walls or frictions that take turns. The rest waits. Or a
+                    ///< volume moved farther than that: it is there, but can have passed the proxy
+                    ///< unfelt. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 204 of the richest, two walls with friction and a drag, fit.

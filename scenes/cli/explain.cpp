@@ -23,11 +23,15 @@ struct Options {
 struct Witness {
   std::array<Vec3, kMostSubsteps> places;
   std::size_t count = 0;
+  Vec3 proxy = Vec3::Zero();  ///< Before its last move.
 };
 
 bool writeDown(void* state, const ModeInput& input, PrimitiveSet& /*set*/) noexcept {
   auto& witness = *static_cast<Witness*>(state);
-  if (witness.count < witness.places.size()) witness.places[witness.count++] = input.proxy;
+  witness.proxy = input.proxy;
+  if (!input.foreseen && witness.count < witness.places.size()) {
+    witness.places[witness.count++] = input.read;
+  }
   return true;
 }
 
@@ -42,7 +46,8 @@ struct Told {
   LimitedForce limited;
   ForceLimits limits;
   double dt = 0.0;
-  std::vector<Vec3> places;  ///< Of the proxy, one a sub-step, before it moved [m].
+  std::vector<Vec3> places;  ///< Where properties were read, one a sub-step [m].
+  Vec3 proxy;                ///< Before its last move: where guides are seen from [m].
   const ProxyState& state;
 
   [[nodiscard]] const Vec3& place() const { return places.back(); }
@@ -276,7 +281,7 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
   if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) return whyIdle(told, *iso, memory);
   if (const auto* guide = std::get_if<GuideMode>(&mode)) {
     return fmt::format("the proxy is {} m from it, farther than its snap of {} m",
-                       shown(distanceTo(primitiveOf(told, *guide), told.place())),
+                       shown(distanceTo(primitiveOf(told, *guide), told.proxy)),
                        shown(guide->snap));
   }
   if (std::holds_alternative<FrontShapeMode>(mode) && memory.let_go) {
@@ -290,7 +295,7 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
 
 bool outOfReach(const Told& told, const Mode& mode) {
   const auto* guide = std::get_if<GuideMode>(&mode);
-  return guide != nullptr && !(distanceTo(primitiveOf(told, *guide), told.place()) <= guide->snap);
+  return guide != nullptr && !(distanceTo(primitiveOf(told, *guide), told.proxy) <= guide->snap);
 }
 
 /// Why mode i placed nothing: the first of its conditions that is not met.
@@ -696,8 +701,9 @@ int explain(const Options& options) {
   std::vector<Vec3> places(witness->places.begin(),
                            witness->places.begin() + static_cast<std::ptrdiff_t>(witness->count));
   if (places.empty()) places.push_back(rest.report.proxy);  // a fault before anything was read
-  const Told told{opened, scene, at, hand, rest, report, limited, limits, dt, std::move(places),
-                  state};
+  const Told told{opened,         scene,   at,     hand, rest,
+                  report,         limited, limits, dt,   std::move(places),
+                  witness->proxy, state};
   const OrderedJson out = cli::report(told);
   if (options.json) {
     fmt::print("{}\n", dump(out, 2));

@@ -232,7 +232,7 @@ TEST_CASE("a held hand feels a moving ball on its surface", "[modes][moving]") {
       }
       CHECK(held > ticks / 5);
       CHECK(more <= 5);       // where it comes to the ball
-      CHECK(worst <= 0.001);  // measured
+      CHECK(worst <= 0.001);  // measured 5e-6, with one or two readings
     }
   }
 }

@@ -1,5 +1,5 @@
-/// A proxy on a surface: how far it comes off the interpolated one, at what cost. design:
-/// MOTION.md.
+/// A proxy on a surface: how far it comes off the interpolated one, at what cost. What was asked is
+/// docs/decisions/0009-motion.md's; what is reached, docs/motion_accuracy.md.
 #include <cmath>
 #include <string>
 #include <vector>
@@ -126,7 +126,7 @@ TEST_CASE("over a cube's edges and into its corners", "[motion]") {
     CAPTURE(turned, over.off_max, over.capped, over.samples);
     CHECK(over.off_max <= 0.01);
     CHECK(over.capped <= 0.02);
-    CHECK(over.samples <= 1.2);
+    CHECK(over.samples <= 1.4);
     const SurfaceMotion hollow = cubeMotion(2.56, turned, true);
     const MotionResult into = feelSurface(hollow, ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
     CAPTURE(into.off_max, into.off_rms, into.true_max, into.capped, into.samples);

@@ -109,8 +109,11 @@ TEST_CASE("the first fall through a level is exact, on any way through noise",
       CAPTURE(i, turned, crossing.share, share);
       if (crossing.found && share <= 1.0) {
         REQUIRE(crossing.share <= share + 1.0 / kSteps);
-        if (crossing.share > 0.0) REQUIRE(std::abs(height(crossing.share)) < 1e-9);
         ++found;
+      }
+      if (crossing.found && crossing.share > 0.0) {
+        REQUIRE(std::abs(height(crossing.share)) < 1e-9);
+        REQUIRE(height(crossing.share + 1e-6) < height(crossing.share));
       }
       if (!crossing.found) REQUIRE(share > 1.0);
       // Nothing below the level before it, once it was above.
