@@ -412,8 +412,10 @@ double doubtOf(const Skin& skin, const Vec3& x, const ModeMemory& memory) noexce
   const double down = q.dot(way);
   const double left = (way - down * q).norm();
   constexpr double kLeastWay = 0.05;
+  // A plane that does not hold may be short of its surface.
+  const bool holds = q.dot(x - memory.wall.anchor) <= kHeld * skin.voxel;
   return left * (memory.bend + 0.5 * memory.turn * left / std::max(memory.way, kLeastWay)) +
-         0.1 * memory.bend * std::abs(down) + memory.missing;
+         0.1 * memory.bend * std::abs(down) + (holds ? memory.missing : 0.0);
 }
 
 }  // namespace

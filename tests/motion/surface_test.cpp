@@ -127,6 +127,7 @@ TEST_CASE("over a cube's edges and into its corners", "[motion]") {
     CHECK(over.off_max <= 0.01);
     CHECK(over.capped <= 0.02);
     CHECK(over.samples <= 1.4);
+    CHECK(over.most_samples <= 16.0);
     const SurfaceMotion hollow = cubeMotion(2.56, turned, true);
     const MotionResult into = feelSurface(hollow, ModeKind::kIsosurface, 0.5, 10, {}, kStrong);
     CAPTURE(into.off_max, into.off_rms, into.true_max, into.capped, into.samples);
