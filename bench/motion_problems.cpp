@@ -551,16 +551,18 @@ Vec3 stored(const Vec3& v) {
   return v.cast<float>().cast<double>();
 }
 
+/// Of voxel n in a wave of so many.
+double phase(int n, int wavelength) {
+  return 2.0 * kPi * ((n % wavelength + wavelength) % wavelength) / wavelength;
+}
+
 }  // namespace
 
 std::function<Vec3(int, int, int)> abcFlow(int wavelength) {
   return [wavelength](int i, int j, int k) {
-    const auto at = [&](int n) {
-      return 2.0 * kPi * ((n % wavelength + wavelength) % wavelength) / wavelength;
-    };
-    const double x = at(i);
-    const double y = at(j);
-    const double z = at(k);
+    const double x = phase(i, wavelength);
+    const double y = phase(j, wavelength);
+    const double z = phase(k, wavelength);
     return stored(
         {std::sin(z) + std::cos(y), std::sin(x) + std::cos(z), std::sin(y) + std::cos(x)});
   };
@@ -568,12 +570,9 @@ std::function<Vec3(int, int, int)> abcFlow(int wavelength) {
 
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
   return [wavelength](int i, int j, int k) {
-    const auto at = [&](int n) {
-      return 2.0 * kPi * ((n % wavelength + wavelength) % wavelength) / wavelength;
-    };
-    const double x = at(i);
-    const double y = at(j);
-    const double z = at(k);
+    const double x = phase(i, wavelength);
+    const double y = phase(j, wavelength);
+    const double z = phase(k, wavelength);
     return stored(
         {std::sin(x) * std::cos(y) * std::cos(z), -std::cos(x) * std::sin(y) * std::cos(z), 0.0});
   };

@@ -192,12 +192,12 @@ Sight look(const Skin& skin, double level, const Place& place) noexcept {
   Vec3 steepest;
   if (!value.inside || !unit(skin.sign * gradient, sight.normal)) return sight;
   // The slope that V really has along the normal, where that is not degenerate.
-  if (unit(skin.sign * own, steepest) && steepest.dot(sight.normal) < kSharp) {
-    sight.normal = steepest;
+  if (unit(skin.sign * own, steepest)) {
+    if (steepest.dot(sight.normal) < kSharp) sight.normal = steepest;
+    sight.bend = (sight.normal - steepest).norm();
   }
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
-  if (unit(skin.sign * own, steepest)) sight.bend = (sight.normal - steepest).norm();
   sight.height = skin.sign * (value.value - level) / slope * skin.metres_per_unit / skin.voxel;
   sight.clear = std::abs(sight.height) <= kSight;
   return sight;
