@@ -212,7 +212,7 @@ class Tick {
       order.along =
           body == nullptr ? line.direction : Vec3(body->pose.rotation.transpose() * line.direction);
       order.length = line.direction.dot(go);
-      order.tolerance = kTracePerVoxel * scene_.step.tolerance_voxels;
+      order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
       order.stride = memory.stride;
       const Trace trace =
           reader_.trace(scene_, mode->field,
@@ -498,9 +498,9 @@ class Tick {
   /// Share of the tolerance that the estimate may reach: it is optimistic, by up to 7 times.
   static constexpr double kSure = 1.0 / 7.0;
   static constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
-  /// Error of a trace a voxel, by the scene's tolerance. Measured: a metre of stream, 1,280 voxels,
-  /// within a third of 0.01 (docs/motion_accuracy.md).
-  static constexpr double kTracePerVoxel = 3e-3;
+  /// Error of a trace's step, by the scene's tolerance. Measured: a metre of stream, 1,280 voxels,
+  /// within half of 0.01 (docs/motion_accuracy.md).
+  static constexpr double kTraceStep = 1.5e-3;
 };
 
 StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand, ProxyState& state,

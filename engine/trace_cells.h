@@ -122,9 +122,8 @@ template <class Flow>
     }
     const Vec3 r5 = flow.rate(k5);
     const double error = h / 6.0 * (k4 - k5).norm();
-    const double allowed = order.tolerance * h;
-    const double grow = error > 0.0 ? 0.9 * std::cbrt(allowed / error) : 4.0;
-    if (error > allowed && h > 1.2 * kLeast) {
+    const double grow = error > 0.0 ? 0.9 * std::sqrt(std::sqrt(order.tolerance / error)) : 4.0;
+    if (error > order.tolerance && h > 1.2 * kLeast) {
       out.stride = std::clamp(h * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
       continue;
     }
