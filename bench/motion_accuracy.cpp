@@ -234,27 +234,7 @@ void measureStreams(const std::string& name, const std::vector<Stream>& streams,
   }
 }
 
-/// Streams on which a hand aside stays well before the centre of curvature, so that the nearest
-/// place is one.
-constexpr double kMostBend = 0.9;
-
-std::vector<Stream> periodicStreams(const std::function<Vec3(int, int, int)>& flow, int wavelength,
-                                    const Options& options) {
-  constexpr double kSlow = 0.35;  // there Taylor and Green's flow turns on the spot
-  test::Random random(7);
-  std::vector<Stream> streams;
-  while (streams.size() < options.starts()) {
-    const Vec3 start =
-        Vec3::Constant(0.5 * wavelength) + random.inCube(0.5 * static_cast<double>(wavelength));
-    const Eigen::Vector3i at = start.array().floor().cast<int>();
-    if (flow(at.x(), at.y(), at.z()).norm() < kSlow) continue;
-    Stream stream = makeStream("", flow, start, options.length());
-    if (stream.mostBend(kPull) < kMostBend) streams.push_back(std::move(stream));
-  }
-  return streams;
-}
-
-/// Likewise of a file's grid of vectors.
+/// Streams of a file's grid of vectors, before the centre of curvature as those of made flows are.
 std::vector<Stream> streamsOf(const std::string& file, const Options& options) {
   std::vector<Stream> streams = streamsOfFile(file, 4 * options.starts(), options.length());
   std::erase_if(streams, [](const Stream& s) { return !(s.mostBend(kPull) < kMostBend); });
@@ -283,10 +263,13 @@ int run(const Options& options) {
   for (const int wavelength : {16, 32}) {
     if (options.quick && wavelength == 32) continue;
     const std::string voxels = ", " + std::to_string(wavelength) + " voxels";
-    measureStreams("ABC flow" + voxels, periodicStreams(abcFlow(wavelength), wavelength, options),
-                   options, streams);
-    measureStreams("Taylor-Green" + voxels,
-                   periodicStreams(taylorGreen(wavelength), wavelength, options), options, streams);
+    const auto measure = [&](const std::string& name, const auto& flow) {
+      measureStreams(name + voxels,
+                     streamsOfFlow(flow, wavelength, options.length(), options.starts(), kPull),
+                     options, streams);
+    };
+    measure("ABC flow", abcFlow(wavelength));
+    measure("Taylor-Green", taylorGreen(wavelength));
   }
   for (const std::string& file : options.flows) {
     measureStreams(std::filesystem::path(file).stem().string(), streamsOf(file, options), options,

@@ -244,7 +244,8 @@ Ticked tickedOf(const StepReport& r) {
           static_cast<double>(r.walked),
           r.injected,
           0.0,
-          r.status != StepStatus::kConverged};
+          r.status > StepStatus::kHairpin,
+          r.status == StepStatus::kHairpin};
 }
 
 /// The hands of a way, made before anything is timed.
@@ -578,6 +579,23 @@ std::function<Vec3(int, int, int)> taylorGreen(int wavelength) {
   };
 }
 
+std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
+                                  double length, std::size_t count, double pull,
+                                  const std::string& interpolation) {
+  constexpr double kSlow = 0.35;  // there Taylor and Green's flow turns on the spot
+  test::Random random(7);
+  std::vector<Stream> streams;
+  while (streams.size() < count) {
+    const Vec3 start =
+        Vec3::Constant(0.5 * wavelength) + random.inCube(0.5 * static_cast<double>(wavelength));
+    const Eigen::Vector3i at = start.array().floor().cast<int>();
+    if (flow(at.x(), at.y(), at.z()).norm() < kSlow) continue;
+    Stream stream = makeStream("", flow, start, length, nullptr, 1e-9, interpolation);
+    if (stream.mostBend(pull) < kMostBend) streams.push_back(std::move(stream));
+  }
+  return streams;
+}
+
 std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length) {
   openvdb::initialize();
   openvdb::io::File in(file);
@@ -619,10 +637,10 @@ std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, do
   return streams;
 }
 
-Stepper engineOn(const Stream& stream, const StepParams& step) {
+Stepper engineOn(const Stream& stream, const StepParams& step, double strength) {
   ModeSpec mode;
   mode.kind = ModeKind::kFollow;
-  mode.strength = 1.0;
+  mode.strength = strength;
   const auto engine = std::make_shared<Engine>(mode, stream.field, step);
   return [engine](const Vec3& hand) { return tickedOf(engine->tick(hand)); };
 }
@@ -652,6 +670,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
     out.samples += r.samples;
     out.most_samples = std::max(out.most_samples, r.samples);
     out.capped += r.capped ? 1.0 : 0.0;
+    out.hairpins += r.hairpin ? 1.0 : 0.0;
     if (i > 0) out.force_step = std::max(out.force_step, (r.force - ticked[i - 1].force).norm());
     out.force_most = std::max(out.force_most, r.force.norm());
   }
@@ -680,6 +699,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   out.departures *= 1280.0 / stream.length();
   out.samples /= n;
   out.capped /= n;
+  out.hairpins /= n;
   return out;
 }
 

@@ -95,6 +95,7 @@ struct Ticked {
   double injected = 0.0;  ///< [J]
   double level = 0.0;     ///< Of the surface on which the proxy should be.
   bool capped = false;
+  bool hairpin = false;
 };
 /// A method: takes the hand [m] tick by tick.
 using Stepper = std::function<Ticked(const Vec3& hand)>;
@@ -110,6 +111,9 @@ Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& s
 MotionResult feelSurface(const SurfaceMotion& motion, ModeKind kind, double speed, double laps,
                          const StepParams& step, double strength = 3.0);
 
+/// Of a stream's bend, as Stream::mostBend: below it the place nearest to the hand is one.
+inline constexpr double kMostBend = 0.9;
+
 /// A stream and its exact course: RK4 in steps of 0.02 voxel, split at the faces of cells, on the
 /// cells' own polynomials; written apart from the engine's.
 struct Stream {
@@ -118,7 +122,7 @@ struct Stream {
   std::function<Vec3(int, int, int)> voxel;
   std::vector<Vec3> x, t, n;  ///< Places, directions, and one that is carried along across them.
   double spacing = 0.02;
-  /// Of the course, with the hand `pull` aside: above 0.9 the hand nears the centre of curvature.
+  /// Of the course, times the hand's `pull` aside: at 1 the hand is at the centre of curvature.
   [[nodiscard]] double mostBend(double pull) const;
   [[nodiscard]] double length() const { return spacing * static_cast<double>(x.size() - 1); }
   /// On along the exact stream from p, which need not be on the course.
@@ -136,6 +140,11 @@ Stream makeStream(const std::string& name, const std::function<Vec3(int, int, in
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);
 std::function<Vec3(int, int, int)> taylorGreen(int wavelength);
 
+/// Streams of such a flow from random places in its faster parts, bent less than kMostBend.
+std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow, int wavelength,
+                                  double length, std::size_t count, double pull,
+                                  const std::string& interpolation = "trilinear");
+
 /// Streams of a file's vector grid, from random places in its faster parts, in the grid's own
 /// voxels as if they were cubes; at most `length` long, and at least 8.
 std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, double length);
@@ -146,7 +155,8 @@ struct StreamResult {
                             ///< 1,280 voxels.
   double samples = 0.0;     ///< Reads of vectors a tick, those of tracing included.
   double most_samples = 0.0;
-  double capped = 0.0;
+  double capped = 0.0;    ///< Share of ticks that did not converge; hairpins apart.
+  double hairpins = 0.0;  ///< Share of ticks in which the engine says it is at one.
   double nanoseconds = 0.0;
   double force_step = 0.0;  ///< Largest change of the force in a tick [N].
   double force_most = 0.0;  ///< [N]
@@ -156,7 +166,7 @@ struct StreamResult {
 StreamResult feelStream(const Stream& stream, const Stepper& method, double speed, double pull,
                         bool judged = true);
 /// The engine on a stream.
-Stepper engineOn(const Stream& stream, const StepParams& step);
+Stepper engineOn(const Stream& stream, const StepParams& step, double strength = 1.0);
 /// Follows a stream by the engine, the hand on its course and `pull` aside, strength 1 N.
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 

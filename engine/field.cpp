@@ -74,6 +74,7 @@ Trace VectorField::trace(const Vec3& p_W, const TraceOrder& order,
   SmoothFlow flow{*this, cache, voxel};
   TraceOrder scaled = order;
   scaled.length = order.length / voxel;
+  scaled.hand = order.hand / voxel;
   Trace out = traceCells(flow, p_W / voxel, scaled);
   out.position *= voxel;
   out.length *= voxel;

@@ -209,9 +209,14 @@ class Tick {
       if (std::abs(line.direction.dot(go)) < kStays * mode->voxel) continue;
       const Body* body = bodyOf(graph.mode_motions[i]);
       TraceOrder order;
-      order.along =
-          body == nullptr ? line.direction : Vec3(body->pose.rotation.transpose() * line.direction);
       order.length = line.direction.dot(go);
+      order.along = line.direction;
+      // What the line holds against: the hand, or what other primitives leave of it.
+      order.hand = order.length * line.direction - state_.forces_[index] / state_.stiffness_.value;
+      if (body != nullptr) {
+        order.along = body->pose.rotation.transpose() * order.along;
+        order.hand = body->pose.rotation.transpose() * order.hand;
+      }
       order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
       order.stride = memory.stride;
       const Trace trace =
@@ -231,6 +236,7 @@ class Tick {
       rail_.waiting = shift + ahead.dot(state_.forces_[index]) / state_.stiffness_.value * ahead;
       way.end += shift;
       way.clear = false;  // but to where properties are to be read
+      if (trace.hairpin) worsen(report, StepStatus::kHairpin);
       if (trace.capped) worsen(report, StepStatus::kSubstepLimit);
       return;
     }
@@ -547,6 +553,8 @@ const char* wordFor(StepStatus status) noexcept {
   switch (status) {
     case StepStatus::kConverged:
       return "converged";
+    case StepStatus::kHairpin:
+      return "hairpin";
     case StepStatus::kSubstepLimit:
       return "substep-limit";
     case StepStatus::kIterationLimit:

@@ -18,11 +18,14 @@ namespace palpate {
 
 /// How a tick ended, in the order of severity, the best first. Each is safe to send.
 enum class StepStatus : std::uint8_t {
-  kConverged,       ///< All is well.
-  kSubstepLimit,    ///< The readings were used up before the proxy had arrived: a hand too fast, a
-                    ///< stream too long, walls or frictions that take turns. The rest waits. Or a
-                    ///< volume moved farther than that: it is there, but can have passed the proxy
-                    ///< unfelt. Raise max_substeps or the rate if it happens often.
+  kConverged,     ///< All is well.
+  kHairpin,       ///< A stream turns about a place that is nearer than the hand: which place on it
+                  ///< is nearest is not one, and the proxy may jump, by no more force than the
+                  ///< mode's strength. Use a mode of less strength or a hand nearer the stream.
+  kSubstepLimit,  ///< The readings were used up before the proxy had arrived: a hand too fast, a
+                  ///< stream too long, walls or frictions that take turns. The rest waits. Or a
+                  ///< volume moved farther than that: it is there, but can have passed the proxy
+                  ///< unfelt. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 204 of the richest, two walls with friction and a drag, fit.

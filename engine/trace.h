@@ -9,6 +9,7 @@ namespace palpate {
 struct TraceOrder {
   Vec3 along = Vec3::UnitX();  ///< Which way is forward where v has no sign, as fibres' axes.
   double length = 0.0;         ///< Arc length, negative backwards [m].
+  Vec3 hand = Vec3::Zero();    ///< From the start [m]: what Trace::hairpin is asked about.
   double tolerance = 1e-4;     ///< Error of a step [voxels].
   int max_steps =
       16;  ///< >= 1; steps that were too long are tried again, up to four times as many.
@@ -23,6 +24,7 @@ struct Trace {
   double stride = 0.5;             ///< For the next trace [voxels].
   int samples = 0;                 ///< Values of v.
   bool capped = false;             ///< Out of steps: the rest is still to go.
+  bool hairpin = false;            ///< It bends about a centre that is nearer than the hand.
 };
 
 }  // namespace palpate

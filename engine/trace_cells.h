@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "engine/trace.h"
 #include "engine/types.h"
@@ -22,16 +23,49 @@ namespace palpate {
 ///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
 ///
 /// u and the direction of `enter` are in the cells' own coordinates. The result is in them, too;
-/// `length` in voxels, as order.length is here. Where v has no direction the trace ends.
+/// `length` in voxels, as order.length and order.hand are here. Where v has no direction the trace
+/// ends.
 template <class Flow>
-struct CellTrace {
-  Flow& flow;
-  int samples = 0;
+class CellTrace {
+ public:
+  CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
+      : flow_(flow),
+        order_(order),
+        sense_(order.length < 0.0 ? -1.0 : 1.0),
+        u_(start),
+        way_(sense_ * order.along),
+        left_(std::abs(order.length)),
+        stride_(std::clamp(order.stride, kLeast, kLongest)) {}
+
+  [[nodiscard]] Trace run() noexcept {
+    bool capped = false;
+    if (flow_.enter(u_, flow_.rate(way_)) && direction(u_, way_, k1_)) {
+      way_ = k1_;
+      int steps = 0;
+      const int most = 4 * order_.max_steps;  // with those that were too long
+      for (int tries = 0; left_ > kEnough; ++tries) {
+        capped = steps >= order_.max_steps || tries >= most;
+        if (capped) break;
+        const Tried tried = tryStep();
+        if (tried == Tried::kEnds || (tried == Tried::kMade && !goOn())) break;
+        steps += tried == Tried::kMade ? 1 : 0;
+      }
+    }
+    return {u_,     sense_ * way_, sense_ * (std::abs(order_.length) - left_), stride_, samples_,
+            capped, hairpin_};
+  }
+
+ private:
+  static constexpr double kLeast = 0.05;    // shortest step [voxels]
+  static constexpr double kLongest = 1.0;   // and longest
+  static constexpr double kPast = 1.03;     // a step that is to reach a face goes so much farther
+  static constexpr double kEnough = 1e-12;  // [voxels] left: arrived
+  enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
   /// v/|v| turned the way of `like`; false where there is none.
   bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
-    ++samples;
-    const Vec3 v = flow.value(u);
+    ++samples_;
+    const Vec3 v = flow_.value(u);
     const double length = std::sqrt(v.x() * v.x() + v.y() * v.y() + v.z() * v.z());
     if (!(length > 1e-300) || !std::isfinite(length)) return false;
     const double sign = v.x() * like.x() + v.y() * like.y() + v.z() * like.z() < 0.0 ? -1.0 : 1.0;
@@ -39,149 +73,158 @@ struct CellTrace {
     d = Vec3(f * v.x(), f * v.y(), f * v.z());
     return true;
   }
+
+  /// How far it is to the face ahead, on the parabola of the last bend [voxels].
+  [[nodiscard]] double toFace() const noexcept {
+    double face = 1e9;
+    for (int a = 0; a < 3; ++a) {
+      const double t = u_[a] - flow_.lower()[a];
+      for (const double side : {-1.0, 1.0}) {
+        const double gap = std::max(side > 0.0 ? 1.0 - t : t, 0.0);
+        const double speed = side * r1_[a];
+        const double turn = 0.5 * side * bend_[a];
+        const double root = speed * speed + 4.0 * turn * gap;
+        if (root < 0.0) continue;
+        const double sum = speed + std::sqrt(root);
+        if (sum > 1e-12) face = std::min(face, 2.0 * gap / sum);
+      }
+    }
+    return face;
+  }
+
+  /// The values of a step of RK4 of length h_, and at its end; false where there is no direction.
+  [[nodiscard]] bool stages() noexcept {
+    Vec3 k2;
+    Vec3 k3;
+    if (!direction(u_ + 0.5 * h_ * r1_, k1_, k2)) return false;
+    const Vec3 r2 = flow_.rate(k2);
+    if (!direction(u_ + 0.5 * h_ * r2, k1_, k3)) return false;
+    const Vec3 r3 = flow_.rate(k3);
+    if (!direction(u_ + h_ * r3, k1_, k4_)) return false;
+    const Vec3 r4 = flow_.rate(k4_);
+    end_ = u_ + (h_ / 6.0) * (r1_ + 2.0 * r2 + 2.0 * r3 + r4);
+    chord_ = (h_ / 6.0) * (k1_ + 2.0 * k2 + 2.0 * k3 + k4_);
+    return direction(end_, k1_, k5_);
+  }
+
+  /// To the end, as far as the estimate allows, or to the face ahead.
+  [[nodiscard]] Tried tryStep() noexcept {
+    h_ = std::min(left_, stride_);
+    bool to_face = false;
+    r1_ = flow_.rate(k1_);
+    if constexpr (Flow::kCells) {
+      const double reach = kPast * toFace() + 0.01;
+      to_face = reach < h_;
+      h_ = std::min(h_, reach);
+    }
+    if (!stages()) {
+      // A place without a direction is near.
+      if (h_ <= kLeast) return Tried::kEnds;
+      stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
+      return Tried::kTooLong;
+    }
+    const double error = h_ / 6.0 * (k4_ - k5_).norm();
+    const double grow = error > 0.0 ? 0.9 * std::sqrt(std::sqrt(order_.tolerance / error)) : 4.0;
+    if (error > order_.tolerance && h_ > 1.2 * kLeast) {
+      stride_ = std::clamp(h_ * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
+      return Tried::kTooLong;
+    }
+    // A step cut short by a face tells of longer ones only that they may be as long as before.
+    const double next = h_ * std::clamp(grow, 0.5, 2.0);
+    const bool cut = to_face || h_ >= left_;
+    stride_ = std::clamp(cut && grow >= 1.0 ? std::max(stride_, next) : next, kLeast, kLongest);
+    return Tried::kMade;
+  }
+
+  /// Goes where the step led, or to the face that it passes; false where the trace ends there.
+  [[nodiscard]] bool goOn() noexcept {
+    const Vec3 r5 = flow_.rate(k5_);
+    // |hand - x(s)|^2 / 2 has the second derivative 1 - (hand - x).x''.
+    if ((k5_ - k1_).dot(order_.hand - gone_ - 0.5 * chord_) > h_) hairpin_ = true;
+    bend_ = (r5 - r1_) / h_;
+    if constexpr (Flow::kCells) {
+      const Face face = faceAhead(r5);
+      if (face.axis >= 0) return crossOver(face, r5);
+    }
+    gone_ += chord_;
+    u_ = end_;
+    k1_ = way_ = k5_;
+    left_ -= h_;
+    return true;
+  }
+
+  /// Where the step leaves its cell.
+  struct Face {
+    int axis = -1;  ///< -1: it does not.
+    int side = 0;
+    double share = 2.0;  ///< Of the step.
+  };
+
+  /// The cubic through both ends of the step, in u.
+  [[nodiscard]] double cubic(double t, int a, const Vec3& r5) const noexcept {
+    const double t2 = t * t;
+    const double t3 = t2 * t;
+    return (2.0 * t3 - 3.0 * t2 + 1.0) * u_[a] + (t3 - 2.0 * t2 + t) * h_ * r1_[a] +
+           (3.0 * t2 - 2.0 * t3) * end_[a] + (t3 - t2) * h_ * r5[a];
+  }
+
+  [[nodiscard]] double faceAt(int axis, int side) const noexcept {
+    return flow_.lower()[axis] + (side > 0 ? 1.0 : 0.0);
+  }
+
+  [[nodiscard]] Face faceAhead(const Vec3& r5) const noexcept {
+    Face first;
+    for (int a = 0; a < 3; ++a) {
+      for (const int s : {-1, 1}) {
+        const double face = faceAt(a, s);
+        if (!(s * (end_[a] - face) > 0.0)) continue;
+        double low = 0.0;
+        double high = 1.0;
+        for (int i = 0; i < 40; ++i) {
+          const double middle = 0.5 * (low + high);
+          (s * (cubic(middle, a, r5) - face) > 0.0 ? high : low) = middle;
+        }
+        if (high < first.share) first = {a, s, high};
+      }
+    }
+    return first;
+  }
+
+  [[nodiscard]] bool crossOver(const Face& face, const Vec3& r5) noexcept {
+    Vec3 at(cubic(face.share, 0, r5), cubic(face.share, 1, r5), cubic(face.share, 2, r5));
+    at[face.axis] = faceAt(face.axis, face.side);
+    u_ = at;
+    left_ -= face.share * h_;
+    gone_ += face.share * chord_;
+    way_ = k1_ + face.share * (k5_ - k1_);
+    if (!flow_.pass(face.axis, face.side) || !direction(u_, way_, k1_)) {
+      way_.normalize();
+      return false;
+    }
+    way_ = k1_;
+    return true;
+  }
+
+  Flow& flow_;
+  const TraceOrder& order_;
+  double sense_;
+  Vec3 u_;
+  Vec3 way_;  ///< Unit, in W: the way we go.
+  double left_;
+  double stride_;
+  int samples_ = 0;
+  bool hairpin_ = false;
+  Vec3 gone_ = Vec3::Zero();  ///< From the start, in W [voxels].
+  Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
+  // Of the step that is tried: k directions in W, r the same in u.
+  double h_ = 0.0;
+  Vec3 k1_, k4_, k5_, r1_;
+  Vec3 end_, chord_;  ///< In u; in W, from where the step begins.
 };
 
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
-  constexpr double kLeast = 0.05;    // shortest step [voxels]
-  constexpr double kLongest = 1.0;   // and longest
-  constexpr double kPast = 1.03;     // a step that is to reach a face goes so much farther
-  constexpr double kEnough = 1e-12;  // [voxels] left: arrived
-  Trace out;
-  out.position = start;
-  out.direction = order.along;
-  out.stride = std::clamp(order.stride, kLeast, kLongest);
-  const double sense = order.length < 0.0 ? -1.0 : 1.0;
-  double left = std::abs(order.length);
-  Vec3 u = start;
-  Vec3 way = sense * order.along;  // unit, in W: the way we go
-  CellTrace<Flow> cell{flow};
-  const auto finish = [&] {
-    out.position = u;
-    out.direction = sense * way;
-    out.length = sense * (std::abs(order.length) - left);
-    out.samples = cell.samples;
-    return out;
-  };
-  Vec3 k1;
-  if (!flow.enter(u, flow.rate(way)) || !cell.direction(u, way, k1)) return finish();
-  way = k1;
-  Vec3 bend = Vec3::Zero();  // half the derivative of du/ds over the last step
-  int steps = 0;
-  const int most = 4 * order.max_steps;  // with those that were too long
-  for (int tries = 0; left > kEnough; ++tries) {
-    if (steps >= order.max_steps || tries >= most) {
-      out.capped = true;
-      break;
-    }
-    // To the end, as far as the estimate allows, or to the face ahead.
-    double h = std::min(left, out.stride);
-    bool to_face = false;
-    const Vec3 r1 = flow.rate(k1);
-    if constexpr (Flow::kCells) {
-      double face = 1e9;
-      for (int a = 0; a < 3; ++a) {
-        const double t = u[a] - flow.lower()[a];
-        for (const double side : {-1.0, 1.0}) {
-          const double gap = std::max(side > 0.0 ? 1.0 - t : t, 0.0);
-          const double speed = side * r1[a];
-          const double turn = 0.5 * side * bend[a];
-          const double root = speed * speed + 4.0 * turn * gap;
-          if (root < 0.0) continue;
-          const double sum = speed + std::sqrt(root);
-          if (sum > 1e-12) face = std::min(face, 2.0 * gap / sum);
-        }
-      }
-      const double reach = kPast * face + 0.01;
-      to_face = reach < h;
-      h = std::min(h, reach);
-    }
-    Vec3 k2;
-    Vec3 k3;
-    Vec3 k4;
-    Vec3 k5;
-    Vec3 r2;
-    Vec3 r3;
-    Vec3 r4;
-    Vec3 end;
-    const auto stages = [&] {
-      if (!cell.direction(u + 0.5 * h * r1, k1, k2)) return false;
-      r2 = flow.rate(k2);
-      if (!cell.direction(u + 0.5 * h * r2, k1, k3)) return false;
-      r3 = flow.rate(k3);
-      if (!cell.direction(u + h * r3, k1, k4)) return false;
-      r4 = flow.rate(k4);
-      end = u + (h / 6.0) * (r1 + 2.0 * r2 + 2.0 * r3 + r4);
-      return cell.direction(end, k1, k5);
-    };
-    if (!stages()) {
-      // A place without a direction is near.
-      if (h <= kLeast) break;
-      out.stride = std::max(0.5 * std::min(h, out.stride), kLeast);
-      continue;
-    }
-    const Vec3 r5 = flow.rate(k5);
-    const double error = h / 6.0 * (k4 - k5).norm();
-    const double grow = error > 0.0 ? 0.9 * std::sqrt(std::sqrt(order.tolerance / error)) : 4.0;
-    if (error > order.tolerance && h > 1.2 * kLeast) {
-      out.stride = std::clamp(h * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
-      continue;
-    }
-    // A step cut short by a face tells of longer ones only that they may be as long as before.
-    const double next = h * std::clamp(grow, 0.5, 2.0);
-    const bool cut = to_face || h >= left;
-    out.stride =
-        std::clamp(cut && grow >= 1.0 ? std::max(out.stride, next) : next, kLeast, kLongest);
-    bend = (r5 - r1) / h;
-    ++steps;
-    if constexpr (Flow::kCells) {
-      // Past a face: back to it, on the cubic through both ends.
-      const auto cubic = [&](double t, int a) {
-        const double t2 = t * t;
-        const double t3 = t2 * t;
-        return (2.0 * t3 - 3.0 * t2 + 1.0) * u[a] + (t3 - 2.0 * t2 + t) * h * r1[a] +
-               (3.0 * t2 - 2.0 * t3) * end[a] + (t3 - t2) * h * r5[a];
-      };
-      double share = 2.0;
-      int axis = -1;
-      int side = 0;
-      for (int a = 0; a < 3; ++a) {
-        for (const int s : {-1, 1}) {
-          const double face = flow.lower()[a] + (s > 0 ? 1.0 : 0.0);
-          if (!(s * (end[a] - face) > 0.0)) continue;
-          double low = 0.0;
-          double high = 1.0;
-          for (int i = 0; i < 40; ++i) {
-            const double middle = 0.5 * (low + high);
-            (s * (cubic(middle, a) - face) > 0.0 ? high : low) = middle;
-          }
-          if (high < share) {
-            share = high;
-            axis = a;
-            side = s;
-          }
-        }
-      }
-      if (axis >= 0) {
-        const double face = flow.lower()[axis] + (side > 0 ? 1.0 : 0.0);
-        Vec3 at(cubic(share, 0), cubic(share, 1), cubic(share, 2));
-        at[axis] = face;
-        u = at;
-        left -= share * h;
-        way = k1 + share * (k5 - k1);
-        if (!flow.pass(axis, side) || !cell.direction(u, way, k1)) {
-          way.normalize();
-          return finish();
-        }
-        way = k1;
-        continue;
-      }
-    }
-    u = end;
-    k1 = way = k5;
-    left -= h;
-  }
-  return finish();
+  return CellTrace<Flow>(flow, start, order).run();
 }
 
 }  // namespace palpate

@@ -334,6 +334,7 @@ class GridReader {
     Flow flow{*this, cache, {}, voxel};
     TraceOrder scaled = order;
     scaled.length = order.length / voxel;
+    scaled.hand = order.hand / voxel;
     Trace out = traceCells(flow, map_(p_W), scaled);
     out.position = times(map_.world_from_index, out.position - map_.origin_I);
     out.length *= voxel;

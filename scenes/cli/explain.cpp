@@ -543,6 +543,9 @@ OrderedJson because(const Told& told) {
     json.push_back(
         "The proxy has not arrived: the push is longer than the sub-steps of one tick allow, and "
         "the rest of the way waits.");
+  } else if (status == StepStatus::kHairpin) {
+    json.push_back(
+        "A stream turns about a place that is nearer than the hand: the proxy may jump along it.");
   } else if (status == StepStatus::kDropped) {
     json.push_back("There were more primitives than fit: some were left out.");
   }
