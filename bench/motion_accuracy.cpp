@@ -24,6 +24,7 @@
 #include "bench/motion_problems.h"
 #include "bench/percentiles.h"
 #include "bench/report.h"
+#include "bench/rubbing.h"
 #include "tests/support/random.h"
 
 namespace {
@@ -36,6 +37,7 @@ struct Options {
   bool quick = false;
   std::string output;
   std::vector<std::string> flows;  ///< .vdb files.
+  std::string scan;                ///< A CT as .vdb, to rub on.
 
   // What is measured, in full and in short.
   [[nodiscard]] std::vector<double> speeds() const {
@@ -253,6 +255,30 @@ double timeNothing(const Options& options) {
   return feelSurface(motion, nothing, 0.5, options.way() / motion.lap).nanoseconds;
 }
 
+/// The noise of real data: a head's skin, with and without a proxy that is held back.
+ordered_json rubOn(const Options& options) {
+  constexpr double kSkin = -300.0;  // [HU]
+  constexpr double kScale = 1e-3;   // millimetres
+  ordered_json rows = ordered_json::array();
+  if (options.scan.empty()) return rows;
+  for (const double speed : {0.02, 0.05, 0.2}) {
+    tell("rubbing, " + std::to_string(speed).substr(0, 4) + " m/s");
+    const Rubbing r = rub(options.scan, kSkin, kScale, speed);
+    rows.push_back({{"speed", speed},
+                    {"slides", r.slides},
+                    {"ticks", r.ticks},
+                    {"force", rounded(r.force)},
+                    {"reads", rounded(r.samples)},
+                    {"capped", rounded(r.unfinished)},
+                    {"injected", rounded(r.injected)},
+                    {"buzz", rounded(r.engine.buzz)},
+                    {"given", rounded(r.engine.given)},
+                    {"buzz_held", rounded(r.held.buzz)},
+                    {"given_held", rounded(r.held.given)}});
+  }
+  return rows;
+}
+
 int run(const Options& options) {
   const Machine machine = takeMachine();
   const double nothing = timeNothing(options);
@@ -275,6 +301,7 @@ int run(const Options& options) {
     measureStreams(std::filesystem::path(file).stem().string(), streamsOf(file, options), options,
                    streams);
   }
+  const ordered_json rubbing = rubOn(options);
   tell("");
 
   writeResult({{"machine", asJson(machine)},
@@ -287,7 +314,8 @@ int run(const Options& options) {
                  {"substeps", kSubsteps},
                  {"nothing_ns", rounded(nothing)}}},
                {"surfaces", surfaces},
-               {"streams", streams}},
+               {"streams", streams},
+               {"rubbing", rubbing}},
               options.output);
   return 0;
 }
@@ -300,6 +328,7 @@ int main(int argc, char** argv) {
     CLI::App app{"Time of a tick against the proxy's distance from its exact course; JSON."};
     app.add_flag("--quick", options.quick, "one speed, few ticks, no care for times");
     app.add_option("--flow", options.flows, "a .vdb with one grid of vectors; again for more");
+    app.add_option("--scan", options.scan, "a CT in Hounsfield units and millimetres, as .vdb");
     app.add_option("--output", options.output, "a file instead of standard output");
     CLI11_PARSE(app, argc, argv);
     return run(options);

