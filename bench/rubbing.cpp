@@ -135,7 +135,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed) {
   Sums engine;
   Sums held;
   for (int slice = 0; slice < kSlices; ++slice) {
-    const Outline skin(**field, kBetween * (slice - kSlices / 2), level, speed / kFollows);
+    const Outline skin(**field, kBetween * (slice - 0.5 * (kSlices - 1)), level, speed / kFollows);
     for (int arc = 0; arc < kArcs; ++arc) {
       const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
       double a = 2.0 * std::numbers::pi * arc / kArcs;
