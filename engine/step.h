@@ -1,6 +1,7 @@
 /// The tick: read the hand, sample, balance, couple, limit. No clock, no thread, no device.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -32,6 +33,7 @@ enum class StepStatus : std::uint8_t {
   kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
                     ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
 };
+inline constexpr std::size_t kStepStatuses = 6;
 
 /// What one tick did.
 struct StepReport {

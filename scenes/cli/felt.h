@@ -61,7 +61,7 @@ class Felt {
   double rate_;
   std::vector<ModeFelt> modes_;
   Durations durations_;
-  std::array<std::int64_t, 5> statuses_{};
+  std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;

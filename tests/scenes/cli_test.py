@@ -412,6 +412,22 @@ class Feel(Case):
         self.assertEqual(sum(summary["status"].values()), len(rows))
         os.remove(trace)
 
+    def test_a_hand_that_is_nowhere_cuts_the_force(self):
+        device = self.path([(0, 0, 0, 0.03), (0.01, 0, 0, 0.03), (0.02, 1e7, 0, 0)])
+        trace = self.dir / "trace.csv"
+        done = run("feel", self.dir / "ball.vdb", "--device", device, "--trace", trace,
+                   "--summary", "-", status=1)
+        self.assertIn("the force was cut", done.stderr)
+        rows = list(csv.DictReader(io.StringIO(trace.read_text())))
+        faults = [row for row in rows if row["status"] == "fault"]
+        self.assertGreater(len(faults), 0)
+        for row in faults:
+            self.assertEqual([float(row[f"force_{a}"]) for a in "xyz"], [0, 0, 0])
+        summary = json.loads(done.stdout)
+        self.assertEqual(summary["status"]["fault"], len(faults))
+        self.assertEqual(sum(summary["status"].values()), len(rows))
+        os.remove(trace)
+
     def test_same_run_same_forces(self):
         runs = [run("feel", self.dir / "mixed.vdb", "--seconds", 3, "--trace", "-").stdout
                 for _ in range(2)]
