@@ -21,14 +21,15 @@ using openvdb::Coord;
 constexpr double kPi = std::numbers::pi;
 
 template <class GridT>
-FieldPtr fieldOf(const typename GridT::Ptr& grid, const std::string& interpolation) {
+FieldPtr fieldOf(const typename GridT::Ptr& grid, const std::string& interpolation,
+                 bool axial = false) {
   const test::TemporaryFolder folder;
   const auto file = folder / "grid.vdb";
   openvdb::io::File(file.string()).write({grid});
   Placement placement;
   placement.scale = kVoxel;
   return makeVdbField(loadVolume(file, ""), placement,
-                      {interpolationNamed(interpolation).value(), false});
+                      {interpolationNamed(interpolation).value(), axial});
 }
 
 template <class GridT, class Value>
@@ -74,7 +75,7 @@ FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
 }
 
 FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& value,
-                    const std::string& interpolation) {
+                    const std::string& interpolation, bool axial) {
   const auto grid = denseGrid<openvdb::Vec3SGrid>(
       Coord(static_cast<int>(size.x()), static_cast<int>(size.y()), static_cast<int>(size.z())),
       openvdb::Vec3f(0.0F), [&](const Vec3& p) {
@@ -82,7 +83,7 @@ FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& va
         return openvdb::Vec3f(static_cast<float>(v.x()), static_cast<float>(v.y()),
                               static_cast<float>(v.z()));
       });
-  return fieldOf<openvdb::Vec3SGrid>(grid, interpolation);
+  return fieldOf<openvdb::Vec3SGrid>(grid, interpolation, axial);
 }
 
 Probed::Probed(std::shared_ptr<const ScalarField> field)

@@ -29,9 +29,9 @@ inline double voxelsPerTick(double speed) {
 /// A dense grid of n^3 voxels as a field, voxel (i, j, k) at that place in voxels.
 FieldPtr scalarGrid(int n, const std::function<double(const Vec3&)>& value,
                     const std::string& interpolation = "trilinear", bool level_set = true);
-/// The same of vectors, size by axis.
+/// The same of vectors, size by axis; `axial`: of axes, whose sign means nothing.
 FieldPtr vectorGrid(const Vec3& size, const std::function<Vec3(const Vec3&)>& value,
-                    const std::string& interpolation = "trilinear");
+                    const std::string& interpolation = "trilinear", bool axial = false);
 
 /// A field with its own reader's cache: what a reference asks.
 class Probed {

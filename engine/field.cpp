@@ -65,6 +65,7 @@ Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, 
     }
     last = here;
   }
+  out.behind = !above && last < 0.0;
   return out;
 }
 

@@ -36,8 +36,9 @@ struct alignas(64) FieldCache {
 /// Where a value first falls through a level on a straight way.
 struct Crossing {
   bool found = false;
-  double share = 1.0;  ///< Of the way, 0 to 1.
-  int cells = 0;       ///< Looked at; without cells, values read.
+  double share = 1.0;   ///< Of the way, 0 to 1.
+  int cells = 0;        ///< Looked at; without cells, values read.
+  bool behind = false;  ///< Not found because all of it is below the level.
 };
 
 /// How a field lies in the hand's world.

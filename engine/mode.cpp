@@ -515,6 +515,18 @@ bool givesWay(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memor
   return memory.placed && deepest(x, memory, which) > kHeld * mode.skin.voxel;
 }
 
+double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept {
+  const Skin& skin = mode.skin;
+  const auto& value = read.scalars[static_cast<std::size_t>(skin.value)];
+  const auto& own = read.vectors[static_cast<std::size_t>(skin.cell_gradient)];
+  if (!value.inside || !own.inside) return -1.0;
+  const double under = -skin.sign * (value.value - mode.level);
+  const double slope = own.value.norm();
+  if (!(under > 0.0) || !(slope > 0.0)) return -1.0;
+  if (!(mode.strength.at(read, skin.value, mode.level) > 0.0)) return -1.0;
+  return under / slope * skin.metres_per_unit / skin.voxel;
+}
+
 Vec3 liftOff(const IsosurfaceMode& mode, const ModeMemory& memory) noexcept {
   if (!memory.placed) return Vec3::Zero();
   Vec3 sum = memory.wall.normal;

@@ -233,6 +233,10 @@ void settle(const Mode& mode, const Vec3& proxy, const Vec3& x,
 /// allocation.
 [[nodiscard]] Vec3 liftOff(const IsosurfaceMode& mode, const ModeMemory& memory) noexcept;
 
+/// How far the place where properties were read is behind the surface, along the slope there
+/// [voxels]; below zero before it, and where nothing would hold there. RT: no allocation.
+[[nodiscard]] double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept;
+
 /// True where x is behind a wall that a mode remembers: pressed through. RT: no allocation.
 [[nodiscard]] bool givesWay(const IsosurfaceMode& mode, const Vec3& x,
                             const ModeMemory& memory) noexcept;

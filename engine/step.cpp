@@ -108,30 +108,49 @@ class Tick {
     sampled_ = false;
     rail_ = {};
     read_at_ = state_.proxy_;
+    deep_ = false;
     bool cut = false;
     if (!balance(true, report)) return false;
     for (;;) {
       Way way = advance(report);
-      const bool known = sampled_ && (way.near || !cut);
+      const bool known = sampled_ && !deep_ && (way.near || !cut);
       const bool arrived = known && way.clear && !doubtful();
       const bool spent = sampled_ && (held_ + later >= scene_.step.max_substeps ||
                                       report.substeps + later >= kMostSubsteps);
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
+        if (deep_) way.end = state_.proxy_;
+        if (deep_) way.clear = false;
         moveTo(way, report);
         return true;
       }
       cut = way.cut;
-      if (cut) {
+      read(way.end, report);
+      deep_ = behindAWall();
+      if (cut && !deep_) {
         moveTo(way, report);
         rail_ = {};
       }
-      read(way.end, report);
       if (!balance(false, report)) return false;
+      if (deep_) read_at_ = state_.proxy_;  // whence the next way is swept
       const bool met = !way.clear && !way.cut;
       if (met || offset_of_balance_.norm() > kFree) ++held_;
     }
+  }
+
+  /// True where properties were read so far behind a surface that holds that no proxy belongs
+  /// there: between walls that meet at an acute angle a plane may lead behind another one.
+  [[nodiscard]] bool behindAWall() const noexcept {
+    const auto& modes = scene_.graph.modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      const auto* mode = std::get_if<IsosurfaceMode>(&modes[i]);
+      const ModeMemory& memory = state_.memories_[i];
+      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) continue;
+      if (depthOf(*mode, state_.properties_) > kDeep && !givesWay(*mode, target_, memory))
+        return true;
+    }
+    return false;
   }
 
   /// Properties at a place.
@@ -228,12 +247,16 @@ class Tick {
       const Vec3 ahead =
           body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
       // Where the stream or its data end the rest is gone straight on.
-      const double rest = trace.capped ? 0.0 : order.length - trace.length;
+      const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
       const Vec3 on = line.direction.dot(go) * line.direction;
       const Vec3 shift = curve + rest * line.direction - (line.position + on);
+      // A curve that leads farther off its tangent than the line's strength reaches cannot be held.
+      const double k = state_.stiffness_.value;
+      const Vec3 waiting = shift + ahead.dot(state_.forces_[index]) / k * ahead;
+      if (!(waiting.norm() <= line.strength / k)) return;
       rail_.mode = static_cast<int>(i);
       rail_.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
-      rail_.waiting = shift + ahead.dot(state_.forces_[index]) / state_.stiffness_.value * ahead;
+      rail_.waiting = waiting;
       way.end += shift;
       way.clear = false;  // but to where properties are to be read
       if (trace.hairpin) worsen(report, StepStatus::kHairpin);
@@ -270,9 +293,11 @@ class Tick {
       if (!(mode->strength.at(state_.properties_, mode->skin.value, mode->level) > 0.0)) continue;
       const Crossing crossing = reader_.firstFall(scene_, mode->skin, mode->level, from, to);
       report.walked += crossing.cells;
-      if (!crossing.found) continue;
-      if (met != nullptr && crossing.share >= share) continue;
-      share = crossing.share;
+      // A way that is all behind it begins behind another of its walls: that is met at once.
+      if (!crossing.found && !crossing.behind) continue;
+      const double at_share = crossing.found ? crossing.share : 0.0;
+      if (met != nullptr && at_share >= share) continue;
+      share = at_share;
       way.lift = lift;
       const Vec3 at = from + share * (to - from);
       end = body == nullptr ? at : body->pose(at);
@@ -491,12 +516,15 @@ class Tick {
   const std::span<Body> bodies_;  ///< One for each of the scene's motions.
   Rail rail_;
   bool sampled_ = false;                   ///< Since the volumes moved.
+  bool deep_ = false;                      ///< That was behind a wall that holds.
   int held_ = 0;                           ///< Readings after which something held the proxy.
   Vec3 read_at_ = Vec3::Zero();            ///< Where properties were read last [m].
   Vec3 target_ = Vec3::Zero();             ///< The last balance [m],
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 
+  /// Farther behind a surface that holds no proxy goes [voxels].
+  static constexpr double kDeep = 0.3;
   /// A shorter way along a surface is seen from where properties were read [voxels].
   static constexpr double kSeen = 0.1;
   /// What is read holds so far from there, as a share of how far the proxy may go.
@@ -527,6 +555,10 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     const double k = state.stiffness_.value;
     report.stiffness = k;
     const Vec3 rate = dt > 0.0 ? Vec3((offset - state.offset_) / dt) : Vec3::Zero();
+    // Several moves give less than all at once would: docs/tick.md, Energy.
+    const double at_once =
+        k * (offset.dot(offset - before) - 0.5 * (offset - state.offset_).squaredNorm());
+    report.injected = std::max(report.injected, at_once);
     state.offset_ = offset;
     if (good) {
       report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);

@@ -47,7 +47,8 @@ struct StepReport {
                                 ///< this; with the probe so much farther on it is the balance.
   double injected = 0.0;  ///< Work that primitives did on the proxy [J], the sum over its moves
                           ///< of max(0, -k (h - p_new).(p_new - p_old)): at least what they
-                          ///< added to the spring, k/2 |h - p_new|^2 - k/2 |h - p_old|^2.
+                          ///< added to the spring, k/2 |h - p_new|^2 - k/2 |h - p_old|^2, and
+                          ///< what bounds the work on the hand (docs/tick.md, Energy).
   int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;                              ///< Field reads, all sub-steps.

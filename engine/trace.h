@@ -25,6 +25,7 @@ struct Trace {
   int samples = 0;                 ///< Values of v.
   bool capped = false;             ///< Out of steps: the rest is still to go.
   bool hairpin = false;            ///< It bends about a centre that is nearer than the hand.
+  bool shortened = false;          ///< It ends at the place that is nearest to the hand.
 };
 
 }  // namespace palpate

