@@ -27,9 +27,9 @@ struct Rubbing {
 };
 
 /// Slides along the surface V = level, solid above, of a scan's first grid, a voxel of which is
-/// `scale` times the file's in the hand's metres: in seven slices about the middle of the data,
-/// four arcs of 5 cm each, 1 mm below the skin as a hand finds it that cannot follow what comes
-/// oftener than five times a second. Throws where a file cannot be read.
+/// `scale` times the file's in the hand's metres: in seven slices about the middle of
+/// the data four arcs of 5 cm each, 1 mm below the skin as a hand finds it that cannot follow what
+/// comes oftener than five times a second. Throws where a file cannot be read.
 Rubbing rub(const std::string& file, double level, double scale, double speed);
 
 }  // namespace palpate::bench
