@@ -38,6 +38,7 @@ PathDevice::PathDevice(std::vector<PathPoint> path, double rate)
   info_.name = "path";
   info_.limits = {20.0, 2000.0};
   info_.max_stiffness = 1e5;
+  info_.hand = false;
   info_.source =
       "no hardware: force as of a delta.3 (20 N, CHAI3D 3.3.0); the probe "
       "does not yield, so any stiffness is stable";

@@ -70,6 +70,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
           "give a path");
 
   info_.name = "simulated";
+  info_.hand = arm.hand;
   info_.limits = {7.9, 2000.0};
   info_.max_stiffness = 1000.0;
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";

@@ -16,6 +16,7 @@ struct ArmParams {
   double coulomb = 0.02;  ///< c [N], >= 0.
   double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: none.
   double delay = 1e-3;    ///< From reading to the force that follows from it [s], >= 0.
+  bool hand = false;      ///< True: treated as one that a force could hurt (DeviceInfo::hand).
 };
 
 /// The hand that holds it: a spring and damper to where it means to be. Relaxed by default; firm is

@@ -32,36 +32,4 @@ VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted, cons
   return next;
 }
 
-LimitedForce limitForce(const Vec3& wanted, const Vec3& previous, double dt,
-                        const ForceLimits& limits) noexcept {
-  LimitedForce out;
-  // Finite. Limits that are not positive numbers allow nothing. stableNorm: no overflow.
-  const double asked = wanted.stableNorm();
-  if (!wanted.allFinite() || !std::isfinite(asked)) {
-    out.finite = false;
-    return out;
-  }
-  // A hair below the peak, so that no rounding can carry the result over it.
-  const double peak = limits.peak > 0.0 ? limits.peak * (1.0 - 1e-12) : 0.0;
-  const double growth = limits.slew > 0.0 && dt > 0.0 && std::isfinite(dt) ? limits.slew * dt : 0.0;
-
-  // Peak: direction kept.
-  Vec3 force = wanted;
-  out.peaked = asked > peak;
-  if (out.peaked) force *= peak / asked;
-
-  // Slew: what stays of the last force is free, what is new grows by `growth`.
-  Vec3 kept = Vec3::Zero();
-  const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
-  if (last > 0.0 && std::isfinite(last)) {
-    const Vec3 direction = previous / last;
-    kept = std::clamp(force.dot(direction), 0.0, last) * direction;
-  }
-  const Vec3 added = force - kept;
-  const double grown = added.norm();
-  out.slewed = grown > growth;
-  out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
-  return out;
-}
-
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// The virtual coupling (Lundin et al., eq. 3) and the last gate before the hand.
+/// The virtual coupling (Lundin et al., eq. 3).
 #pragma once
 
 #include "engine/types.h"
@@ -50,36 +50,5 @@ struct VaryingStiffness {
 [[nodiscard]] VaryingStiffness nextStiffness(const VaryingStiffness& last, double wanted,
                                              const Vec3& offset, double dissipated,
                                              double dt) noexcept PALPATE_NONBLOCKING;
-
-/// What a device and its user allow.
-struct ForceLimits {
-  double peak = 3.3;     ///< [N], > 0. Default: the weakest common arm (Touch), safe for any.
-  double slew = 2000.0;  ///< Growth of the force [N/s], > 0. A real contact needs k v: 1,000 N/s at
-                         ///< 500 N/m and 2 m/s.
-};
-
-/// A force that may be sent, and what had to be done to it.
-struct LimitedForce {
-  Vec3 force = Vec3::Zero();  ///< [N], finite, |force| <= min(peak, |wanted|).
-  bool finite = true;         ///< False: a NaN or infinity came in; the force is zero. Latch it.
-  bool peaked = false;        ///< Scaled down to the peak.
-  bool slewed = false;        ///< Held back by the slew limit.
-
-  [[nodiscard]] bool limited() const noexcept { return !finite || peaked || slewed; }
-};
-
-/// The last statement before a device is written to; trusts nothing that came before it.
-///
-/// In order: finite, else zero; peak, direction kept; slew on growth only. The part of the last
-/// force that is still wanted (the projection of the wanted force on it, between zero and all of
-/// it) stays at once, and what is wanted beyond it grows by at most slew * dt. So a release is
-/// never delayed, the result never exceeds the wanted force, and |force| <= |previous| + slew * dt.
-///
-/// @param wanted    Any bits [N].
-/// @param previous  The force sent last tick [N]; not finite counts as zero.
-/// @param dt        Time since then [s]; not finite or <= 0 allows no growth.
-/// RT: no allocation.
-[[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& previous, double dt,
-                                      const ForceLimits& limits) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -1,9 +1,12 @@
 /// Where the hand is, and where the force goes.
 #pragma once
 
+#include <cstddef>
+#include <span>
 #include <string>
 
-#include "engine/coupling.h"
+#include "engine/limit_force.h"
+#include "engine/safety.h"
 #include "engine/types.h"
 
 namespace palpate {
@@ -15,11 +18,16 @@ struct DeviceInfo {
   double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m].
   double workspace_radius = 0.1;  ///< [m], about the origin of W.
   std::string source;             ///< Of the numbers above.
+  WatchLimits watch;              ///< What a hand on it may do.
+  bool hand = true;               ///< A force may reach one; false for recorded paths.
 };
 
-/// One reading of the hand.
-struct HandState {
-  Vec3 position = Vec3::Zero();  ///< The probe in W [m].
+/// Zero force for whoever holds the descriptor, another process perhaps: bytes that the device
+/// takes as such in one write.
+struct ZeroForce {
+  static constexpr std::size_t kMostBytes = 256;
+  int descriptor = -1;  ///< Its own, apart from the device's; -1: there is none.
+  std::span<const std::byte> bytes;
 };
 
 /// A hand on an arm, real or simulated. One thread at a time.
@@ -38,6 +46,8 @@ class Device {
   virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
   /// True when there is nothing more to read, as at the end of a recorded path.
   [[nodiscard]] virtual bool ended() const noexcept { return false; }
+  /// For a guardian (devices/guardian.h); stays as long as the device.
+  [[nodiscard]] virtual ZeroForce zeroForce() const noexcept { return {}; }
 };
 
 }  // namespace palpate

@@ -1,6 +1,7 @@
 #include "engine/field.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include "engine/trace_cells.h"
@@ -26,6 +27,11 @@ struct SmoothFlow {
 };
 
 }  // namespace
+
+std::uint64_t nextFieldId() noexcept {
+  static std::atomic<std::uint64_t> next{1};
+  return next++;
+}
 
 Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                 FieldCache& cache) const noexcept {

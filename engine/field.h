@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <variant>
 
@@ -49,10 +50,13 @@ struct FieldFrame {
   double background = 0.0;       ///< A scalar's value there.
 };
 
+/// What a new field is known by; not given twice in a process.
+[[nodiscard]] std::uint64_t nextFieldId() noexcept;
+
 /// A scalar field in W. Const and shared between threads; what a read changes is in the cache.
 class ScalarField {
  public:
-  explicit ScalarField(const FieldFrame& frame) : frame_(frame) {}
+  explicit ScalarField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
   ScalarField(const ScalarField&) = delete;
   ScalarField& operator=(const ScalarField&) = delete;
   virtual ~ScalarField() = default;
@@ -80,15 +84,17 @@ class ScalarField {
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
 
  private:
   FieldFrame frame_;
+  std::uint64_t id_;
 };
 
 /// A vector field in W; as ScalarField.
 class VectorField {
  public:
-  explicit VectorField(const FieldFrame& frame) : frame_(frame) {}
+  explicit VectorField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
   VectorField(const VectorField&) = delete;
   VectorField& operator=(const VectorField&) = delete;
   virtual ~VectorField() = default;
@@ -103,9 +109,11 @@ class VectorField {
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
 
  private:
   FieldFrame frame_;
+  std::uint64_t id_;
 };
 
 /// Either kind, as scenes name them.

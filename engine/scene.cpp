@@ -13,6 +13,16 @@ const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
   return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
 }
 
+std::uint64_t shapeOf(const Graph& graph) {
+  std::uint64_t shape = 14695981039346656037ULL;  // FNV-1a
+  const auto add = [&](std::uint64_t x) { shape = (shape ^ x) * 1099511628211ULL; };
+  for (const auto& field : graph.scalar_fields) add(field->id());
+  for (const auto& field : graph.vector_fields) add(field->id());
+  for (const Mode& mode : graph.modes) add(mode.index());
+  add(graph.motions.size());
+  return shape;
+}
+
 }  // namespace
 
 std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
@@ -42,6 +52,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   }
   scene->step = step;
   scene->id = next_id++;
+  scene->shape = shapeOf(scene->graph);
   return scene;
 }
 

@@ -34,7 +34,9 @@ inline constexpr int kMostSubsteps = 64;
 /// Fields, graph and parameters. Immutable once made; readers and the proxy's memory live
 /// elsewhere.
 struct Scene {
-  std::uint64_t id = 0;  ///< Unique in the process: a proxy notices that its scene was swapped.
+  std::uint64_t id = 0;     ///< Unique in the process: a proxy notices that its scene was swapped.
+  std::uint64_t shape = 0;  ///< The same for scenes with the same fields and kinds of modes, which
+                            ///< differ in numbers only: a swap is felt as an edit.
   Graph graph;
   CouplingParams coupling;  ///< Where the stiffness varies: from its lowest value.
   StepParams step;

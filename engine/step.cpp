@@ -21,6 +21,7 @@ class Tick {
     reader_.bind(scene_);
     const bool swapped = state_.scene_id_ != scene_.id;
     if (swapped) {
+      state_.meet(scene_.shape);
       state_.scene_id_ = scene_.id;
       state_.time_ = 0.0;
     }
@@ -543,7 +544,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   if (dt > 0.0 && std::isfinite(dt)) state.time_ += dt;
   constexpr double kFarthest = 1e6;  // [m]: no hand is there; false for NaN as well
   bool good = hand.position.cwiseAbs().maxCoeff() < kFarthest && hand.position.allFinite() &&
-              !state.faulted_;
+              !state.faulted();
   if (good) {
     Tick tick(scene, reader, hand.position, state);
     tick.meetScene();
@@ -562,6 +563,9 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     state.offset_ = offset;
     if (good) {
       report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
+      if (!hand.ready) report.wanted.setZero();
+      if (hand.too_fast && hand.ready)
+        report.wanted = brake(report.wanted, hand.velocity, hand.max_speed);
       tick.stiffen(offset, k * offset.dot(before - offset), dt);
     }
   }
@@ -569,15 +573,14 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   if (!good) report.wanted.setConstant(std::numeric_limits<double>::quiet_NaN());
 
   // The last gate. Nothing below changes the force.
-  const LimitedForce out = limitForce(report.wanted, state.sent_, dt, state.limits_);
+  const LimitedForce out = limitForce(report.wanted, dt, state.limits_, state.limiter_);
   if (!out.finite) {
-    state.faulted_ = true;
+    state.cut(Fault::kNotFinite);
     report.status = StepStatus::kFault;
     report.wanted.setZero();
   }
   report.limited = out.limited();
   report.force = out.force;
-  state.sent_ = out.force;
   return report;
 }
 

@@ -9,6 +9,7 @@
 #include "engine/coupling.h"
 #include "engine/device.h"
 #include "engine/friction.h"
+#include "engine/limit_force.h"
 #include "engine/mode.h"
 #include "engine/placement.h"
 #include "engine/primitive.h"
@@ -70,13 +71,30 @@ class ProxyState {
         bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
 
-  /// Lets force out again after a fault; the proxy starts anew at the hand, contacts forgotten. The
-  /// scene's time has gone on meanwhile.
-  void clearFault() noexcept {
-    faulted_ = false;
-    placed_ = false;
+  /// Cuts the force at the next tick, for the first cause that is given.
+  void cut(Fault fault) noexcept {
+    if (fault_ == Fault::kNone) fault_ = fault;
   }
-  [[nodiscard]] bool faulted() const noexcept { return faulted_; }
+  /// Lets force out again after a fault, by an engagement; the proxy starts anew at the hand,
+  /// contacts forgotten. The scene's time has gone on meanwhile.
+  void clearFault() noexcept {
+    fault_ = Fault::kNone;
+    placed_ = false;
+    engage();
+  }
+  /// Nothing is felt: what was sent is forgotten, and the next force is an engagement's.
+  void release() noexcept {
+    limiter_.sent.setZero();
+    engage();
+  }
+  /// Begins an engagement: zero force until little is wanted, then more and more.
+  void engage() noexcept {
+    if (limits_.engage > 0.0) limiter_.engage(limits_.engage);
+  }
+  [[nodiscard]] bool faulted() const noexcept { return fault_ != Fault::kNone; }
+  [[nodiscard]] Fault fault() const noexcept { return fault_; }
+  /// What the last gate remembers.
+  [[nodiscard]] const LimiterState& limiter() const noexcept { return limiter_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }
   /// Since this proxy met the scene, by the ticks' dt [s]: moving volumes are where they are then.
   [[nodiscard]] double time() const noexcept { return time_; }
@@ -94,6 +112,18 @@ class ProxyState {
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
 
  private:
+  /// A new scene engages; where only numbers have changed, soon.
+  void meet(std::uint64_t shape) noexcept {
+    const bool edit = shape == scene_shape_;
+    scene_shape_ = shape;
+    if (!(limits_.engage > 0.0)) return;
+    if (!edit) {
+      engage();
+    } else if (!limiter_.waiting && limiter_.share >= 1.0) {
+      limiter_.rampUp(kEngageEdit);
+    }
+  }
+
   friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&,
                                double) noexcept PALPATE_NONBLOCKING;
   friend class Tick;
@@ -107,15 +137,16 @@ class ProxyState {
   FrictionStart friction_;
   Properties properties_;
   std::uint64_t scene_id_ = 0;
+  std::uint64_t scene_shape_ = 0;
   double time_ = 0.0;      ///< [s]
   double posed_at_ = 0.0;  ///< Time of the bodies' poses [s].
   VaryingStiffness stiffness_;
   bool placed_ = false;
   bool known_ = false;  ///< Properties have been read in this scene.
-  bool faulted_ = false;
+  Fault fault_ = Fault::kNone;
   Vec3 proxy_ = Vec3::Zero();
   Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].
-  Vec3 sent_ = Vec3::Zero();    ///< Force of the last tick [N].
+  LimiterState limiter_;
 };
 
 /// One tick of the engine: steps 1 to 3 of the paper's figure 1.

@@ -700,7 +700,9 @@ int explain(const Options& options) {
   const Rest rest = restAt(scene, reader, state, at, dt);
   witness->count = 0;
   const StepReport report = hapticStep(scene, reader, {hand}, state, dt);
-  const LimitedForce limited = limitForce(report.wanted, rest.report.force, dt, limits);
+  LimiterState limiter;
+  limiter.sent = rest.report.force;
+  const LimitedForce limited = limitForce(report.wanted, dt, limits, limiter);
   std::vector<Vec3> places(witness->places.begin(),
                            witness->places.begin() + static_cast<std::ptrdiff_t>(witness->count));
   if (places.empty()) places.push_back(rest.report.proxy);  // a fault before anything was read

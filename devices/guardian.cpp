@@ -1,0 +1,258 @@
+#include "devices/guardian.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <fcntl.h>
+#include <new>
+#include <poll.h>
+#include <sched.h>
+#include <string>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "engine/error.h"
+
+namespace palpate {
+
+/// What both processes see.
+struct Guardian::Shared {
+  std::array<std::atomic<std::uint64_t>, kMostLoops> hearts{};
+  std::atomic<bool> stop{false};
+  static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
+};
+
+namespace {
+
+/// A device to watch, as it is told to the child; its descriptor comes along.
+struct Order {
+  std::size_t slot = 0;
+  std::size_t size = 0;
+  std::array<std::byte, ZeroForce::kMostBytes> bytes{};
+};
+
+double now() noexcept {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+std::string reason() {
+  return std::strerror(errno);
+}
+
+/// Signal-safe. What a device does not take now it will not take either: nothing is tried again
+/// but what a signal has interrupted.
+void writeOnce(int descriptor, const std::byte* bytes, std::size_t size) noexcept {
+  while (::write(descriptor, bytes, size) < 0 && errno == EINTR) {
+  }
+}
+
+bool sendOrder(int socket, const Order& order, int descriptor) noexcept {
+  iovec part{const_cast<Order*>(&order), sizeof(order)};
+  alignas(cmsghdr) std::array<std::byte, CMSG_SPACE(sizeof(int))> control{};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control.data();
+  message.msg_controllen = control.size();
+  cmsghdr* head = CMSG_FIRSTHDR(&message);
+  head->cmsg_level = SOL_SOCKET;
+  head->cmsg_type = SCM_RIGHTS;
+  head->cmsg_len = CMSG_LEN(sizeof(int));
+  std::memcpy(CMSG_DATA(head), &descriptor, sizeof(int));
+  return sendmsg(socket, &message, MSG_NOSIGNAL) == static_cast<ssize_t>(sizeof(order));
+}
+
+/// False at the other side's end.
+bool takeOrder(int socket, Order& order, int& descriptor) noexcept {
+  iovec part{&order, sizeof(order)};
+  alignas(cmsghdr) std::array<std::byte, CMSG_SPACE(sizeof(int))> control{};
+  msghdr message{};
+  message.msg_iov = &part;
+  message.msg_iovlen = 1;
+  message.msg_control = control.data();
+  message.msg_controllen = control.size();
+  const ssize_t size = recvmsg(socket, &message, 0);
+  if (size < 0 && errno == EINTR) return true;
+  if (size <= 0) return false;
+  const cmsghdr* head = CMSG_FIRSTHDR(&message);
+  if (head != nullptr && head->cmsg_type == SCM_RIGHTS) {
+    std::memcpy(&descriptor, CMSG_DATA(head), sizeof(int));
+  }
+  return true;
+}
+
+/// Nothing that is meant for the program ends its guardian.
+void standApart(int socket) noexcept {
+  setsid();
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGTTIN, SIGTTOU, SIGPIPE,
+                           SIGXCPU, SIGUSR1, SIGUSR2}) {
+    ::signal(signal, SIG_IGN);
+  }
+  prctl(PR_SET_NAME, "palpate-guard");
+  const int null = open("/dev/null", O_RDWR);
+  for (int standard = 0; standard < 3; ++standard) dup2(null, standard);
+  for (int other = 3; other < 1024; ++other) {
+    if (other != socket) close(other);
+  }
+  // Above the loop: one that hangs keeps its core.
+  sched_param wanted{};
+  wanted.sched_priority = 90;
+  sched_setscheduler(0, SCHED_FIFO, &wanted);
+}
+
+// What signal handlers know.
+std::atomic<Guardian*> the_guardian{nullptr};
+volatile std::sig_atomic_t* the_flag = nullptr;
+
+extern "C" void zeroThenGoOn(int signal) {
+  const int saved = errno;
+  if (Guardian* guardian = the_guardian.load()) guardian->zero();
+  const bool livable =
+      signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
+  if (livable && the_flag != nullptr) {
+    *the_flag = 1;
+  } else {
+    // As if it had not been caught; a stop that is taken back finds the handler again.
+    struct sigaction usual {};
+    usual.sa_handler = SIG_DFL;
+    if (signal == SIGTSTP) {
+      raise(SIGSTOP);
+    } else {
+      sigaction(signal, &usual, nullptr);
+      raise(signal);
+    }
+  }
+  errno = saved;
+}
+
+extern "C" void zeroAtExit() {
+  if (Guardian* guardian = the_guardian.load()) guardian->zero();
+}
+
+}  // namespace
+
+Guardian::Guardian() {
+  void* memory =
+      mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (memory == MAP_FAILED) throw DeviceError("guardian", reason(), "free some memory");
+  shared_ = new (memory) Shared;
+  std::array<int, 2> ends{};
+  if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0) {
+    munmap(shared_, sizeof(Shared));
+    throw DeviceError("guardian", reason(), "close some files");
+  }
+  child_ = fork();
+  if (child_ == 0) {
+    close(ends[0]);
+    guard(ends[1]);
+  }
+  close(ends[1]);
+  socket_ = ends[0];
+  if (child_ < 0) {
+    const std::string why = reason();
+    close(socket_);
+    munmap(shared_, sizeof(Shared));
+    throw DeviceError("guardian", why, "end other programs");
+  }
+}
+
+Guardian::~Guardian() {
+  zero();
+  Guardian* self = this;
+  the_guardian.compare_exchange_strong(self, nullptr);
+  close(socket_);  // the child sees it, writes zero once more, and ends
+  waitpid(child_, nullptr, 0);
+  munmap(shared_, sizeof(Shared));
+}
+
+LoopWatch Guardian::watch(const ZeroForce& zero) {
+  const std::size_t slot = count_;
+  if (slot == kMostLoops) throw DeviceError("guardian", "it watches 8 loops", "use fewer devices");
+  if (zero.bytes.empty() || zero.bytes.size() > ZeroForce::kMostBytes) {
+    throw DeviceError("guardian", "a zero force of " + std::to_string(zero.bytes.size()) + " bytes",
+                      "give 1 to 256");
+  }
+  Watched& watched = watched_[slot];
+  watched.descriptor = zero.descriptor;
+  watched.size = zero.bytes.size();
+  std::copy(zero.bytes.begin(), zero.bytes.end(), watched.bytes.begin());
+  Order order;
+  order.slot = slot;
+  order.size = watched.size;
+  order.bytes = watched.bytes;
+  if (!sendOrder(socket_, order, zero.descriptor)) {
+    throw DeviceError("guardian", reason(), "start the program again");
+  }
+  count_.store(slot + 1, std::memory_order_release);
+  return {&shared_->hearts[slot], &shared_->stop};
+}
+
+void Guardian::zero() noexcept {
+  const std::size_t count = count_.load(std::memory_order_acquire);
+  shared_->stop.store(true, std::memory_order_relaxed);
+  for (std::size_t i = 0; i < count; ++i) {
+    writeOnce(watched_[i].descriptor, watched_[i].bytes.data(), watched_[i].size);
+  }
+}
+
+void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
+  static const bool once = [] { return std::atexit(zeroAtExit) == 0; }();
+  (void)once;
+  the_flag = interrupted;
+  the_guardian = this;
+  struct sigaction action {};
+  action.sa_handler = zeroThenGoOn;
+  sigemptyset(&action.sa_mask);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGSEGV, SIGBUS, SIGFPE, SIGILL,
+                           SIGABRT, SIGXCPU, SIGTSTP}) {
+    sigaction(signal, &action, nullptr);
+  }
+}
+
+void Guardian::guard(int socket) noexcept {
+  standApart(socket);
+  struct Ward {
+    int descriptor = -1;
+    Order order;
+    std::uint64_t beats = 0;
+    double alive = 0.0;
+    bool zeroed = true;
+  };
+  static std::array<Ward, kMostLoops> wards;
+  constexpr int kLook = 1;  // [ms]
+  for (bool living = true; living;) {
+    pollfd other{socket, POLLIN, 0};
+    if (poll(&other, 1, kLook) > 0) {
+      Order order;
+      int descriptor = -1;
+      living = takeOrder(socket, order, descriptor);
+      if (living && descriptor >= 0 && order.slot < kMostLoops) {
+        wards[order.slot] = {descriptor, order, 0, now(), true};
+      }
+    }
+    for (std::size_t i = 0; i < kMostLoops; ++i) {
+      Ward& ward = wards[i];
+      if (ward.descriptor < 0) continue;
+      const std::uint64_t beats = shared_->hearts[i].load(std::memory_order_relaxed);
+      const double time = now();
+      if (beats != ward.beats) {
+        ward.beats = beats;
+        ward.alive = time;
+        ward.zeroed = false;
+      }
+      if (living && (ward.zeroed || time - ward.alive < kGuardTime)) continue;
+      writeOnce(ward.descriptor, ward.order.bytes.data(), ward.order.size);
+      ward.zeroed = true;
+    }
+  }
+  _exit(0);
+}
+
+}  // namespace palpate

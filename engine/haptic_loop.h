@@ -1,0 +1,110 @@
+/// One hand's loop without its clock: what is done every tick, by whoever has the time of day. The
+/// real clock is HapticThread's; tests and virtual time call it as fast as they can.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+
+#include "engine/device.h"
+#include "engine/mailbox.h"
+#include "engine/safety.h"
+#include "engine/scene.h"
+#include "engine/step.h"
+#include "engine/telemetry.h"
+
+namespace palpate {
+
+/// Takes every tick, on the haptic thread: a log, counts. Its ring, if it needs one, is its own.
+class TickSink {
+ public:
+  TickSink() = default;
+  TickSink(const TickSink&) = delete;
+  TickSink& operator=(const TickSink&) = delete;
+  virtual ~TickSink() = default;
+  /// RT: must not allocate, lock or wait.
+  virtual void take(const Telemetry& tick,
+                    const ProxyState& state) noexcept PALPATE_NONBLOCKING = 0;
+};
+
+/// Words that a loop shares with whoever looks after it, perhaps another process.
+struct LoopWatch {
+  std::atomic<std::uint64_t>* heart = nullptr;  ///< Counts ticks.
+  std::atomic<bool>* stop = nullptr;            ///< True: as HapticLoop::cut.
+};
+
+/// When a tick is.
+struct TickTime {
+  double now = 0.0;          ///< [s] since the start.
+  double dt = 1e-3;          ///< Since the last tick [s].
+  double late = 0.0;         ///< How long after its time it began [s].
+  bool missed = false;       ///< So late that the next one's time had come.
+  std::int64_t wake_ns = 0;  ///< The same for the log: wake-up latency [ns].
+};
+
+/// A proxy, a reader and the gate of one device, over the newest scene.
+///
+/// Two threads use it, each its own functions: the haptic one and the one that makes scenes. Stop
+/// orders may come from anywhere, signal handlers among them: that is what the mailbox, which has
+/// one writer, cannot say, and why there are atomic flags.
+class HapticLoop {
+ public:
+  /// Takes the memory that ticks need. The device and the sink outlive the loop.
+  ///
+  /// @param rate       Ticks a second that are meant [Hz].
+  /// @param heartbeat  The application's longest pause between beats [s]; 0: none is asked for.
+  HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
+             const LoopWatch& watch = {});
+
+  // The scene thread.
+  /// From the next tick on. Old scenes are freed here, never in a tick.
+  void publish(std::shared_ptr<const Scene> scene) noexcept;
+  /// The newest tick; stays until the next call. One reading thread.
+  [[nodiscard]] const Telemetry& latest() noexcept {
+    telemetry_.refresh();
+    return telemetry_.current();
+  }
+
+  // Any thread, and signal handlers.
+  /// Cuts the force with the next tick, until clear(): Esc, a window that closes.
+  void cut() noexcept { stop_.store(true, std::memory_order_relaxed); }
+  /// Takes back a fault, whatever it was, with the next tick: an engagement lets force out again.
+  void clear() noexcept {
+    stop_.store(false, std::memory_order_relaxed);
+    if (watch_by_.stop != nullptr) watch_by_.stop->store(false, std::memory_order_relaxed);
+    clear_.store(true, std::memory_order_relaxed);
+  }
+  /// The application lives.
+  void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
+
+  // The haptic thread.
+  /// One tick: newest scene, hand, checks, hapticStep, force to the device, telemetry.
+  /// RT: no allocation, no lock, no system call but the device's own.
+  void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
+  /// The force is zero; as the last tick.
+  void end() noexcept PALPATE_NONBLOCKING;
+
+ private:
+  [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
+
+  Device& device_;
+  TickSink* sink_;
+  double rate_;
+  double heartbeat_;
+  LoopWatch watch_by_;
+  Mailbox<std::shared_ptr<const Scene>> scenes_;
+  Mailbox<Telemetry> telemetry_;
+  std::atomic<bool> stop_{false};
+  std::atomic<bool> clear_{false};
+  std::atomic<std::uint32_t> beats_{0};
+
+  HandWatch watch_;
+  Reader reader_;
+  ProxyState state_;
+  Telemetry told_;
+  bool ready_ = true;       ///< Of the last tick's hand.
+  std::uint32_t beat_ = 0;  ///< Last one seen,
+  double beat_at_ = 0.0;    ///< when [s].
+};
+
+}  // namespace palpate

@@ -1,0 +1,97 @@
+#include "engine/haptic_thread.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <ctime>
+#include <string>
+#include <system_error>
+
+#include "engine/error.h"
+
+namespace palpate {
+
+namespace {
+
+constexpr double kSlowest = 500.0;
+constexpr double kFastest = 20000.0;
+constexpr std::int64_t kSecond = 1000000000;
+
+std::int64_t nowNs() noexcept {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return t.tv_sec * kSecond + t.tv_nsec;
+}
+
+void sleepUntil(std::int64_t ns) noexcept {
+  const timespec t{static_cast<time_t>(ns / kSecond), static_cast<long>(ns % kSecond)};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
+  }
+}
+
+double checked(double rate) {
+  if (rate >= kSlowest && rate <= kFastest) return rate;
+  throw DeviceError("rate", std::to_string(rate) + " Hz is not a rate for a hand",
+                    "give 500 to 20000");
+}
+
+}  // namespace
+
+HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* sink)
+    : device_(device),
+      params_(params),
+      loop_(device, checked(params.rate), sink, params.heartbeat, params.watch) {
+  try {
+    thread_ = std::thread([this] { run(); });
+  } catch (const std::system_error& e) {
+    throw DeviceError("thread", e.what(), "end other programs");
+  }
+  ready_.wait(false, std::memory_order_acquire);
+}
+
+void HapticThread::stop() noexcept {
+  quit_.store(true, std::memory_order_relaxed);
+  if (thread_.joinable()) thread_.join();
+}
+
+void HapticThread::run() noexcept {
+  realtime_ = becomeRealtime(params_.realtime);
+  ready_.store(true, std::memory_order_release);
+  ready_.notify_one();
+
+  // Deadlines are a whole number of periods apart, so that no error adds up; one that cannot be
+  // kept any more is left out.
+  const double period = 1e9 / params_.rate;
+  const std::int64_t begin = nowNs();
+  const std::int64_t faults_before = pageFaults();
+  std::int64_t count = 0;  // the deadline's number
+  std::int64_t last = -1;  // that of the last tick
+  while (!quit_.load(std::memory_order_relaxed) && !device_.ended()) {
+    const auto due =
+        begin + static_cast<std::int64_t>(std::llround(static_cast<double>(count) * period));
+    sleepUntil(due);
+    const std::int64_t now = nowNs();
+    TickTime time;
+    time.now = 1e-9 * static_cast<double>(now - begin);
+    time.dt = static_cast<double>(count - last) / params_.rate;
+    time.wake_ns = now - due;
+    // Since the time of the tick that should have followed the last.
+    time.late =
+        1e-9 * (static_cast<double>(now - due) + static_cast<double>(count - last - 1) * period);
+    time.missed = time.late * params_.rate > 1.0;
+    last = count;
+    loop_.tick(time);
+
+    // The next deadline that is still to come.
+    const auto passed = static_cast<std::int64_t>(static_cast<double>(nowNs() - begin) / period);
+    count = std::max(count + 1, passed);
+    if ((count & 1023) == 0) {
+      faults_.store(pageFaults() - faults_before, std::memory_order_relaxed);
+    }
+  }
+  loop_.end();
+  faults_.store(pageFaults() - faults_before, std::memory_order_relaxed);
+  running_.store(false, std::memory_order_release);
+}
+
+}  // namespace palpate

@@ -1,0 +1,83 @@
+#include "engine/limit_force.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace palpate {
+
+namespace {
+
+/// The most that the motors' heat allows [N].
+double allowedByHeat(const ForceLimits& limits, double peak, double heat) noexcept {
+  if (!(limits.continuous > 0.0) || limits.continuous >= peak) return peak;
+  const double most = limits.continuous * limits.continuous;
+  const double left = std::clamp((most - heat) / ((1.0 - kWarm) * most), 0.0, 1.0);
+  return std::sqrt(most + left * (peak * peak - most));
+}
+
+/// Moves an engagement on, and says how much of the force it lets through.
+double engaged(double asked, double time, LimiterState& state) noexcept {
+  if (state.waiting) {
+    state.waited += time;
+    state.waiting = !(asked < kEngageBelow) && state.waited < kEngageWait;
+    if (state.waiting) return 0.0;
+  }
+  if (state.share < 1.0) {
+    state.share = state.ramp > 0.0 ? std::min(1.0, state.share + time / state.ramp) : 1.0;
+  }
+  return state.share;
+}
+
+}  // namespace
+
+LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits,
+                        LimiterState& state) noexcept {
+  LimitedForce out;
+  const Vec3 previous = state.sent;
+  const double time = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
+  if (limits.heating > 0.0) {
+    // What was sent was within the peak, whatever is remembered of it.
+    const double sent =
+        previous.allFinite() ? std::min(previous.stableNorm(), std::max(limits.peak, 0.0)) : 0.0;
+    state.heat += (1.0 - std::exp(-time / limits.heating)) * (sent * sent - state.heat);
+  }
+  state.sent.setZero();
+
+  // Finite. Limits that are not positive numbers allow nothing. stableNorm: no overflow.
+  const double asked = wanted.stableNorm();
+  if (!wanted.allFinite() || !std::isfinite(asked)) {
+    out.finite = false;
+    return out;
+  }
+  // A hair below the peak, so that no rounding can carry the result over it.
+  const double peak = limits.peak > 0.0 ? limits.peak * (1.0 - 1e-12) : 0.0;
+  const double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
+
+  // Peak and heat: direction kept.
+  Vec3 force = wanted;
+  const double most = allowedByHeat(limits, peak, state.heat);
+  out.peaked = asked > peak;
+  out.heated = asked > most && most < peak;
+  if (asked > most) force *= most / asked;
+
+  // Engagement.
+  const double share = engaged(asked, time, state);
+  out.ramped = share < 1.0 && asked > 0.0;
+  force *= share;
+
+  // Slew: what stays of the last force is free, what is new grows by `growth`.
+  Vec3 kept = Vec3::Zero();
+  const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
+  if (last > 0.0 && std::isfinite(last)) {
+    const Vec3 direction = previous / last;
+    kept = std::clamp(force.dot(direction), 0.0, last) * direction;
+  }
+  const Vec3 added = force - kept;
+  const double grown = added.norm();
+  out.slewed = grown > growth;
+  out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
+  state.sent = out.force;
+  return out;
+}
+
+}  // namespace palpate

@@ -1,0 +1,84 @@
+/// The last gate before the hand: what leaves the engine is finite, bounded and slew-limited, and
+/// comes in gently, whatever happened before.
+#pragma once
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// What a device and its user allow.
+struct ForceLimits {
+  double peak = 3.3;     ///< [N], > 0. Default: the weakest common arm (Touch), safe for any.
+  double slew = 2000.0;  ///< Growth of the force [N/s], > 0. A real contact needs k v: 1,000 N/s at
+                         ///< 500 N/m and 2 m/s.
+  double continuous = 0.0;  ///< What it can hold for ever [N], <= peak; 0: the device gives none.
+  double heating = 10.0;    ///< Time constant of its motors' heat [s].
+  double engage = 0.0;  ///< Length of the ramp of an engagement [s]; 0: at once, which is only for
+                        ///< forces that go to no hand. HapticLoop takes at least kEngage.
+};
+
+inline constexpr double kEngage = 0.5;       ///< [s], shortest ramp at a hand.
+inline constexpr double kEngageEdit = 0.05;  ///< [s], where only numbers of a scene have changed.
+inline constexpr double kEngageBelow = 0.1;  ///< [N]: an engagement waits for a wanted force below,
+inline constexpr double kEngageWait = 1.0;   ///< [s]: or so long.
+
+/// What the gate remembers.
+struct LimiterState {
+  Vec3 sent = Vec3::Zero();  ///< Force of the last tick [N].
+  double heat = 0.0;         ///< Mean of |force|^2 over ForceLimits::heating [N^2].
+  bool waiting = false;      ///< An engagement has begun, the ramp has not.
+  double waited = 0.0;       ///< [s]
+  double share = 1.0;        ///< Of the force that the ramp lets through.
+  double ramp = kEngage;     ///< [s]
+
+  /// Begins an engagement: the force is zero until a small one is wanted, then grows over `length`.
+  void engage(double length) noexcept {
+    waiting = true;
+    waited = 0.0;
+    share = 0.0;
+    ramp = length;
+  }
+  /// Begins a ramp from zero at once.
+  void rampUp(double length) noexcept {
+    engage(length);
+    waited = kEngageWait;
+  }
+};
+
+/// A force that may be sent, and what had to be done to it.
+struct LimitedForce {
+  Vec3 force = Vec3::Zero();  ///< [N], finite, |force| <= min(peak, |wanted|).
+  bool finite = true;         ///< False: a NaN or infinity came in; the force is zero. Latch it.
+  bool peaked = false;        ///< Scaled down to the peak.
+  bool heated = false;        ///< Scaled down to what the motors can hold.
+  bool ramped = false;        ///< Scaled down by an engagement.
+  bool slewed = false;        ///< Held back by the slew limit.
+
+  [[nodiscard]] bool limited() const noexcept {
+    return !finite || peaked || heated || ramped || slewed;
+  }
+};
+
+/// The last statement before a device is written to; trusts nothing that came before it.
+///
+/// In order: finite, else zero; peak and continuous limit, direction kept; engagement; slew on
+/// growth only. The part of the last force that is still wanted (the projection of the wanted force
+/// on it, between zero and all of it) stays at once, and what is wanted beyond it grows by at most
+/// slew * dt. So a release is never delayed, the result never exceeds the wanted force, and
+/// |force| <= |previous| + slew * dt. The ramp comes before the slew, since a ramp of a limited
+/// force would grow by more than that.
+///
+/// The continuous limit: `heat` follows |force|^2 with the time constant `heating`. Up to
+/// kWarm of continuous^2 the peak is allowed, from there on less, and at continuous^2 just that,
+/// so that the heat never goes beyond.
+///
+/// @param wanted    Any bits [N].
+/// @param dt        Time since the last force was sent [s]; not finite or <= 0 allows no growth.
+/// @param state     Of the same device, one call a tick. A `sent` that is not finite counts as
+/// zero. RT: no allocation.
+[[nodiscard]] LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits,
+                                      LimiterState& state) noexcept PALPATE_NONBLOCKING;
+
+inline constexpr double kWarm = 0.8;  ///< Share of the heat at which the continuous limit sets in.
+
+}  // namespace palpate

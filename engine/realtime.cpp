@@ -1,0 +1,70 @@
+#include "engine/realtime.h"
+
+#include <array>
+#include <cerrno>
+#include <cstddef>
+#include <cstring>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+
+namespace palpate {
+
+namespace {
+
+/// Writes to a stack deeper than a tick's, so that no tick is the first to.
+[[gnu::noinline]] void touchStack() noexcept {
+  std::array<std::byte, std::size_t{256} * 1024> stack;
+  volatile std::byte* at = stack.data();
+  constexpr std::size_t kPage = 4096;
+  for (std::size_t i = 0; i < stack.size(); i += kPage) at[i] = std::byte{1};
+}
+
+void refuse(RealtimeReport& report, const std::string& what, int error, const char* remedy) {
+  if (!report.refused.empty()) report.refused += "; ";
+  std::array<char, 128> text{};
+  report.refused += what + ": " + strerror_r(error, text.data(), text.size()) + ": " + remedy;
+}
+
+}  // namespace
+
+RealtimeReport becomeRealtime(const RealtimeRequest& request) {
+  RealtimeReport report;
+  if (request.lock_memory) {
+    report.memory = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+    if (!report.memory) {
+      refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
+    }
+  }
+  if (request.core >= 0) {
+    cpu_set_t cores;
+    CPU_ZERO(&cores);
+    CPU_SET(static_cast<std::size_t>(request.core), &cores);
+    const int error = pthread_setaffinity_np(pthread_self(), sizeof(cores), &cores);
+    report.core = error == 0;
+    if (error != 0) {
+      refuse(report, "core " + std::to_string(request.core), error, "choose one that nproc counts");
+    }
+  }
+  if (request.priority > 0) {
+    sched_param wanted{};
+    wanted.sched_priority = request.priority;
+    const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
+    report.priority = error == 0;
+    if (error != 0) {
+      refuse(report, "priority " + std::to_string(request.priority), error,
+             "raise rtprio in /etc/security/limits.d");
+    }
+  }
+  touchStack();
+  return report;
+}
+
+std::int64_t pageFaults() noexcept {
+  rusage usage{};
+  getrusage(RUSAGE_THREAD, &usage);
+  return usage.ru_minflt + usage.ru_majflt;
+}
+
+}  // namespace palpate

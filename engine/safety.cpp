@@ -1,0 +1,94 @@
+#include "engine/safety.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace palpate {
+
+namespace {
+
+struct FaultWords {
+  const char* word;
+  const char* words;
+  const char* remedy;
+};
+
+constexpr std::array<FaultWords, kFaults> kFaultWords{{
+    {"none", "", ""},
+    {"not-finite", "a position, sample or force was not finite", "mend the device or the volume"},
+    {"late", "the loop was late", "give it a core, real-time priority or a lower rate"},
+    {"stale", "the device's position is too old",
+     "see to its cable, or to the program that shares it"},
+    {"jump", "the position jumped: an encoder lost count", "home the device"},
+    {"over-speed", "the device was too fast and could not be braked",
+     "hold it; if it runs away by itself its motors' signs are wrong"},
+    {"write", "the device did not take a force in time", "see to its cable"},
+    {"gone", "the device is unplugged", "plug it in again"},
+    {"temperature", "the device is too hot", "let it cool"},
+    {"power", "the device has no power", "switch it on"},
+    {"switch", "the device's safety switch is open", "close it"},
+    {"heartbeat", "the application has shown no life", "see why it hangs"},
+    {"stopped", "the force was switched off", "switch it on again when the hand is ready"},
+}};
+
+const FaultWords& wordsOf(Fault fault) noexcept {
+  return kFaultWords[std::min(static_cast<std::size_t>(fault), kFaults - 1)];
+}
+
+}  // namespace
+
+const char* wordsFor(Fault fault) noexcept {
+  return wordsOf(fault).words;
+}
+const char* remedyFor(Fault fault) noexcept {
+  return wordsOf(fault).remedy;
+}
+const char* wordFor(Fault fault) noexcept {
+  return wordsOf(fault).word;
+}
+
+Fault HandWatch::look(HandState& hand, double now) noexcept {
+  if (hand.fault != Fault::kNone) return hand.fault;
+  if (!hand.position.allFinite() || !std::isfinite(hand.age)) return Fault::kNotFinite;
+  if (hand.age > limits_.stale) return Fault::kStale;
+  const double measured = now - std::max(0.0, hand.age);
+  if (!known_) {
+    known_ = true;
+    time_ = measured;
+    position_ = hand.position;
+    velocity_.setZero();
+  }
+
+  // A position that is new, or the same one still where the arm rests.
+  const double since = measured - time_;
+  const Vec3 step = hand.position - position_;
+  if (step.norm() > std::max(kLeastJump, kJumpSpeed * since)) return Fault::kJump;
+  constexpr double kNew = 1e-5;  // [s]
+  if (since >= kNew) {
+    velocity_ += (1.0 - std::exp(-since / kSmooth)) * (step / since - velocity_);
+    time_ = measured;
+    position_ = hand.position;
+  }
+  hand.velocity = velocity_;
+  hand.max_speed = limits_.max_speed;
+  hand.too_fast = velocity_.norm() > limits_.max_speed;
+  if (!hand.too_fast) {
+    fast_since_ = -1.0;
+  } else if (fast_since_ < 0.0) {
+    fast_since_ = now;
+  } else if (now - fast_since_ > kBraked) {
+    return Fault::kOverSpeed;
+  }
+  return Fault::kNone;
+}
+
+Vec3 brake(const Vec3& force, const Vec3& velocity, double max_speed) noexcept {
+  const double speed = velocity.norm();
+  if (!(speed > max_speed) || !std::isfinite(speed)) return force;
+  const Vec3 ahead = velocity / speed;
+  const double drives = std::max(0.0, force.dot(ahead));
+  return force - (drives + kBrake * (speed - max_speed)) * ahead;
+}
+
+}  // namespace palpate

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Model checks the mailbox with Spin: check_mailbox.sh. The protocol must hold, and three mistakes be found.
+set -euo pipefail
+model=$(cd "$(dirname "$0")" && pwd)/mailbox.pml
+command -v spin >/dev/null || { echo "spin is not installed: apt install spin"; exit 77; }
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+cd "$folder"
+
+# verify BREAK: Spin's verdict on the model, every interleaving.
+verify() {
+    spin -a -DBREAK="$1" "$model" >spin.txt
+    cc -O2 -DSAFETY -DMEMLIM=2048 -w -o pan pan.c
+    ./pan -m100000 | tee pan.txt >"pan$1.txt"
+    if grep -q "search depth too small\|out of memory" pan.txt; then
+        echo "the check is not complete"
+        exit 1
+    fi
+    grep -o "errors: [0-9]*" pan.txt
+}
+
+verdict=$(verify 0)
+grep "states, stored\|transitions" pan0.txt
+[ "$verdict" = "errors: 0" ] || { cat pan0.txt; echo "the protocol fails"; exit 1; }
+echo "the protocol holds: $verdict"
+for broken in 1 2 3; do
+    verdict=$(verify $broken)
+    [ "$verdict" != "errors: 0" ] || { echo "mistake $broken was not found"; exit 1; }
+    echo "mistake $broken is found: $verdict"
+done

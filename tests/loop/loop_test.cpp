@@ -1,0 +1,368 @@
+/// The loop in virtual time: what leaves it, whatever comes in.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "engine/haptic_loop.h"
+#include "tests/loop/scenes.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::ballField;
+using palpate::test::ballScene;
+using palpate::test::Random;
+using palpate::test::TestDevice;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+
+/// A loop whose time we are.
+struct Rig {
+  TestDevice device;
+  HapticLoop loop;
+  TickTime time;
+
+  explicit Rig(double heartbeat = 0.0) : loop(device, 1.0 / kDt, nullptr, heartbeat) {}
+
+  const Telemetry& tick(double late = 0.0) {
+    time.dt = kDt + late;
+    time.now += time.dt;
+    time.late = late;
+    time.missed = late > kDt;
+    loop.tick(time);
+    return loop.latest();
+  }
+  const Telemetry& run(double seconds) {
+    for (int i = 1; i < static_cast<int>(std::lround(seconds / kDt)); ++i) tick();
+    return tick();
+  }
+  /// To a place within the hand's speed, then a while there.
+  const Telemetry& go(const Vec3& to, double seconds) {
+    const Vec3 from = device.hand.position;
+    const int n = std::max(1, static_cast<int>((to - from).norm() / (0.5 * kDt)));
+    for (int i = 1; i <= n; ++i) {
+      device.hand.position = from + (to - from) * (static_cast<double>(i) / n);
+      tick();
+    }
+    return run(seconds);
+  }
+};
+
+const Vec3 kOut(0, 0, 0.04);
+const Vec3 kPressed(0, 0, 0.027);
+
+}  // namespace
+
+TEST_CASE("there is no force before there is a scene, and then by an engagement", "[loop]") {
+  Rig rig;
+  rig.device.hand.position = kPressed;
+  CHECK(rig.run(0.2).report.force == Vec3::Zero());
+  CHECK(rig.device.writes == 200);
+  const FieldPtr ball = ballField();
+  // The hand is in the ball when it appears: it is free inside, and comes out freely.
+  rig.loop.publish(ballScene(ball));
+  CHECK(rig.run(2.0).report.force.norm() < 1e-6);
+  CHECK(rig.go(kOut, 0.1).report.force == Vec3::Zero());
+  CHECK(rig.go(kPressed, 0.1).report.force.z() == Approx(1.5).margin(0.01));
+  CHECK(rig.device.sent == rig.loop.latest().report.force);
+}
+
+TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loop][safety]") {
+  const FieldPtr ball = ballField();
+  for (const bool edit : {true, false}) {
+    Rig rig;
+    rig.device.hand.position = kOut;
+    rig.loop.publish(ballScene(ball));
+    rig.run(1.0);
+    const double before = rig.go(kPressed, 0.2).report.force.norm();
+    CHECK(before == Approx(1.5).margin(0.01));
+    // The same ball, or another one in its place.
+    rig.loop.publish(edit ? ballScene(ball, 2.0) : ballScene(ballField(), 2.0));
+    double last = rig.tick().report.force.norm();
+    CHECK(last < (edit ? 0.05 : 1e-12));
+    double most = 0.0;
+    int ticks = 0;
+    while (last < 1.49 && ++ticks < 3000) {
+      const double force = rig.tick().report.force.norm();
+      most = std::max(most, force - last);
+      last = force;
+    }
+    // Pressed all the while: an engagement waits its second out.
+    CHECK(kDt * ticks == Approx(edit ? kEngageEdit : kEngageWait + kEngage).margin(0.02));
+    CHECK(most < 1.1 * 1.5 * kDt / (edit ? kEngageEdit : kEngage) + 1e-9);
+  }
+}
+
+TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an engagement",
+          "[loop][safety]") {
+  const FieldPtr ball = ballField();
+  const auto expect = [&](Fault cause, const auto& cause_it, const auto& mend,
+                          double heartbeat = 0.0) {
+    CAPTURE(wordFor(cause));
+    Rig rig(heartbeat);
+    rig.device.hand.position = kOut;
+    rig.loop.publish(ballScene(ball));
+    rig.loop.beat();
+    for (int i = 0; i < 800; ++i) {
+      rig.loop.beat();
+      rig.tick();
+    }
+    rig.device.hand.position = kOut;
+    for (int i = 0; i < 100; ++i) {
+      rig.loop.beat();
+      rig.device.hand.position.z() -= (kOut.z() - kPressed.z()) / 100.0;
+      rig.tick();
+    }
+    REQUIRE(rig.device.sent.norm() > 1.0);
+    cause_it(rig);
+    CHECK(rig.device.sent == Vec3::Zero());
+    CHECK(rig.loop.latest().fault == cause);
+    CHECK(rig.loop.latest().report.status == StepStatus::kFault);
+    // It stays, also when the cause is gone, and also if another one comes.
+    mend(rig);
+    for (int i = 0; i < 500; ++i) {
+      rig.loop.beat();
+      rig.tick();
+      REQUIRE(rig.device.sent == Vec3::Zero());
+    }
+    CHECK(rig.loop.latest().fault == cause);
+    rig.loop.clear();
+    rig.loop.beat();
+    CHECK(rig.tick().report.force == Vec3::Zero());
+    CHECK(rig.loop.latest().fault == Fault::kNone);
+  };
+  const auto nothing = [](Rig&) {};
+  const auto report = [&](Fault fault) {
+    expect(
+        fault,
+        [=](Rig& rig) {
+          rig.device.hand.fault = fault;
+          rig.tick();
+        },
+        [](Rig& rig) { rig.device.hand.fault = Fault::kNone; });
+  };
+  for (const Fault fault :
+       {Fault::kWrite, Fault::kGone, Fault::kTemperature, Fault::kPower, Fault::kSwitch})
+    report(fault);
+  expect(
+      Fault::kNotFinite,
+      [](Rig& rig) {
+        rig.device.hand.position.y() = NAN;
+        rig.tick();
+      },
+      [](Rig& rig) { rig.device.hand.position = kPressed; });
+  expect(
+      Fault::kJump,
+      [](Rig& rig) {
+        rig.device.hand.position.x() += 0.01;
+        rig.tick();
+      },
+      [](Rig& rig) { rig.device.hand.position = kPressed; });
+  expect(
+      Fault::kLate, [](Rig& rig) { rig.tick(0.0051); }, nothing);
+  expect(
+      Fault::kStale,
+      [](Rig& rig) {
+        rig.device.hand.age = 0.06;
+        rig.tick();
+      },
+      [](Rig& rig) { rig.device.hand.age = 0.0; });
+  expect(
+      Fault::kStopped,
+      [](Rig& rig) {
+        rig.loop.cut();
+        rig.tick();
+      },
+      nothing);
+  expect(
+      Fault::kHeartbeat, [](Rig& rig) { rig.run(0.11); }, nothing, 0.1);
+}
+
+TEST_CASE("ticks that are a little late are counted and felt", "[loop][safety]") {
+  Rig rig;
+  rig.device.hand.position = kOut;
+  rig.loop.publish(ballScene(ballField()));
+  rig.run(1.0);
+  rig.go(kPressed, 0.1);
+  for (int i = 0; i < 50; ++i) rig.tick(0.004);
+  CHECK(rig.loop.latest().fault == Fault::kNone);
+  CHECK(rig.loop.latest().late_ticks == 50);
+  CHECK(rig.device.sent.norm() == Approx(1.5).margin(0.01));
+}
+
+TEST_CASE("without the dead man's switch there is no force, with it an engagement",
+          "[loop][safety]") {
+  Rig rig;
+  rig.device.hand.position = kOut;
+  rig.loop.publish(ballScene(ballField()));
+  rig.run(1.0);
+  CHECK(rig.go(kPressed, 0.1).report.force.norm() > 1.0);
+  rig.device.hand.ready = false;
+  CHECK(rig.tick().report.force == Vec3::Zero());
+  CHECK(rig.run(1.0).report.force == Vec3::Zero());
+  CHECK(rig.loop.latest().fault == Fault::kNone);
+  rig.device.hand.ready = true;
+  CHECK(rig.tick().report.force == Vec3::Zero());
+  CHECK(rig.run(0.9).report.force == Vec3::Zero());
+  CHECK(rig.run(0.7).report.force.norm() == Approx(1.5).margin(0.01));
+}
+
+TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
+  TestDevice device;
+  device.info_.hand = false;
+  device.hand.position = kOut;
+  HapticLoop loop(device, 1000.0);
+  loop.publish(ballScene(ballField()));
+  TickTime time;
+  for (int i = 0; i <= 30; ++i) {
+    device.hand.position = kOut + (kPressed - kOut) * (i / 30.0);
+    time.now += kDt;
+    loop.tick(time);
+  }
+  CHECK(device.sent.norm() > 0.5);
+}
+
+TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, and costs no memory",
+          "[loop][safety]") {
+  // Scenes of every kind, swapped, withdrawn and edited; a hand that moves, jumps, is lost; ticks
+  // that are late; faults that are taken back. PALPATE_CASES: ticks.
+  const long ticks = test::casesOfThreads(1000000);
+  Random random(8);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const FieldPtr ball = ballField();
+  const FieldPtr rubbish = FieldPtr(makeScalarField(
+      FieldFrame{1e-3, 1.0, {Vec3::Constant(-0.05), Vec3::Constant(0.05)}}, [&](const Vec3& p) {
+        // Now and then a value that is none, by place: ticks may run through.
+        const double n = std::fmod(std::abs(1e5 * p.x()), 50.0);
+        const double bad = n < 0.05 ? nan : n < 0.1 ? 1e308 : p.z();
+        return ScalarSample{bad, {0, 0, 1}, true};
+      }));
+  const auto scene = [&]() -> std::shared_ptr<const Scene> {
+    GraphSpec spec;
+    const int count = 1 + random.integer(3);
+    for (int i = 0; i < count; ++i) {
+      ModeSpec mode;
+      const std::array kinds{ModeKind::kIsosurface, ModeKind::kSurface, ModeKind::kForce,
+                             ModeKind::kViscosity};
+      mode.kind = kinds[static_cast<std::size_t>(random.integer(4))];
+      mode.of = random.integer(6) == 0 ? "rubbish" : "ball";
+      mode.strength = random.uniform(0.1, 30.0);
+      mode.solid = Solid::kBelow;
+      spec.modes.push_back(mode);
+    }
+    CouplingParams coupling;
+    coupling.stiffness = random.logUniform(50.0, 5000.0);
+    coupling.damping = random.integer(2) == 0 ? 0.0 : random.uniform(0.0, 5.0);
+    return makeScene(spec,
+                     {{"ball", random.integer(3) == 0 ? ballField() : ball}, {"rubbish", rubbish}},
+                     coupling);
+  };
+  std::vector<std::shared_ptr<const Scene>> scenes;
+  for (int i = 0; i < 200; ++i) scenes.push_back(scene());
+
+  TestDevice device;
+  device.info_.limits.continuous = 6.0;
+  device.info_.limits.heating = 2.0;
+  HapticLoop loop(device, 1000.0);
+  const ForceLimits limits = device.info_.limits;
+  TickTime time;
+  Vec3 velocity = Vec3::Zero();
+  Vec3 sent = Vec3::Zero();
+  std::array<long, kFaults> faults{};
+  std::array<long, kStepStatuses> statuses{};
+  long allocations = 0;
+  long felt = 0;
+  double largest = 0.0;
+  for (long i = 0; i < ticks; ++i) {
+    const int event = random.integer(2000);
+    device.hand.age = 0.0;
+    device.hand.fault = Fault::kNone;
+    double late = 0.0;
+    bool lost = false;
+    if (event < 4) {
+      loop.publish(
+          scenes[static_cast<std::size_t>(random.integer(static_cast<int>(scenes.size())))]);
+    } else if (event == 4 && random.integer(4) == 0) {
+      loop.publish(nullptr);
+    } else if (event == 5) {
+      device.hand.position = random.inCube(0.05);
+      velocity.setZero();
+    } else if (event == 6) {
+      device.hand.age = random.uniform(0.0, 0.1);
+    } else if (event == 7) {
+      device.hand.fault = static_cast<Fault>(random.integer(static_cast<int>(kFaults)));
+    } else if (event == 8) {
+      late = random.uniform(0.0, 0.01);
+    } else if (event == 9) {
+      device.hand.ready = !device.hand.ready;
+    } else if (event == 10 && random.integer(5) == 0) {
+      loop.cut();
+    } else if (event == 11) {
+      lost = true;
+    } else if (event < 30) {
+      loop.clear();
+      device.hand.ready = true;
+    }
+    // A hand that strives to and fro through everything, sometimes much too fast.
+    velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
+                kDt * 60.0 * device.hand.position;
+    velocity *= 0.999;
+    device.hand.position += kDt * velocity;
+    const Vec3 keep = device.hand.position;
+    if (lost) device.hand.position[random.integer(3)] = random.integer(2) == 0 ? nan : 1e9;
+
+    time.dt = kDt + late;
+    time.now += time.dt;
+    time.late = late;
+    time.missed = late > kDt;
+    {
+      const test::CountScope scope;
+      loop.tick(time);
+      allocations += test::CountScope::counts().allocations;
+    }
+    device.hand.position = keep;
+
+    const Vec3& force = device.sent;
+    const double size = force.norm();
+    if (!force.allFinite() || !(size <= limits.peak)) {
+      FAIL("tick " << i << ": " << force.transpose());
+    }
+    if (size > sent.norm() + limits.slew * time.dt * (1.0 + 1e-9) + 1e-12) {
+      FAIL("tick " << i << ": from " << sent.norm() << " to " << size);
+    }
+    const Telemetry& told = loop.latest();
+    if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
+    if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
+    if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
+    sent = force;
+    largest = std::max(largest, size);
+    felt += size > 0.0 ? 1 : 0;
+    ++faults[static_cast<std::size_t>(told.fault)];
+    ++statuses[static_cast<std::size_t>(told.report.status)];
+    REQUIRE(told.tick == i + 1);
+  }
+  CHECK(allocations == 0);
+  long sum = 0;
+  for (const long n : statuses) sum += n;
+  CHECK(sum == ticks);
+  if (ticks >= 1000000) {
+    CHECK(felt > ticks / 20);
+    CHECK(largest > 0.8 * limits.peak);
+    for (std::size_t f = 0; f < kFaults; ++f) {
+      CAPTURE(wordFor(static_cast<Fault>(f)));
+      CHECK(faults[f] > 0);
+    }
+  }
+  std::string told = "ticks " + std::to_string(ticks) + ", with force " + std::to_string(felt);
+  for (std::size_t f = 1; f < kFaults; ++f) {
+    told += std::string(", ") + wordFor(static_cast<Fault>(f)) + " " + std::to_string(faults[f]);
+  }
+  WARN(told);
+}

@@ -1,0 +1,140 @@
+/// What a hand may do, and what happens when it does more.
+#include "engine/safety.h"
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <set>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::Random;
+
+namespace {
+
+HandState at(const Vec3& p, double age = 0.0) {
+  HandState hand;
+  hand.position = p;
+  hand.age = age;
+  return hand;
+}
+
+}  // namespace
+
+TEST_CASE("every fault has words of its own, and a remedy", "[safety]") {
+  std::set<std::string> words;
+  for (std::size_t i = 1; i < kFaults; ++i) {
+    const auto fault = static_cast<Fault>(i);
+    CHECK(words.insert(wordFor(fault)).second);
+    CHECK(std::strlen(wordsFor(fault)) > 8);
+    CHECK(std::strlen(remedyFor(fault)) > 7);
+  }
+  CHECK(std::string(wordFor(Fault::kStopped)) == "stopped");
+}
+
+TEST_CASE("a position that is repeated is not stale, one that is old is", "[safety]") {
+  // An arm of 1 kHz under a loop of 10 kHz gives every position ten times.
+  HandWatch watch;
+  Random random(2);
+  Vec3 p = Vec3::Zero();
+  for (int i = 0; i < 20000; ++i) {
+    if (i % 10 == 0) p += 1e-3 * random.inCube(0.5);  // up to 0.9 m/s
+    HandState hand = at(p, 1e-4 * (i % 10));
+    REQUIRE(watch.look(hand, 1e-4 * i) == Fault::kNone);
+  }
+  HandState old = at(p, 0.049);
+  CHECK(watch.look(old, 2.05) == Fault::kNone);
+  old.age = 0.051;
+  CHECK(watch.look(old, 2.06) == Fault::kStale);
+}
+
+TEST_CASE("a step that no hand makes is a lost encoder", "[safety]") {
+  for (const double rate : {500.0, 1000.0, 20000.0}) {
+    for (const double speed : {0.5, 2.9, 4.9}) {
+      // Fast for a moment: too fast for the device perhaps, but no jump.
+      HandWatch watch;
+      Fault worst = Fault::kNone;
+      for (int i = 0; i < 20; ++i) {
+        HandState hand = at({speed * i / rate, 0, 0});
+        const Fault fault = watch.look(hand, i / rate);
+        if (fault != Fault::kNone) worst = fault;
+      }
+      CAPTURE(rate, speed);
+      CHECK(worst == Fault::kNone);
+    }
+    HandWatch watch;
+    HandState hand = at(Vec3::Zero());
+    CHECK(watch.look(hand, 0.0) == Fault::kNone);
+    hand = at({0, 0, std::max(1.1e-3, 5.1 / rate)});
+    CHECK(watch.look(hand, 1.0 / rate) == Fault::kJump);
+    // The same way in more time is none.
+    watch.forget();
+    hand = at({9, 9, 9});
+    CHECK(watch.look(hand, 5.0) == Fault::kNone);
+  }
+}
+
+TEST_CASE("too fast is braked first, then cut", "[safety]") {
+  HandWatch watch;
+  double braked = -1.0;
+  double cut = -1.0;
+  for (int i = 0; i < 300 && cut < 0.0; ++i) {
+    HandState hand = at({0, 3.5e-3 * i, 0});
+    const Fault fault = watch.look(hand, 1e-3 * i);
+    if (hand.too_fast && braked < 0.0) braked = 1e-3 * i;
+    if (fault == Fault::kOverSpeed) cut = 1e-3 * i;
+    REQUIRE((fault == Fault::kNone || fault == Fault::kOverSpeed));
+    if (hand.too_fast) CHECK(hand.velocity.y() == Approx(3.5).epsilon(0.15));
+  }
+  CHECK(braked > 0.0);
+  CHECK(braked < 0.02);
+  CHECK(cut == Approx(braked + 0.05).margin(2e-3));
+  // One that slows down in time is not.
+  watch.forget();
+  for (int i = 0; i < 300; ++i) {
+    const double y = i < 40 ? 3.5e-3 * i : 3.5e-3 * 40 + 1e-3 * (i - 40);
+    HandState hand = at({0, y, 0});
+    REQUIRE(watch.look(hand, 10.0 + 1e-3 * i) == Fault::kNone);
+  }
+}
+
+TEST_CASE("brakes only take energy", "[safety]") {
+  Random random(4);
+  for (long i = 0; i < test::cases(100000); ++i) {
+    const Vec3 force = random.inCube(10.0);
+    const Vec3 velocity = random.inCube(6.0);
+    const Vec3 braked = brake(force, velocity, 3.0);
+    if (velocity.norm() <= 3.0) {
+      REQUIRE(braked == force);
+    } else {
+      const double power = braked.dot(velocity);
+      REQUIRE(power <= std::min(0.0, force.dot(velocity)) + 1e-12);
+      // Across the motion nothing changes.
+      const Vec3 ahead = velocity.normalized();
+      REQUIRE((braked - ahead.dot(braked) * ahead - (force - ahead.dot(force) * ahead)).norm() <
+              1e-12);
+    }
+  }
+}
+
+TEST_CASE("whatever bits a device gives, the watch answers with a fault or a finite velocity",
+          "[safety]") {
+  Random random(6);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  HandWatch watch;
+  for (long i = 0; i < test::cases(200000); ++i) {
+    const auto any = [&] {
+      const int n = random.integer(40);
+      return n == 0 ? nan : n == 1 ? INFINITY : n == 2 ? 1e300 : random.uniform(-2e-3, 2e-3);
+    };
+    HandState hand = at({any(), any(), any()}, random.integer(10) == 0 ? any() : 0.0);
+    const Fault fault = watch.look(hand, 1e-3 * static_cast<double>(i));
+    if (fault == Fault::kNone) REQUIRE(hand.velocity.allFinite());
+    if (!hand.position.allFinite()) REQUIRE(fault != Fault::kNone);
+    if (fault != Fault::kNone) watch.forget();
+  }
+}

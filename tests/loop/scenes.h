@@ -1,0 +1,50 @@
+/// Scenes and devices for the loop's tests.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "engine/device.h"
+#include "engine/scene.h"
+#include "samplers/analytic_field.h"
+
+namespace palpate::test {
+
+/// A ball of radius 3 cm about the origin that is felt with so many newtons.
+inline FieldPtr ballField() {
+  constexpr double kRadius = 0.03;
+  return makeSphere(Vec3::Zero(), kRadius);
+}
+inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double strength = 3.0) {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kIsosurface;
+  spec.modes[0].of = "ball";
+  spec.modes[0].solid = Solid::kBelow;
+  spec.modes[0].strength = strength;
+  return makeScene(spec, {{"ball", ball}});
+}
+
+/// A hand that is where it is told to be, and keeps what it is sent.
+class TestDevice final : public Device {
+ public:
+  TestDevice() {
+    info_.name = "test";
+    info_.limits = {8.0, 2000.0};
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override { return hand; }
+  void write(const Vec3& force) noexcept override {
+    sent = force;
+    ++writes;
+  }
+
+  HandState hand;
+  Vec3 sent = Vec3::Zero();
+  long writes = 0;
+  DeviceInfo info_;
+};
+
+}  // namespace palpate::test

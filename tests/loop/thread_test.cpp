@@ -1,0 +1,227 @@
+/// The loop with a clock and threads. No time is judged: the bench does that.
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <thread>
+
+#include <catch2/catch.hpp>
+
+#include "engine/error.h"
+#include "engine/haptic_thread.h"
+#include "tests/loop/scenes.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::ballField;
+using palpate::test::ballScene;
+
+namespace {
+
+using namespace std::chrono_literals;
+
+/// A hand that two threads may look at. Machines that run tests are late at times.
+class SharedDevice final : public Device {
+ public:
+  SharedDevice() {
+    info_.name = "shared";
+    info_.watch.late = 1e3;
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override {
+    HandState hand;
+    hand.position = {0, 0, z.load()};
+    return hand;
+  }
+  void write(const Vec3& force) noexcept override {
+    sent.store(force.norm());
+    ++writes;
+  }
+  [[nodiscard]] bool ended() const noexcept override { return over; }
+
+  std::atomic<double> z{0.04};
+  std::atomic<double> sent{0.0};
+  std::atomic<long> writes{0};
+  std::atomic<bool> over{false};
+
+ private:
+  DeviceInfo info_;
+};
+
+LoopParams quiet() {
+  LoopParams params;
+  params.realtime = {0, -1, false};
+  return params;
+}
+
+/// Waits for something that must come; a hang is the test's failure.
+template <class What>
+void await(What what) {
+  while (!what()) std::this_thread::sleep_for(1ms);
+}
+
+/// To a height, slowly enough for a hand. The ball begins at 0.03.
+void move(SharedDevice& device, double to) {
+  const double from = device.z;
+  for (int i = 1; i <= 60; ++i) {
+    device.z = from + (to - from) * i / 60.0;
+    std::this_thread::sleep_for(1ms);
+  }
+}
+constexpr double kIn = 0.027;
+constexpr double kOut = 0.04;
+
+}  // namespace
+
+TEST_CASE("publish and latest are all that is needed", "[loop]") {
+  SharedDevice device;
+  {
+    HapticThread hand(device, quiet());
+    CHECK(hand.running());
+    await([&] { return hand.latest().tick > 3; });
+    CHECK(hand.latest().report.force == Vec3::Zero());
+    hand.publish(ballScene(ballField()));
+    await([&] { return hand.latest().scene != 0; });
+    std::this_thread::sleep_for(700ms);
+    move(device, kIn);
+    await([&] { return hand.latest().report.force.norm() > 1.0; });
+    CHECK(device.sent > 0.0);
+    hand.cut();
+    await([&] { return hand.latest().fault == Fault::kStopped; });
+    CHECK(device.sent == 0.0);
+    // From within the ball there is nothing to feel.
+    hand.clear();
+    await([&] { return hand.latest().fault == Fault::kNone; });
+    move(device, kOut);
+    std::this_thread::sleep_for(700ms);
+    move(device, kIn);
+    await([&] { return hand.latest().report.force.norm() > 1.0; });
+  }
+  // Its end is zero force.
+  CHECK(device.sent == 0.0);
+}
+
+TEST_CASE("it ends with its device", "[loop]") {
+  SharedDevice device;
+  HapticThread hand(device, quiet());
+  hand.publish(ballScene(ballField()));
+  await([&] { return hand.latest().tick > 3; });
+  device.over = true;
+  await([&] { return !hand.running(); });
+  const long writes = device.writes;
+  std::this_thread::sleep_for(5ms);
+  CHECK(device.writes == writes);
+  CHECK(device.sent == 0.0);
+}
+
+TEST_CASE("two hands feel one scene, each with its own proxy", "[loop]") {
+  SharedDevice left;
+  SharedDevice right;
+  const auto scene = ballScene(ballField());
+  HapticThread a(left, quiet());
+  HapticThread b(right, quiet());
+  a.publish(scene);
+  b.publish(scene);
+  await([&] { return a.latest().scene != 0 && b.latest().scene != 0; });
+  std::this_thread::sleep_for(700ms);
+  move(left, kIn);
+  await([&] { return a.latest().report.force.norm() > 1.0; });
+  CHECK(b.latest().report.force == Vec3::Zero());
+  move(right, kIn);
+  await([&] { return b.latest().report.force.norm() > 1.0; });
+  CHECK(a.latest().report.force.norm() > 1.0);
+}
+
+TEST_CASE("scenes swapped as fast as they come die on the thread that made them", "[loop]") {
+  // Under ThreadSanitizer: nothing of a scene, a tick or the device is touched by two at once.
+  struct Watched final : public ScalarField {
+    std::atomic<int>* alive;
+    std::thread::id maker = std::this_thread::get_id();
+    std::shared_ptr<const ScalarField> ball = std::get<0>(ballField());
+    explicit Watched(std::atomic<int>* a)
+        : ScalarField(std::get<0>(ballField())->frame()), alive(a) {
+      ++*alive;
+    }
+    ~Watched() override {
+      --*alive;
+      if (std::this_thread::get_id() != maker) std::abort();
+    }
+    void reset(FieldCache& cache) const noexcept override { ball->reset(cache); }
+    [[nodiscard]] ScalarSample sample(const Vec3& p, FieldCache& cache) const noexcept override {
+      return ball->sample(p, cache);
+    }
+  };
+  std::atomic<int> alive{0};
+  {
+    SharedDevice device;
+    LoopParams params = quiet();
+    params.rate = 5000.0;
+    HapticThread hand(device, params);
+    test::Random random(1);
+    int most = 0;
+    for (long i = 0; i < 300; ++i) {
+      hand.publish(ballScene(FieldPtr(std::make_shared<const Watched>(&alive))));
+      device.z = random.uniform(0.0299, 0.0301);
+      most = std::max(most, alive.load());
+      if (random.integer(3) == 0) std::this_thread::sleep_for(1ms);
+    }
+    await([&] { return hand.latest().tick > 100; });
+    // The reader's, the one between, the newest.
+    CHECK(most <= 3);
+  }
+  CHECK(alive == 0);
+}
+
+TEST_CASE("an application that shows no life is a fault, where that was asked for", "[loop]") {
+  SharedDevice device;
+  LoopParams params = quiet();
+  params.heartbeat = 0.3;
+  HapticThread hand(device, params);
+  hand.publish(ballScene(ballField()));
+  for (int i = 0; i < 30; ++i) {
+    hand.beat();
+    std::this_thread::sleep_for(5ms);
+  }
+  await([&] { return hand.latest().fault == Fault::kHeartbeat; });
+  CHECK(hand.latest().report.force == Vec3::Zero());
+}
+
+TEST_CASE("what no loop can keep is refused with a remedy", "[loop]") {
+  SharedDevice device;
+  for (const double rate : {0.0, 499.0, 20001.0, -1.0, std::nan("")}) {
+    LoopParams params = quiet();
+    params.rate = rate;
+    CHECK_THROWS_AS(HapticThread(device, params), DeviceError);
+  }
+}
+
+TEST_CASE("what the system refuses is told, and the loop runs all the same", "[loop]") {
+  SharedDevice device;
+  LoopParams params;
+  params.realtime = {99, 4000, false};
+  HapticThread hand(device, params);
+  CHECK_FALSE(hand.realtime().core);
+  CHECK(hand.realtime().refused.find("core 4000: ") != std::string::npos);
+  await([&] { return hand.latest().tick > 3; });
+}
+
+TEST_CASE("every tick reaches the sink, in order", "[loop]") {
+  struct Counts final : TickSink {
+    std::int64_t last = 0;
+    bool good = true;
+    void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
+      good = good && tick.tick == last + 1 && tick.wake_ns >= 0;
+      last = tick.tick;
+    }
+  } counts;
+  SharedDevice device;
+  HapticThread hand(device, quiet(), &counts);
+  hand.publish(ballScene(ballField()));
+  await([&] { return hand.latest().tick > 50; });
+  hand.stop();
+  CHECK(counts.good);
+  CHECK(counts.last == device.writes - 1);  // the last one is the end's
+  CHECK_FALSE(hand.running());
+}

@@ -1,0 +1,101 @@
+/// A program with a hand on its conscience, to be killed: victim SOCKET ACTION.
+///
+/// Its device is a datagram socket that keeps what it is sent: three doubles, newtons. A hand is
+/// pressed with some 1.5 N by the real loop, in a real thread. ACTION is what it does to itself
+/// when told to by a line on its input: exception, exit, return, hang (a mode of a user's that does
+/// not come back), or nothing. kill_test.py tells when and looks what came.
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <thread>
+#include <unistd.h>
+
+#include "devices/guardian.h"
+#include "engine/haptic_thread.h"
+#include "tests/loop/scenes.h"
+
+namespace {
+
+using namespace palpate;
+
+std::atomic<bool> hang{false};
+
+int connectTo(const std::string& path) {
+  const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  std::strncpy(address.sun_path, path.c_str(), sizeof(address.sun_path) - 1);
+  if (connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
+    throw std::runtime_error(path + ": " + std::strerror(errno));
+  }
+  return descriptor;
+}
+
+class SocketDevice final : public Device {
+ public:
+  explicit SocketDevice(int descriptor) : descriptor_(descriptor) {
+    info_.name = "socket";
+    info_.watch.late = 1.0;  // machines that run tests are late at times
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override {
+    // A stuck tick, wherever it is: here.
+    while (hang.load()) {
+    }
+    HandState hand;
+    ++ticks_;
+    // Outside for a second, then slowly in, and pressed.
+    const double way = std::clamp(1e-3 * static_cast<double>(ticks_ - 1000) / 0.1, 0.0, 1.0);
+    hand.position = {0, 0, 0.04 - 0.013 * way};
+    return hand;
+  }
+  void write(const Vec3& force) noexcept override {
+    (void)!::write(descriptor_, force.data(), sizeof(double) * 3);
+  }
+
+ private:
+  int descriptor_;
+  DeviceInfo info_;
+  long ticks_ = 0;
+};
+
+int run(const std::string& path, const std::string& action) {
+  Guardian guardian;
+  const int descriptor = connectTo(path);
+  const std::array<double, 3> none{};
+  LoopParams params;
+  params.watch = guardian.watch({descriptor, std::as_bytes(std::span(none))});
+  guardian.catchSignals();
+  SocketDevice device(descriptor);
+  HapticThread hand(device, params);
+  hand.publish(test::ballScene(test::ballField()));
+  std::printf("ready %d\n", guardian.child());
+  std::fflush(stdout);
+  // Until it is told.
+  char line[16];
+  if (std::fgets(line, sizeof(line), stdin) == nullptr) return 3;
+  if (action == "exception") throw std::runtime_error("the application's own");
+  if (action == "exit") std::exit(0);
+  if (action == "return") return 0;
+  if (action == "hang") hang = true;
+  for (;;) std::this_thread::sleep_for(std::chrono::seconds(1));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 3) return 2;
+  const std::string action = argv[2];
+  // An exception that nobody catches ends the program by std::terminate.
+  return run(argv[1], action);
+}
