@@ -1,19 +1,24 @@
-/// palpate feel: runs a scene under a hand, here in virtual time.
+/// palpate feel: runs a scene under a hand, in virtual time or on time.
 #include <chrono>
 #include <cmath>
 #include <csignal>
 #include <fstream>
 #include <limits>
 #include <optional>
+#include <readerwriterqueue.h>
+#include <system_error>
+#include <termios.h>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 
 #include <fmt/format.h>
 
+#include "devices/guardian.h"
 #include "devices/path_device.h"
 #include "devices/simulated_device.h"
 #include "engine/error.h"
-#include "engine/step.h"
+#include "engine/haptic_thread.h"
 #include "engine/telemetry.h"
 #include "scenes/cli/common.h"
 #include "scenes/cli/felt.h"
@@ -32,6 +37,8 @@ struct Options {
   std::string device = "simulated";
   std::optional<double> seconds;
   double rate = 1000.0;
+  bool realtime = false;
+  bool watch = false;
   std::string trace;
   std::string summary;
   std::string picture;
@@ -42,7 +49,10 @@ std::unique_ptr<Device> makeDevice(const Options& options, const Box& bounds) {
   const std::string& name = options.device;
   if (name == "simulated") {
     const auto target = explore(bounds, options.seconds.value_or(kDefaultSeconds));
-    return std::make_unique<SimulatedDevice>(ArmParams{}, GripParams{}, target, options.rate);
+    // On time all is as at a hand that a force could hurt.
+    ArmParams arm;
+    arm.hand = options.realtime;
+    return std::make_unique<SimulatedDevice>(arm, GripParams{}, target, options.rate);
   }
   if (name.rfind("path:", 0) == 0) {
     const std::string file = name.substr(5);
@@ -135,6 +145,22 @@ class Progress {
   bool drawn_ = false;
 };
 
+/// How well time was kept.
+std::string timeWords(const OrderedJson& summary) {
+  const auto us = [&](const char* key) {
+    return rounded(1e-3 * summary["wake_ns"][key].get<double>());
+  };
+  const OrderedJson& got = summary["realtime"];
+  return fmt::format(
+      "clock     {} Hz kept; {} late ticks; woken {} us after time (median), {} p99, {} p99.9, {} "
+      "worst; {} page faults; {}, {}\n",
+      rounded(summary["rate_kept"].is_null() ? 0.0 : summary["rate_kept"].get<double>()),
+      summary["late_ticks"].get<std::int64_t>(), us("p50"), us("p99"), us("p99.9"), us("max"),
+      got["page_faults"].get<std::int64_t>(),
+      got["priority"].get<bool>() ? "real-time priority" : "no real-time priority",
+      got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked");
+}
+
 /// No two outputs may go to one place, and none to what is read.
 void checkOutputs(const Options& options, const SceneSpec& spec) {
   std::vector<std::string> places{options.trace, options.summary, options.picture};
@@ -159,15 +185,195 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
   }
 }
 
-int feel(const Options& options) {
-  if (!(options.rate >= 10.0 && options.rate <= 100000.0)) {
-    throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", options.rate), "use 1000");
+/// Every tick as it comes: counted on the spot, handed to the thread that writes if it is asked
+/// for.
+class Log final : public TickSink {
+ public:
+  Log(const std::shared_ptr<const Scene>& scene, double rate, bool rows) : felt(scene, rate) {
+    if (rows) ring_.emplace(kRows);
+  }
+  void take(const Telemetry& tick, const ProxyState& state) noexcept override {
+    felt.add(tick, state);
+    if (ring_ && !ring_->try_enqueue(tick)) ++lost_;
+  }
+  /// On the thread that writes.
+  template <class Take>
+  void drain(const Take& row) {
+    Telemetry tick;
+    while (ring_ && ring_->try_dequeue(tick)) row(tick);
+  }
+  /// Rows for which there was no room.
+  [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+
+  Felt felt;
+
+ private:
+  static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
+  // Never grows: try_enqueue takes no memory.
+  std::optional<moodycamel::ReaderWriterQueue<Telemetry>> ring_;
+  std::int64_t lost_ = 0;
+};
+
+/// Keys of a terminal while a hand is on the arm: Esc cuts the force, Enter lets it out again.
+class Keys {
+ public:
+  Keys() : shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+    if (!shown_) return;
+    termios raw = usual_;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    raw.c_cc[VMIN] = 0;
+    raw.c_cc[VTIME] = 0;
+    tcsetattr(0, TCSANOW, &raw);
+    fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
+  }
+  ~Keys() {
+    if (shown_) tcsetattr(0, TCSANOW, &usual_);
+  }
+  Keys(const Keys&) = delete;
+  Keys& operator=(const Keys&) = delete;
+
+  void look(HapticThread& hand) const {
+    constexpr char kEscape = 27;
+    char key = 0;
+    while (shown_ && read(0, &key, 1) == 1) {
+      if (key == kEscape) hand.cut();
+      if (key == '\n' || key == '\r') hand.clear();
+    }
+  }
+
+ private:
+  termios usual_{};
+  bool shown_;
+};
+
+/// A scene file that is made anew when it changes; what is wrong with it is said, and the scene
+/// that runs goes on.
+class Watcher {
+ public:
+  explicit Watcher(std::string file) : file_(std::move(file)), seen_(changed()) {}
+
+  /// The new scene; null where there is none.
+  std::optional<BuiltScene> look(const Device& device) {
+    const auto now = changed();
+    if (!now || now == seen_) return std::nullopt;
+    seen_ = now;
+    try {
+      const SceneSpec spec = openScene(file_, {});
+      for (const std::string& note : spec.notes) complain(note);
+      checkDevice(spec, device.info().name, device.info().max_stiffness);
+      BuiltScene built = buildScene(spec, {});
+      fmt::print(stderr, "feel: {} has changed: it is felt now\n", file_);
+      return built;
+    } catch (const std::exception& error) {
+      complain(std::string(error.what()) + "; the scene before it goes on");
+      return std::nullopt;
+    }
+  }
+
+ private:
+  [[nodiscard]] std::optional<std::filesystem::file_time_type> changed() const {
+    std::error_code error;
+    const auto time = std::filesystem::last_write_time(file_, error);
+    if (error) return std::nullopt;
+    return time;
+  }
+  std::string file_;
+  std::optional<std::filesystem::file_time_type> seen_;
+};
+
+/// What a run asks for, once it is known to be good.
+struct Run {
+  const Options& options;
+  Device& device;
+  std::shared_ptr<const Scene> scene;
+  std::int64_t ticks = 0;  ///< At most.
+  bool whole_path = false;
+};
+
+/// As fast as it goes; the same every time.
+template <class Row>
+void runInVirtualTime(const Run& run, Log& log, const Row& row) {
+  HapticLoop loop(run.device, run.options.rate, &log);
+  loop.publish(run.scene);
+  Progress progress(run.whole_path ? 0 : run.ticks);
+  TickTime time;
+  time.dt = 1.0 / run.options.rate;
+  for (std::int64_t i = 0; i < run.ticks && !run.device.ended() && interrupted == 0; ++i) {
+    time.now = static_cast<double>(i) / run.options.rate;
+    loop.tick(time);
+    log.drain(row);
+    progress.at(i);
+  }
+}
+
+/// With a clock, in a thread of its own; what it was granted, for the summary.
+template <class Row>
+OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& row) {
+  LoopParams params;
+  params.rate = run.options.rate;
+  if (const ZeroForce zero = run.device.zeroForce(); zero.descriptor >= 0) {
+    params.watch = guardian.watch(zero);
+  }
+  const Keys keys;
+  std::optional<Watcher> watcher;
+  if (run.options.watch) watcher.emplace(run.options.scene);
+  HapticThread hand(run.device, params, &log);
+  if (!hand.realtime().refused.empty()) {
+    fmt::print(stderr, "feel: {}: the loop runs without it\n", hand.realtime().refused);
+  }
+  hand.publish(run.scene);
+  constexpr auto kLook = std::chrono::milliseconds(10);
+  constexpr int kWatch = 25;  // looks
+  Fault told = Fault::kNone;
+  for (int looks = 0; hand.running() && interrupted == 0; ++looks) {
+    std::this_thread::sleep_for(kLook);
+    log.drain(row);
+    keys.look(hand);
+    const Telemetry& now = hand.latest();
+    if (now.fault != told && now.fault != Fault::kNone) {
+      complain(
+          fmt::format("feel: the force is cut: {}: {}", wordsFor(now.fault), remedyFor(now.fault)));
+    }
+    told = now.fault;
+    if (now.tick >= run.ticks) break;
+    if (!watcher || looks % kWatch != 0) continue;
+    if (auto built = watcher->look(run.device)) {
+      log.felt.expect(built->scene);
+      hand.publish(built->scene);
+    }
+  }
+  hand.stop();
+  log.drain(row);
+  const RealtimeReport& got = hand.realtime();
+  return {{"priority", got.priority},
+          {"memory_locked", got.memory},
+          {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
+          {"page_faults", hand.pageFaultsSinceStart()},
+          {"rows_lost", log.lost()}};
+}
+
+void checkOptions(const Options& options) {
+  const double slowest = options.realtime ? 500.0 : 10.0;
+  const double fastest = options.realtime ? 20000.0 : 100000.0;
+  if (!(options.rate >= slowest && options.rate <= fastest)) {
+    throw Error("--rate", fmt::format("{} Hz is not {} to {}", options.rate, slowest, fastest),
+                "use 1000");
   }
   if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= 1e6)) {
     throw Error("--seconds",
                 fmt::format("{} is not more than 0 and at most 1000000", *options.seconds),
                 "use 10");
   }
+  if (options.watch && !options.realtime) {
+    throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
+  }
+}
+
+int feel(const Options& options) {
+  checkOptions(options);
+  // Before there is much memory, and before there are threads.
+  std::optional<Guardian> guardian;
+  if (options.realtime) guardian.emplace();
   const auto on_signal = [](int) { interrupted = 1; };
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
@@ -187,45 +393,37 @@ int feel(const Options& options) {
   std::optional<WholeFile> summary_file;
   if (!options.summary.empty()) summary_file.emplace(options.summary);
 
-  const double dt = 1.0 / options.rate;
-  const bool whole_path = !options.seconds && options.device != "simulated";
-  const double seconds = options.seconds.value_or(kDefaultSeconds);
-  const std::int64_t most = whole_path
-                                ? std::numeric_limits<std::int64_t>::max()
-                                : static_cast<std::int64_t>(std::llround(seconds * options.rate));
-  Reader reader;
-  ProxyState state(device->info().limits);
-  Felt felt(*built.scene, options.rate);
-  Progress progress(whole_path ? 0 : most);
-  for (std::int64_t i = 0; i < most && !device->ended() && interrupted == 0; ++i) {
-    Telemetry tick;
-    const HandState hand = device->read();
-    const auto start = std::chrono::steady_clock::now();
-    tick.report = hapticStep(*built.scene, reader, hand, state, dt);
-    const auto end = std::chrono::steady_clock::now();
-    device->write(tick.report.force);
-    tick.time = static_cast<double>(i) / options.rate;
-    tick.probe = hand.position;
-    tick.tick_ns = std::chrono::nanoseconds(end - start).count();
+  Run run{options, *device, built.scene};
+  run.whole_path = !options.seconds && options.device != "simulated";
+  run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
+                             : static_cast<std::int64_t>(std::llround(
+                                   options.seconds.value_or(kDefaultSeconds) * options.rate));
+  Log log(run.scene, options.rate, !options.trace.empty() || picture);
+  const auto row = [&](const Telemetry& tick) {
     trace.add(tick);
-    felt.add(tick, state);
     if (picture) picture->add(tick);
-    progress.at(i);
+  };
+  OrderedJson granted;
+  if (options.realtime) {
+    guardian->catchSignals(&interrupted);
+    granted = runOnTime(run, *guardian, log, row);
+  } else {
+    runInVirtualTime(run, log, row);
   }
 
+  const Felt& felt = log.felt;
   OrderedJson summary;
   summary["version"] = kVersion;
   summary["scene"] = spec.source;
   summary["device"] = device->info().name;
-  summary["clock"] = "virtual";
+  summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = felt.summary();
-  for (const auto& [key, value] : counted.items()) {
-    summary[key] = value;
+  for (const auto& [key, value] : counted.items()) summary[key] = value;
+  if (options.realtime) {
+    summary["realtime"] = granted;
+  } else {
     // In virtual time no tick is late, and the rate is kept by definition: there is no clock.
-    if (key == "rate_asked") {
-      summary["rate_kept"] = nullptr;
-      summary["late_ticks"] = nullptr;
-    }
+    for (const char* key : {"rate_kept", "late_ticks", "wake_ns"}) summary[key] = nullptr;
   }
   summary["machine"] = machine();
   trace.commit();
@@ -237,9 +435,11 @@ int feel(const Options& options) {
   if (options.json) {
     fmt::print("{}\n", dump(summary, 2));
   } else if (options.trace != "-" && options.summary != "-") {
-    fmt::print("run       {} s at {} Hz in virtual time, device {}, {} ticks\n{}",
+    fmt::print("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
                rounded(summary["seconds"].get<double>()), rounded(options.rate),
-               device->info().name, summary["ticks"].get<std::int64_t>(), felt.words());
+               options.realtime ? "on time" : "in virtual time", device->info().name,
+               summary["ticks"].get<std::int64_t>(), felt.words());
+    if (options.realtime) fmt::print("{}", timeWords(summary));
   }
   if (!felt.anything()) {
     complain(
@@ -247,8 +447,9 @@ int feel(const Options& options) {
         "volumes are");
   }
   if (interrupted != 0) return kInterrupted;
-  if (!state.faulted()) return kDone;
-  complain("feel: the force was cut: a position or sample was not finite: mend the path or volume");
+  if (felt.fault() == Fault::kNone) return kDone;
+  complain(fmt::format("feel: the force was cut: {}: {}", wordsFor(felt.fault()),
+                       remedyFor(felt.fault())));
   return kEndedEarly;
 }
 
@@ -263,6 +464,9 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  verb->add_flag("--realtime", options->realtime,
+                 "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
+  verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->picture, "PNG: path over the slices, force over time");

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -37,16 +38,35 @@ std::int64_t Durations::percentile(double share) const {
   return 0;
 }
 
-Felt::Felt(const Scene& scene, double rate)
-    : scene_(scene), rate_(rate), modes_(scene.graph.modes.size()) {}
+std::shared_ptr<Felt::SceneFelt> Felt::startOf(std::shared_ptr<const Scene> scene) {
+  auto felt = std::make_shared<SceneFelt>();
+  felt->modes.resize(scene->graph.modes.size());
+  felt->scene = std::move(scene);
+  return felt;
+}
 
-void Felt::add(const Telemetry& tick, const ProxyState& state) {
+Felt::Felt(std::shared_ptr<const Scene> scene, double rate) : rate_(rate) {
+  expect(std::move(scene));
+}
+
+void Felt::expect(std::shared_ptr<const Scene> scene) {
+  scenes_.push_back(startOf(std::move(scene)));
+  expected_.draft() = scenes_.back();
+  expected_.publish();
+}
+
+void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const StepReport& r = tick.report;
   // The force of a tick works while the hand moves to the next reading.
   if (durations_.count() > 0) net_energy_ += last_force_.dot(tick.probe - last_probe_);
   last_probe_ = tick.probe;
   last_force_ = r.force;
   durations_.add(tick.tick_ns);
+  wakes_.add(tick.wake_ns);
+  late_ = tick.late_ticks;
+  last_time_ = tick.time;
+  if (tick.fault != fault_) ++faults_[static_cast<std::size_t>(tick.fault)];
+  fault_ = tick.fault;
   ++statuses_[static_cast<std::size_t>(r.status)];
   closed_form_ += static_cast<std::int64_t>(r.solver == SolverKind::kClosedForm);
   limited_ += static_cast<std::int64_t>(r.limited);
@@ -60,23 +80,26 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) {
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
 
+  // What is published next is told here first, so a scene that is not known is on its way.
+  if (!expected_.current() || expected_.current()->scene->id != tick.scene) expected_.refresh();
+  if (!expected_.current() || expected_.current()->scene->id != tick.scene) return;
+  std::vector<ModeFelt>& modes = expected_.current()->modes;
   const auto forces = state.forces();
   std::size_t next = 0;
-  for (std::size_t i = 0; i < modes_.size(); ++i) {
+  for (std::size_t i = 0; i < modes.size(); ++i) {
     const ModeMemory& memory = state.memory(i);
     // What the mode's primitives do together; after a fault there may be none.
     Vec3 force = Vec3::Zero();
     const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
     const bool there = r.status != StepStatus::kFault && end <= forces.size();
     for (; there && next < end; ++next) force += forces[next];
-    addMode(i, force.norm(), memory);
+    addMode(modes[i], force.norm(), memory);
   }
 }
 
-void Felt::addMode(std::size_t i, double held, const ModeMemory& memory) {
+void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory) const noexcept {
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
-  ModeFelt& mode = modes_[i];
   const std::int64_t now = durations_.count();
   if (memory.contact == ModeMemory::Contact::kYielded &&
       mode.contact != ModeMemory::Contact::kYielded) {
@@ -93,7 +116,10 @@ void Felt::addMode(std::size_t i, double held, const ModeMemory& memory) {
 }
 
 bool Felt::anything() const {
-  return std::any_of(modes_.begin(), modes_.end(), [](const ModeFelt& m) { return m.active > 0; });
+  return std::any_of(scenes_.begin(), scenes_.end(), [](const auto& felt) {
+    return std::any_of(felt->modes.begin(), felt->modes.end(),
+                       [](const ModeFelt& m) { return m.active > 0; });
+  });
 }
 
 OrderedJson Felt::summary() const {
@@ -103,6 +129,12 @@ OrderedJson Felt::summary() const {
   json["ticks"] = durations_.count();
   json["seconds"] = count / rate_;
   json["rate_asked"] = rate_;
+  json["rate_kept"] = last_time_ > 0.0 ? OrderedJson((count - 1.0) / last_time_) : OrderedJson();
+  json["late_ticks"] = late_;
+  json["wake_ns"] = {{"p50", wakes_.percentile(0.5)},
+                     {"p99", wakes_.percentile(0.99)},
+                     {"p99.9", wakes_.percentile(0.999)},
+                     {"max", wakes_.max()}};
   json["tick_ns"] = {{"p50", durations_.percentile(0.5)},
                      {"p99", durations_.percentile(0.99)},
                      {"p99.9", durations_.percentile(0.999)},
@@ -119,20 +151,28 @@ OrderedJson Felt::summary() const {
                       {"iterations", static_cast<double>(iterations_) / ticks}};
   json["solver"] = {{"closed-form", closed_form_},
                     {"general", static_cast<std::int64_t>(durations_.count()) - closed_form_}};
-  json["volumes_active"] = scene_.graph.scalar_reads.size() + scene_.graph.vector_reads.size();
+  const Graph& graph = scenes_.back()->scene->graph;
+  json["volumes_active"] = graph.scalar_reads.size() + graph.vector_reads.size();
   json["status"] = OrderedJson::object();
   for (std::size_t i = 0; i < statuses_.size(); ++i) {
     json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
   }
   json["limited"] = limited_;
+  json["faults"] = OrderedJson::object();
+  for (std::size_t i = 1; i < kFaults; ++i) {
+    if (faults_[i] > 0) json["faults"][wordFor(static_cast<Fault>(i))] = faults_[i];
+  }
+  json["scenes"] = scenes_.size();
   json["felt"] = OrderedJson::array();
-  for (std::size_t i = 0; i < modes_.size(); ++i) {
-    const ModeFelt& mode = modes_[i];
-    json["felt"].push_back({{"mode", scene_.graph.mode_names[i]},
-                            {"seconds", static_cast<double>(mode.active) / rate_},
-                            {"touches", mode.touches},
-                            {"pushed_through", mode.yields},
-                            {"held_max", mode.held}});
+  for (const auto& felt : scenes_) {
+    for (std::size_t i = 0; i < felt->modes.size(); ++i) {
+      const ModeFelt& mode = felt->modes[i];
+      json["felt"].push_back({{"mode", felt->scene->graph.mode_names[i]},
+                              {"seconds", static_cast<double>(mode.active) / rate_},
+                              {"touches", mode.touches},
+                              {"pushed_through", mode.yields},
+                              {"held_max", mode.held}});
+    }
   }
   return json;
 }

@@ -3,9 +3,12 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "engine/mailbox.h"
+#include "engine/safety.h"
 #include "engine/scene.h"
 #include "engine/step.h"
 #include "engine/telemetry.h"
@@ -31,14 +34,19 @@ class Durations {
   std::int64_t max_ = 0;
 };
 
-/// Adds up a run. Not for the tick: it may allocate.
-class Felt {
+/// Adds up a run, on the thread of its ticks.
+// The mailbox keeps its sides on cache lines of their own.
+class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  Felt(const Scene& scene, double rate);
+  Felt(std::shared_ptr<const Scene> scene, double rate);
 
-  /// One tick, after it was sent.
-  void add(const Telemetry& tick, const ProxyState& state);
+  /// One tick, after it was sent. Takes no memory.
+  void add(const Telemetry& tick, const ProxyState& state) noexcept;
+  /// The scene that ticks will be of soon, from another thread than theirs: before it is published.
+  void expect(std::shared_ptr<const Scene> scene);
 
+  /// Why the force was cut, by the last tick.
+  [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// False if no mode ever took part in a force.
   [[nodiscard]] bool anything() const;
   /// The summary file's content, less what the caller knows better.
@@ -55,12 +63,23 @@ class Felt {
     double held = 0.0;         ///< Largest force of its primitives [N].
     ModeMemory::Contact contact = ModeMemory::Contact::kUnknown;
   };
-  void addMode(std::size_t i, double held, const ModeMemory& memory);
+  /// What was felt of one scene.
+  struct SceneFelt {
+    std::shared_ptr<const Scene> scene;
+    std::vector<ModeFelt> modes;
+  };
+  void addMode(ModeFelt& mode, double held, const ModeMemory& memory) const noexcept;
+  [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(std::shared_ptr<const Scene> scene);
 
-  const Scene& scene_;
   double rate_;
-  std::vector<ModeFelt> modes_;
+  std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< All, by the thread that expects.
+  Mailbox<std::shared_ptr<SceneFelt>> expected_;    ///< From there to the ticks' thread.
   Durations durations_;
+  Durations wakes_;
+  std::int64_t late_ = 0;
+  double last_time_ = 0.0;
+  Fault fault_ = Fault::kNone;
+  std::array<std::int64_t, kFaults> faults_{};  ///< Times each cut the force.
   std::array<std::int64_t, kStepStatuses> statuses_{};
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
