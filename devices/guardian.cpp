@@ -23,7 +23,7 @@ namespace palpate {
 /// What both processes see.
 struct Guardian::Shared {
   std::array<std::atomic<std::uint64_t>, kMostLoops> hearts{};
-  std::atomic<bool> stop{false};
+  std::atomic<std::uint32_t> stops{0};
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
@@ -101,10 +101,13 @@ void standApart(int socket) noexcept {
   for (int other = 3; other < 1024; ++other) {
     if (other != socket) close(other);
   }
-  // Above the loop: one that hangs keeps its core.
-  sched_param wanted{};
-  wanted.sched_priority = 90;
-  sched_setscheduler(0, SCHED_FIFO, &wanted);
+  // Above the loop, which keeps its core when it hangs; as high as is permitted.
+  for (int priority = 90; priority > 0; priority -= 5) {
+    sched_param wanted{};
+    wanted.sched_priority = priority;
+    if (sched_setscheduler(0, SCHED_FIFO, &wanted) == 0) break;
+  }
+  mlockall(MCL_CURRENT);
 }
 
 // What signal handlers know.
@@ -116,7 +119,8 @@ extern "C" void zeroThenGoOn(int signal) {
   if (Guardian* guardian = the_guardian.load()) guardian->zero();
   const bool livable =
       signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
-  if (livable && the_flag != nullptr) {
+  // Asked a second time the program ends as if it had not been caught: it may hang.
+  if (livable && the_flag != nullptr && *the_flag == 0) {
     *the_flag = 1;
   } else {
     // As if it had not been caught; a stop that is taken back finds the handler again.
@@ -138,7 +142,7 @@ extern "C" void zeroAtExit() {
 
 }  // namespace
 
-Guardian::Guardian() {
+Guardian::Guardian() : maker_(getpid()) {
   void* memory =
       mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) throw DeviceError("guardian", reason(), "free some memory");
@@ -167,8 +171,13 @@ Guardian::~Guardian() {
   zero();
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
-  close(socket_);  // the child sees it, writes zero once more, and ends
-  waitpid(child_, nullptr, 0);
+  if (getpid() == maker_) {
+    shutdown(socket_, SHUT_RDWR);  // the child sees it, writes zero once more, and ends
+    while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+    }
+  }
+  close(socket_);
+  for (std::size_t i = 0; i < count_; ++i) close(watched_[i].descriptor);
   munmap(shared_, sizeof(Shared));
 }
 
@@ -180,7 +189,9 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
                       "give 1 to 256");
   }
   Watched& watched = watched_[slot];
-  watched.descriptor = zero.descriptor;
+  // Its own: the device may be gone before the guardian is.
+  watched.descriptor = fcntl(zero.descriptor, F_DUPFD_CLOEXEC, 3);
+  if (watched.descriptor < 0) throw DeviceError("guardian", reason(), "close some files");
   watched.size = zero.bytes.size();
   std::copy(zero.bytes.begin(), zero.bytes.end(), watched.bytes.begin());
   Order order;
@@ -191,12 +202,13 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
     throw DeviceError("guardian", reason(), "start the program again");
   }
   count_.store(slot + 1, std::memory_order_release);
-  return {&shared_->hearts[slot], &shared_->stop};
+  return {&shared_->hearts[slot], &shared_->stops};
 }
 
 void Guardian::zero() noexcept {
   const std::size_t count = count_.load(std::memory_order_acquire);
-  shared_->stop.store(true, std::memory_order_relaxed);
+  if (getpid() != maker_) return;  // a copy that the program made of itself
+  shared_->stops.fetch_add(1, std::memory_order_relaxed);
   for (std::size_t i = 0; i < count; ++i) {
     writeOnce(watched_[i].descriptor, watched_[i].bytes.data(), watched_[i].size);
   }
@@ -209,6 +221,7 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
   the_guardian = this;
   struct sigaction action {};
   action.sa_handler = zeroThenGoOn;
+  action.sa_flags = SA_RESTART;
   sigemptyset(&action.sa_mask);
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGSEGV, SIGBUS, SIGFPE, SIGILL,
                            SIGABRT, SIGXCPU, SIGTSTP}) {

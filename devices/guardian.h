@@ -57,6 +57,7 @@ class Guardian {
   Shared* shared_ = nullptr;
   int socket_ = -1;
   int child_ = -1;
+  int maker_;  ///< The process that is guarded.
   std::array<Watched, kMostLoops> watched_;
   std::atomic<std::size_t> count_{0};
 };

@@ -8,9 +8,11 @@ namespace palpate {
 
 namespace {
 
+constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blocked.
+
 /// At a hand a force comes in gently, whatever the device's maker says.
 ForceLimits gently(ForceLimits limits, bool hand) noexcept {
-  if (hand) limits.engage = std::max(limits.engage, kEngage);
+  if (hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
   return limits;
 }
 
@@ -33,11 +35,14 @@ void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft().reset();
 }
 
+bool HapticLoop::stopped() const noexcept {
+  return stop_.load(std::memory_order_relaxed) ||
+         (watch_by_.stops != nullptr &&
+          watch_by_.stops->load(std::memory_order_relaxed) != stops_seen_);
+}
+
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
-  if (stop_.load(std::memory_order_relaxed)) return Fault::kStopped;
-  if (watch_by_.stop != nullptr && watch_by_.stop->load(std::memory_order_relaxed)) {
-    return Fault::kStopped;
-  }
+  if (stopped()) return Fault::kStopped;
   if (heartbeat_ > 0.0) {
     const std::uint32_t beats = beats_.load(std::memory_order_relaxed);
     if (beats != beat_) {
@@ -47,14 +52,17 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
     if (time.now - beat_at_ > heartbeat_) return Fault::kHeartbeat;
   }
   if (time.late > std::max(device_.info().watch.late, 3.0 / rate_)) return Fault::kLate;
-  // A recorded path may do what no hand can, and hurts none.
-  return device_.info().hand ? watch_.look(hand, time.now) : hand.fault;
+  // A recorded path may do what no hand can, and hurts none; an arm that is being homed jumps.
+  if (device_.info().hand && hand.ready) return watch_.look(hand, time.now);
+  watch_.forget();
+  return hand.fault;
 }
 
 void HapticLoop::tick(const TickTime& time) noexcept {
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
-  if (clear_.exchange(false, std::memory_order_relaxed)) {
+  if (clear_.exchange(false, std::memory_order_acquire)) {
+    if (watch_by_.stops != nullptr) stops_seen_ = watch_by_.stops->load(std::memory_order_relaxed);
     watch_.forget();
     beat_at_ = time.now;
     state_.clearFault();
@@ -74,8 +82,17 @@ void HapticLoop::tick(const TickTime& time) noexcept {
     state_.release();
   }
   const auto end = std::chrono::steady_clock::now();
-  // Nothing comes between the gate and the device; where there is no scene there is no force.
-  device_.write(told_.report.force);
+  // A tick that hung, in a user's mode or a stopped process, is not answered with what was right
+  // before: others have taken the force off meanwhile.
+  const double took = std::chrono::duration<double>(end - start).count();
+  const double late = std::max(device_.info().watch.late, 3.0 / rate_);
+  if (device_.info().hand && (took > late || stopped())) {
+    state_.cut(took > late ? Fault::kLate : Fault::kStopped);
+    state_.release();
+    told_.report.force.setZero();
+    told_.report.status = StepStatus::kFault;
+  }
+  send(told_.report.force);
 
   ++told_.tick;
   told_.time = time.now;
@@ -88,8 +105,21 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   told_.scene = scene == nullptr ? 0 : scene->id;
   telemetry_.draft() = told_;
   telemetry_.publish();
-  if (watch_by_.heart != nullptr) watch_by_.heart->fetch_add(1, std::memory_order_relaxed);
   if (sink_ != nullptr) sink_->take(told_, state_);
+}
+
+/// Nothing comes between the gate and here; where there is no scene there is no force.
+void HapticLoop::send(const Vec3& force) noexcept {
+  // A device that takes no writes is left to the guardian, which has another way to it.
+  const Fault fault = state_.fault();
+  const bool deaf = fault == Fault::kWrite || fault == Fault::kGone;
+  if (watch_by_.heart != nullptr && !deaf) {
+    watch_by_.heart->fetch_add(1, std::memory_order_release);
+  }
+  const auto start = std::chrono::steady_clock::now();
+  device_.write(force);
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  if (device_.info().hand && took.count() > kWriteTime) state_.cut(Fault::kWrite);
 }
 
 void HapticLoop::end() noexcept {

@@ -29,8 +29,9 @@ class TickSink {
 
 /// Words that a loop shares with whoever looks after it, perhaps another process.
 struct LoopWatch {
-  std::atomic<std::uint64_t>* heart = nullptr;  ///< Counts ticks.
-  std::atomic<bool>* stop = nullptr;            ///< True: as HapticLoop::cut.
+  std::atomic<std::uint64_t>* heart = nullptr;        ///< Counts ticks.
+  const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each is as
+                                                      ///< HapticLoop::cut.
 };
 
 /// When a tick is.
@@ -47,7 +48,8 @@ struct TickTime {
 /// Two threads use it, each its own functions: the haptic one and the one that makes scenes. Stop
 /// orders may come from anywhere, signal handlers among them: that is what the mailbox, which has
 /// one writer, cannot say, and why there are atomic flags.
-class HapticLoop {
+// The mailboxes keep their sides on cache lines of their own.
+class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Takes the memory that ticks need. The device and the sink outlive the loop.
   ///
@@ -71,8 +73,7 @@ class HapticLoop {
   /// Takes back a fault, whatever it was, with the next tick: an engagement lets force out again.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
-    if (watch_by_.stop != nullptr) watch_by_.stop->store(false, std::memory_order_relaxed);
-    clear_.store(true, std::memory_order_relaxed);
+    clear_.store(true, std::memory_order_release);
   }
   /// The application lives.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
@@ -86,6 +87,8 @@ class HapticLoop {
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
+  [[nodiscard]] bool stopped() const noexcept;
+  void send(const Vec3& force) noexcept;
 
   Device& device_;
   TickSink* sink_;
@@ -102,9 +105,10 @@ class HapticLoop {
   Reader reader_;
   ProxyState state_;
   Telemetry told_;
-  bool ready_ = true;       ///< Of the last tick's hand.
-  std::uint32_t beat_ = 0;  ///< Last one seen,
-  double beat_at_ = 0.0;    ///< when [s].
+  std::uint32_t stops_seen_ = 0;  ///< Of LoopWatch::stops, taken back.
+  bool ready_ = true;             ///< Of the last tick's hand.
+  std::uint32_t beat_ = 0;        ///< Last one seen,
+  double beat_at_ = 0.0;          ///< when [s].
 };
 
 }  // namespace palpate

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <csignal>
 #include <ctime>
 #include <string>
 #include <system_error>
@@ -55,7 +56,13 @@ void HapticThread::stop() noexcept {
 }
 
 void HapticThread::run() noexcept {
-  realtime_ = becomeRealtime(params_.realtime);
+  // Signals of the process are for others; what this thread does wrong itself is not.
+  sigset_t others;
+  sigfillset(&others);
+  for (const int own : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&others, own);
+  pthread_sigmask(SIG_BLOCK, &others, nullptr);
+  const StayAwake awake(params_.realtime.awake);
+  realtime_ = becomeRealtime(params_.realtime, awake);
   ready_.store(true, std::memory_order_release);
   ready_.notify_one();
 
@@ -64,8 +71,9 @@ void HapticThread::run() noexcept {
   const double period = 1e9 / params_.rate;
   const std::int64_t begin = nowNs();
   const std::int64_t faults_before = pageFaults();
-  std::int64_t count = 0;  // the deadline's number
-  std::int64_t last = -1;  // that of the last tick
+  std::int64_t count = 0;                                             // the deadline's number
+  std::int64_t last = -1;                                             // that of the last tick
+  std::int64_t last_now = begin - static_cast<std::int64_t>(period);  // when it began
   while (!quit_.load(std::memory_order_relaxed) && !device_.ended()) {
     const auto due =
         begin + static_cast<std::int64_t>(std::llround(static_cast<double>(count) * period));
@@ -73,18 +81,21 @@ void HapticThread::run() noexcept {
     const std::int64_t now = nowNs();
     TickTime time;
     time.now = 1e-9 * static_cast<double>(now - begin);
-    time.dt = static_cast<double>(count - last) / params_.rate;
+    time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
-    // Since the time of the tick that should have followed the last.
-    time.late =
-        1e-9 * (static_cast<double>(now - due) + static_cast<double>(count - last - 1) * period);
+    // Since the time of the tick that should have followed the last, and that a period after it.
+    const double asked =
+        std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
+                 static_cast<double>(last_now) + period);
+    time.late = 1e-9 * std::max(0.0, static_cast<double>(now) - asked);
     time.missed = time.late * params_.rate > 1.0;
     last = count;
+    last_now = now;
     loop_.tick(time);
 
     // The next deadline that is still to come.
     const auto passed = static_cast<std::int64_t>(static_cast<double>(nowNs() - begin) / period);
-    count = std::max(count + 1, passed);
+    count = std::max(count, passed) + 1;
     if ((count & 1023) == 0) {
       faults_.store(pageFaults() - faults_before, std::memory_order_relaxed);
     }

@@ -4,10 +4,12 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstring>
+#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 namespace palpate {
 
@@ -29,8 +31,27 @@ void refuse(RealtimeReport& report, const std::string& what, int error, const ch
 
 }  // namespace
 
-RealtimeReport becomeRealtime(const RealtimeRequest& request) {
+StayAwake::StayAwake(bool wanted) noexcept {
+  if (!wanted) return;
+  descriptor_ = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+  const std::int32_t latency = 0;  // [us]
+  if (descriptor_ >= 0 && write(descriptor_, &latency, sizeof(latency)) == sizeof(latency)) return;
+  error_ = errno;
+  if (descriptor_ >= 0) close(descriptor_);
+  descriptor_ = -1;
+}
+
+StayAwake::~StayAwake() {
+  if (descriptor_ >= 0) close(descriptor_);
+}
+
+RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake) {
   RealtimeReport report;
+  report.awake = awake.granted();
+  if (request.awake && !awake.granted()) {
+    refuse(report, "cores that stay awake", awake.error(),
+           "let your group write /dev/cpu_dma_latency");
+  }
   if (request.lock_memory) {
     report.memory = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
     if (!report.memory) {

@@ -82,9 +82,11 @@ class ProxyState {
     placed_ = false;
     engage();
   }
-  /// Nothing is felt: what was sent is forgotten, and the next force is an engagement's.
+  /// Nothing is felt: what was sent is forgotten, the proxy starts anew at the hand, and the next
+  /// force is an engagement's.
   void release() noexcept {
     limiter_.sent.setZero();
+    placed_ = false;
     engage();
   }
   /// Begins an engagement: zero force until little is wanted, then more and more.

@@ -1,9 +1,14 @@
 /// The loop in virtual time: what leaves it, whatever comes in.
 #include <algorithm>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <memory>
+#include <string>
+#include <thread>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -212,6 +217,80 @@ TEST_CASE("without the dead man's switch there is no force, with it an engagemen
   CHECK(rig.tick().report.force == Vec3::Zero());
   CHECK(rig.run(0.9).report.force == Vec3::Zero());
   CHECK(rig.run(0.7).report.force.norm() == Approx(1.5).margin(0.01));
+}
+
+TEST_CASE("a write that is blocked is a fault, and left to the guardian", "[loop][safety]") {
+  TestDevice device;
+  device.hand.position = kOut;
+  std::atomic<std::uint64_t> heart{0};
+  std::atomic<std::uint32_t> stops{0};
+  HapticLoop loop(device, 1000.0, nullptr, 0.0, {&heart, &stops});
+  TickTime time;
+  const auto tick = [&] {
+    time.now += kDt;
+    loop.tick(time);
+  };
+  for (int i = 0; i < 10; ++i) tick();
+  CHECK(heart == 10);
+  device.write_ms = 25;
+  tick();
+  device.write_ms = 0;
+  tick();
+  CHECK(loop.latest().fault == Fault::kWrite);
+  CHECK(heart == 11);  // it stands still: zero comes by the other way
+  // A stop order from there is as any other, and taken back once.
+  loop.clear();
+  tick();
+  CHECK(loop.latest().fault == Fault::kNone);
+  ++stops;
+  tick();
+  CHECK(loop.latest().fault == Fault::kStopped);
+  loop.clear();
+  tick();
+  CHECK(loop.latest().fault == Fault::kNone);
+}
+
+TEST_CASE("a tick that hung is not answered with its old force", "[loop][safety]") {
+  struct Hanging final : public ScalarField {
+    std::shared_ptr<const ScalarField> ball = std::get<0>(ballField());
+    std::atomic<bool>* hang;
+    explicit Hanging(std::atomic<bool>* h)
+        : ScalarField(std::get<0>(ballField())->frame()), hang(h) {}
+    void reset(FieldCache& cache) const noexcept override { ball->reset(cache); }
+    [[nodiscard]] ScalarSample sample(const Vec3& p, FieldCache& cache) const noexcept override {
+      if (hang->load()) std::this_thread::sleep_for(std::chrono::milliseconds(8));
+      return ball->sample(p, cache);
+    }
+  };
+  std::atomic<bool> hang{false};
+  Rig rig;
+  rig.device.hand.position = kOut;
+  rig.loop.publish(ballScene(FieldPtr(std::make_shared<const Hanging>(&hang))));
+  rig.run(1.0);
+  rig.go(kPressed, 0.1);
+  REQUIRE(rig.device.sent.norm() > 1.0);
+  hang = true;
+  rig.tick();
+  CHECK(rig.device.sent == Vec3::Zero());
+  hang = false;
+  rig.tick();
+  CHECK(rig.device.sent == Vec3::Zero());
+  CHECK(rig.loop.latest().fault == Fault::kLate);
+}
+
+TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {
+  Rig rig;
+  const auto scene = ballScene(ballField());
+  rig.device.hand.position = kOut;
+  rig.loop.publish(scene);
+  rig.run(1.0);
+  rig.go(kPressed, 0.1);
+  rig.loop.publish(nullptr);
+  rig.tick();
+  rig.go({0, 0.04, 0}, 0.0);
+  rig.loop.publish(scene);
+  CHECK((rig.tick().report.proxy - rig.device.hand.position).norm() < 1e-9);
+  CHECK(rig.run(2.0).report.force == Vec3::Zero());
 }
 
 TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {

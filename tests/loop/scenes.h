@@ -2,7 +2,9 @@
 #pragma once
 
 #include <atomic>
+#include <chrono>
 #include <memory>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -39,11 +41,13 @@ class TestDevice final : public Device {
   void write(const Vec3& force) noexcept override {
     sent = force;
     ++writes;
+    if (write_ms > 0) std::this_thread::sleep_for(std::chrono::milliseconds(write_ms));
   }
 
   HandState hand;
   Vec3 sent = Vec3::Zero();
   long writes = 0;
+  int write_ms = 0;  ///< What a write takes.
   DeviceInfo info_;
 };
 

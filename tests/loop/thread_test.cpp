@@ -52,14 +52,18 @@ class SharedDevice final : public Device {
 
 LoopParams quiet() {
   LoopParams params;
-  params.realtime = {0, -1, false};
+  params.realtime = {0, -1, false, false};
   return params;
 }
 
-/// Waits for something that must come; a hang is the test's failure.
+/// Waits for something that must come.
 template <class What>
 void await(What what) {
-  while (!what()) std::this_thread::sleep_for(1ms);
+  const auto end = std::chrono::steady_clock::now() + 20s;
+  while (!what()) {
+    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 20 s");
+    std::this_thread::sleep_for(1ms);
+  }
 }
 
 /// To a height, slowly enough for a hand. The ball begins at 0.03.
@@ -200,7 +204,7 @@ TEST_CASE("what no loop can keep is refused with a remedy", "[loop]") {
 TEST_CASE("what the system refuses is told, and the loop runs all the same", "[loop]") {
   SharedDevice device;
   LoopParams params;
-  params.realtime = {99, 4000, false};
+  params.realtime = {99, 4000, false, false};
   HapticThread hand(device, params);
   CHECK_FALSE(hand.realtime().core);
   CHECK(hand.realtime().refused.find("core 4000: ") != std::string::npos);
