@@ -3,7 +3,9 @@
 #include <cmath>
 #include <csignal>
 #include <fstream>
+#include <future>
 #include <limits>
+#include <new>
 #include <optional>
 #include <readerwriterqueue.h>
 #include <system_error>
@@ -189,7 +191,7 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
 /// for.
 class Log final : public TickSink {
  public:
-  Log(const std::shared_ptr<const Scene>& scene, double rate, bool rows) : felt(scene, rate) {
+  Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
     if (rows) ring_.emplace(kRows);
   }
   void take(const Telemetry& tick, const ProxyState& state) noexcept override {
@@ -246,28 +248,42 @@ class Keys {
   bool shown_;
 };
 
-/// A scene file that is made anew when it changes; what is wrong with it is said, and the scene
-/// that runs goes on.
+/// A scene file that is made anew when it changes, on a thread of its own, so that keys and faults
+/// are looked at meanwhile; what is wrong with it is said, and the scene that runs goes on.
 class Watcher {
  public:
-  explicit Watcher(std::string file) : file_(std::move(file)), seen_(changed()) {}
+  Watcher(std::string file, const Device& device)
+      : file_(std::move(file)), device_(device), seen_(changed()) {}
 
-  /// The new scene; null where there is none.
-  std::optional<BuiltScene> look(const Device& device) {
+  /// The new scene; none where there is none yet.
+  std::optional<BuiltScene> look() {
+    if (made_.valid()) {
+      if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
+      try {
+        BuiltScene built = made_.get();
+        fmt::print(stderr, "feel: {} has changed: it is felt now\n", file_);
+        return built;
+      } catch (const std::bad_alloc&) {
+        complain(file_ +
+                 ": there is not enough memory for a second scene: use smaller volumes; the "
+                 "scene before it goes on");
+      } catch (const std::exception& error) {
+        complain(std::string(error.what()) + "; the scene before it goes on");
+      }
+      return std::nullopt;
+    }
     const auto now = changed();
     if (!now || now == seen_) return std::nullopt;
     seen_ = now;
-    try {
+    made_ = std::async(std::launch::async, [this] {
       const SceneSpec spec = openScene(file_, {});
-      for (const std::string& note : spec.notes) complain(note);
-      checkDevice(spec, device.info().name, device.info().max_stiffness);
+      checkDevice(spec, device_.info().name, device_.info().max_stiffness);
       BuiltScene built = buildScene(spec, {});
-      fmt::print(stderr, "feel: {} has changed: it is felt now\n", file_);
+      for (const std::string& note : spec.notes) complain(note);
+      for (const std::string& note : built.notes) complain(note);
       return built;
-    } catch (const std::exception& error) {
-      complain(std::string(error.what()) + "; the scene before it goes on");
-      return std::nullopt;
-    }
+    });
+    return std::nullopt;
   }
 
  private:
@@ -278,7 +294,9 @@ class Watcher {
     return time;
   }
   std::string file_;
+  const Device& device_;
   std::optional<std::filesystem::file_time_type> seen_;
+  std::future<BuiltScene> made_;
 };
 
 /// What a run asks for, once it is known to be good.
@@ -316,7 +334,7 @@ OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& r
   }
   const Keys keys;
   std::optional<Watcher> watcher;
-  if (run.options.watch) watcher.emplace(run.options.scene);
+  if (run.options.watch) watcher.emplace(run.options.scene, run.device);
   HapticThread hand(run.device, params, &log);
   if (!hand.realtime().refused.empty()) {
     fmt::print(stderr, "feel: {}: the loop runs without it\n", hand.realtime().refused);
@@ -337,16 +355,23 @@ OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& r
     told = now.fault;
     if (now.tick >= run.ticks) break;
     if (!watcher || looks % kWatch != 0) continue;
-    if (auto built = watcher->look(run.device)) {
-      log.felt.expect(built->scene);
+    if (auto built = watcher->look()) {
+      log.felt.expect(*built->scene);
       hand.publish(built->scene);
     }
   }
   hand.stop();
   log.drain(row);
+  if (log.lost() > 0) {
+    complain(
+        fmt::format("feel: {} rows of the trace came too fast to be written: use a lower rate "
+                    "or a faster place",
+                    log.lost()));
+  }
   const RealtimeReport& got = hand.realtime();
   return {{"priority", got.priority},
           {"memory_locked", got.memory},
+          {"cores_awake", got.awake},
           {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
           {"page_faults", hand.pageFaultsSinceStart()},
           {"rows_lost", log.lost()}};
@@ -398,7 +423,7 @@ int feel(const Options& options) {
   run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
                              : static_cast<std::int64_t>(std::llround(
                                    options.seconds.value_or(kDefaultSeconds) * options.rate));
-  Log log(run.scene, options.rate, !options.trace.empty() || picture);
+  Log log(*run.scene, options.rate, !options.trace.empty() || picture);
   const auto row = [&](const Telemetry& tick) {
     trace.add(tick);
     if (picture) picture->add(tick);

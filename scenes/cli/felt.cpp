@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 #include <fmt/format.h>
 
@@ -38,19 +37,21 @@ std::int64_t Durations::percentile(double share) const {
   return 0;
 }
 
-std::shared_ptr<Felt::SceneFelt> Felt::startOf(std::shared_ptr<const Scene> scene) {
+std::shared_ptr<Felt::SceneFelt> Felt::startOf(const Scene& scene) {
   auto felt = std::make_shared<SceneFelt>();
-  felt->modes.resize(scene->graph.modes.size());
-  felt->scene = std::move(scene);
+  felt->id = scene.id;
+  felt->names = scene.graph.mode_names;
+  felt->volumes = scene.graph.scalar_reads.size() + scene.graph.vector_reads.size();
+  felt->modes.resize(scene.graph.modes.size());
   return felt;
 }
 
-Felt::Felt(std::shared_ptr<const Scene> scene, double rate) : rate_(rate) {
-  expect(std::move(scene));
+Felt::Felt(const Scene& scene, double rate) : rate_(rate) {
+  expect(scene);
 }
 
-void Felt::expect(std::shared_ptr<const Scene> scene) {
-  scenes_.push_back(startOf(std::move(scene)));
+void Felt::expect(const Scene& scene) {
+  scenes_.push_back(startOf(scene));
   expected_.draft() = scenes_.back();
   expected_.publish();
 }
@@ -81,8 +82,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   injected_ += r.injected;
 
   // What is published next is told here first, so a scene that is not known is on its way.
-  if (!expected_.current() || expected_.current()->scene->id != tick.scene) expected_.refresh();
-  if (!expected_.current() || expected_.current()->scene->id != tick.scene) return;
+  if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
+  if (!expected_.current() || expected_.current()->id != tick.scene) return;
   std::vector<ModeFelt>& modes = expected_.current()->modes;
   const auto forces = state.forces();
   std::size_t next = 0;
@@ -151,8 +152,7 @@ OrderedJson Felt::summary() const {
                       {"iterations", static_cast<double>(iterations_) / ticks}};
   json["solver"] = {{"closed-form", closed_form_},
                     {"general", static_cast<std::int64_t>(durations_.count()) - closed_form_}};
-  const Graph& graph = scenes_.back()->scene->graph;
-  json["volumes_active"] = graph.scalar_reads.size() + graph.vector_reads.size();
+  json["volumes_active"] = scenes_.back()->volumes;
   json["status"] = OrderedJson::object();
   for (std::size_t i = 0; i < statuses_.size(); ++i) {
     json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
@@ -167,7 +167,7 @@ OrderedJson Felt::summary() const {
   for (const auto& felt : scenes_) {
     for (std::size_t i = 0; i < felt->modes.size(); ++i) {
       const ModeFelt& mode = felt->modes[i];
-      json["felt"].push_back({{"mode", felt->scene->graph.mode_names[i]},
+      json["felt"].push_back({{"mode", felt->names[i]},
                               {"seconds", static_cast<double>(mode.active) / rate_},
                               {"touches", mode.touches},
                               {"pushed_through", mode.yields},

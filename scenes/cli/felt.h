@@ -38,12 +38,12 @@ class Durations {
 // The mailbox keeps its sides on cache lines of their own.
 class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  Felt(std::shared_ptr<const Scene> scene, double rate);
+  Felt(const Scene& scene, double rate);
 
   /// One tick, after it was sent. Takes no memory.
   void add(const Telemetry& tick, const ProxyState& state) noexcept;
   /// The scene that ticks will be of soon, from another thread than theirs: before it is published.
-  void expect(std::shared_ptr<const Scene> scene);
+  void expect(const Scene& scene);
 
   /// Why the force was cut, by the last tick.
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
@@ -65,11 +65,13 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   /// What was felt of one scene.
   struct SceneFelt {
-    std::shared_ptr<const Scene> scene;
+    std::uint64_t id = 0;  ///< Scene::id. The scene itself may go.
+    std::vector<std::string> names;
+    std::size_t volumes = 0;  ///< That are read.
     std::vector<ModeFelt> modes;
   };
   void addMode(ModeFelt& mode, double held, const ModeMemory& memory) const noexcept;
-  [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(std::shared_ptr<const Scene> scene);
+  [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
 
   double rate_;
   std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< All, by the thread that expects.

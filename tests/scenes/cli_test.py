@@ -486,6 +486,68 @@ class Feel(Case):
         self.assertIn("outside the grid", run("check", scene).stderr)
         self.assertIn("nothing was felt", run("feel", scene, "--seconds", 1).stderr)
 
+    def on_time(self, *words):
+        """A run with the clock. A machine that runs other tests may be late enough for a fault."""
+        done = subprocess.run([PALPATE, "feel", *map(str, words), "--realtime", "--json"],
+                              capture_output=True, text=True, timeout=120)
+        self.assertIn(done.returncode, (0, 1), done.stderr)
+        summary = json.loads(done.stdout)
+        self.assertEqual(done.returncode == 1, summary["faults"] != {})
+        return summary, done.stderr
+
+    def test_on_time_it_says_how_well_time_was_kept(self):
+        trace = self.dir / "trace.csv"
+        summary, _ = self.on_time(self.dir / "ball.vdb", "--seconds", 1.5, "--rate", 2000, "--trace",
+                                  trace)
+        self.assertEqual(summary["clock"], "real")
+        self.assertGreater(summary["ticks"], 1000)
+        self.assertEqual(set(summary["wake_ns"]), {"p50", "p99", "p99.9", "max"})
+        self.assertGreater(summary["rate_kept"], 500)
+        self.assertGreaterEqual(summary["late_ticks"], 0)
+        for key in ("priority", "memory_locked", "cores_awake", "refused", "page_faults"):
+            self.assertIn(key, summary["realtime"])
+        rows = list(csv.DictReader(io.StringIO(trace.read_text())))
+        self.assertEqual(len(rows), summary["ticks"] - summary["realtime"]["rows_lost"])
+        os.remove(trace)
+
+    def test_a_scene_that_changes_is_felt_anew_and_a_broken_one_is_not(self):
+        scene = self.dir / "watched.json"
+        text = ('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"name": "%s", '
+                '"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
+        scene.write_text(text % "before")
+        child = subprocess.Popen([PALPATE, "feel", str(scene), "--realtime", "--watch", "--seconds",
+                                  "100000", "--json"], stdout=subprocess.PIPE,
+                                 stderr=subprocess.PIPE, text=True)
+
+        def until(words):
+            """What a system refuses, and faults on a loaded machine, are told as well."""
+            for line in child.stderr:
+                if words in line:
+                    return
+            self.fail(f"it never said {words}")
+
+        def change(content):
+            (self.dir / "new.json").write_text(content)
+            os.replace(self.dir / "new.json", scene)
+
+        time.sleep(2.0)
+        change("{broken")
+        until("not valid JSON")
+        change(text % "after")
+        until("it is felt now")
+        time.sleep(0.5)
+        child.send_signal(signal.SIGINT)
+        out, _ = child.communicate(timeout=60)
+        self.assertEqual(child.returncode, 130)
+        self.assertEqual([mode["mode"] for mode in json.loads(out)["felt"]], ["before", "after"])
+        self.assertEqual(json.loads(out)["scenes"], 2)
+
+    def test_what_cannot_be_on_time_is_refused(self):
+        ball = self.dir / "ball.vdb"
+        self.refused("feel", ball, "--realtime", "--rate", 100, says="100 Hz is not 500 to 20000")
+        self.refused("feel", ball, "--realtime", "--rate", 30000, says="500 to 20000")
+        self.refused("feel", ball, "--watch", says="add --realtime")
+
     def test_interrupted_it_keeps_what_was_felt(self):
         summary = self.dir / "interrupted.json"
         child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
