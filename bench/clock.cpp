@@ -1,0 +1,184 @@
+/// How late are ticks, and whose fault is it? The haptic thread beside a bare loop that only sleeps
+/// and reads the clock, in turns, with the same priority: what the bare loop is late, the machine
+/// is.
+///
+///     palpate_bench_clock [--rate HZ] [--seconds S] [--pairs N] [--load THREADS]
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <ctime>
+#include <exception>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "bench/machine.h"
+#include "bench/percentiles.h"
+#include "devices/simulated_device.h"
+#include "engine/haptic_thread.h"
+#include "samplers/analytic_field.h"
+
+namespace {
+
+using namespace palpate;
+
+struct Options {
+  double rate = 1000.0;
+  double seconds = 20.0;
+  int pairs = 3;
+  int load = 0;
+};
+
+/// Of a run.
+struct Times {
+  std::vector<double> wake;  ///< [us]
+  std::vector<double> tick;  ///< [us]
+  long late = 0;             ///< Woken after the next one's time.
+  std::int64_t faults = 0;
+
+  void add(const Times& other) {
+    wake.insert(wake.end(), other.wake.begin(), other.wake.end());
+    tick.insert(tick.end(), other.tick.begin(), other.tick.end());
+    late += other.late;
+    faults += other.faults;
+  }
+};
+
+std::int64_t nowNs() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return t.tv_sec * std::int64_t{1000000000} + t.tv_nsec;
+}
+
+Times runBare(const Options& options) {
+  Times out;
+  out.wake.reserve(static_cast<std::size_t>(options.seconds * options.rate) + 1);
+  std::thread loop([&] {
+    const RealtimeRequest request;
+    const StayAwake awake(request.awake);
+    (void)becomeRealtime(request, awake);
+    const std::int64_t faults = pageFaults();
+    const double period = 1e9 / options.rate;
+    const std::int64_t begin = nowNs();
+    const auto count = static_cast<std::int64_t>(options.seconds * options.rate);
+    for (std::int64_t i = 0; i < count; ++i) {
+      const auto due =
+          begin + static_cast<std::int64_t>(std::llround(static_cast<double>(i) * period));
+      const timespec t{due / 1000000000, due % 1000000000};
+      while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
+      }
+      const std::int64_t now = nowNs();
+      out.wake.push_back(1e-3 * static_cast<double>(now - due));
+      if (static_cast<double>(now - due) > period) ++out.late;
+      i = std::max(i, static_cast<std::int64_t>(static_cast<double>(now - begin) / period));
+    }
+    out.faults = pageFaults() - faults;
+  });
+  loop.join();
+  return out;
+}
+
+Times runHaptic(const Options& options) {
+  struct Sink final : TickSink {
+    Times times;
+    void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
+      if (times.wake.size() == times.wake.capacity()) return;
+      times.wake.push_back(1e-3 * static_cast<double>(tick.wake_ns));
+      times.tick.push_back(1e-3 * static_cast<double>(tick.tick_ns));
+      times.late = static_cast<long>(tick.late_ticks);
+    }
+  } sink;
+  const auto most = static_cast<std::size_t>(options.seconds * options.rate) + 1000;
+  sink.times.wake.reserve(most);
+  sink.times.tick.reserve(most);
+  constexpr double kRadius = 0.04;
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kIsosurface;
+  spec.modes[0].of = "ball";
+  spec.modes[0].solid = Solid::kBelow;
+  spec.modes[0].strength = 3.0;
+  const Box bounds{Vec3::Constant(-kRadius), Vec3::Constant(kRadius)};
+  SimulatedDevice device(ArmParams{}, GripParams{}, explore(bounds, options.seconds), options.rate);
+  LoopParams params;
+  params.rate = options.rate;
+  HapticThread hand(device, params, &sink);
+  hand.publish(makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), kRadius)}}));
+  while (hand.running()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  hand.stop();
+  sink.times.faults = hand.pageFaultsSinceStart();
+  return sink.times;
+}
+
+void tell(const char* name, const Times& times) {
+  const auto row = [](const std::vector<double>& us) {
+    std::printf(" %9.2f %9.2f %9.2f %9.1f", bench::percentile(us, 0.5), bench::percentile(us, 0.99),
+                bench::percentile(us, 0.999), bench::percentile(us, 1.0));
+  };
+  std::printf("%-12s %8zu %6ld %8.1e %7lld", name, times.wake.size(), times.late,
+              static_cast<double>(times.late) / static_cast<double>(times.wake.size()),
+              static_cast<long long>(times.faults));
+  row(times.wake);
+  if (!times.tick.empty()) row(times.tick);
+  std::printf("\n");
+}
+
+int measure(const Options& options) {
+  std::printf("%s\n", bench::describe(bench::takeMachine(false)).c_str());
+  std::printf("%g Hz, %d runs of %g s each, %d threads of other work\n", options.rate,
+              options.pairs, options.seconds, options.load);
+  std::atomic<bool> done{false};
+  std::vector<std::thread> others;
+  others.reserve(static_cast<std::size_t>(options.load));
+  for (int i = 0; i < options.load; ++i) {
+    others.emplace_back([&] {
+      // Work that goes through memory, too.
+      std::vector<double> memory(1 << 20, 1.0);
+      for (std::size_t n = 0; !done; n = (n + 4099) % memory.size())
+        memory[n] = std::sqrt(memory[n] + 1.0);
+    });
+  }
+  Times bare;
+  Times haptic;
+  for (int pair = 0; pair < options.pairs; ++pair) {
+    for (const bool first : {pair % 2 == 0, pair % 2 != 0}) {
+      if (first) {
+        bare.add(runBare(options));
+      } else {
+        haptic.add(runHaptic(options));
+      }
+    }
+  }
+  done = true;
+  for (std::thread& other : others) other.join();
+  std::printf("%-12s %8s %6s %8s %7s %s %s\n", "loop", "ticks", "late", "share", "faults",
+              " wake p50       p99     p99.9       max",
+              "  tick p50       p99     p99.9       max  [us]");
+  tell("bare", bare);
+  tell("HapticThread", haptic);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    Options options;
+    CLI::App app{"Wake-up and tick times of the haptic thread and of a bare loop."};
+    app.add_option("--rate", options.rate, "[Hz], default 1000");
+    app.add_option("--seconds", options.seconds, "of a run, default 20");
+    app.add_option("--pairs", options.pairs, "of runs, default 3");
+    app.add_option("--load", options.load, "threads of other work, default 0");
+    CLI11_PARSE(app, argc, argv);
+    return measure(options);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_clock: %s\n", e.what());
+    return 2;
+  }
+}
