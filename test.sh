@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds, and runs every test: first with AddressSanitizer and
-# UndefinedBehaviorSanitizer, then the release. Ends with ctest's summary and its exit status.
+# Installs what is missing, builds, and runs every test: the loop's with ThreadSanitizer, all with
+# AddressSanitizer and UndefinedBehaviorSanitizer, all of the release. Ends with ctest's summary and
+# its exit status.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
 #   --long       random tests over 300,000 cases each, of the balance over ten million
 #   --install    only install the packages
 set -euo pipefail
 cd "$(dirname "$0")"
 
-usage() { sed -n '2,6s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,7s/^# \{0,1\}//p' "$0"; }
 install_only=
 long=
 while [ $# -gt 0 ]; do
@@ -28,7 +29,7 @@ done
 .ci/install build test
 [ -z "$install_only" ] || exit 0
 
-for preset in dev release; do
+for preset in tsan dev release; do
     mkdir -p build/$preset
     log=build/$preset/build.log
     echo "== building $preset"
@@ -40,7 +41,7 @@ if [ -n "$long" ]; then
     PALPATE_CASES=10000000 build/release/tests/palpate_engine_tests "[balance]" || exit $?
     export PALPATE_CASES=300000
 fi
-for preset in dev release; do
+for preset in tsan dev release; do
     echo "== testing $preset"
     status=0
     report=build/$preset/test.log
