@@ -86,13 +86,14 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   // before: others have taken the force off meanwhile.
   const double took = std::chrono::duration<double>(end - start).count();
   const double late = std::max(device_.info().watch.late, 3.0 / rate_);
-  if (device_.info().hand && (took > late || stopped())) {
-    state_.cut(took > late ? Fault::kLate : Fault::kStopped);
+  const bool hung = time.real && took > late;
+  if (device_.info().hand && (hung || stopped())) {
+    state_.cut(hung ? Fault::kLate : Fault::kStopped);
     state_.release();
     told_.report.force.setZero();
     told_.report.status = StepStatus::kFault;
   }
-  send(told_.report.force);
+  send(told_.report.force, time.real);
 
   ++told_.tick;
   told_.time = time.now;
@@ -109,7 +110,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
 }
 
 /// Nothing comes between the gate and here; where there is no scene there is no force.
-void HapticLoop::send(const Vec3& force) noexcept {
+void HapticLoop::send(const Vec3& force, bool timed) noexcept {
   // A device that takes no writes is left to the guardian, which has another way to it.
   const Fault fault = state_.fault();
   const bool deaf = fault == Fault::kWrite || fault == Fault::kGone;
@@ -119,7 +120,7 @@ void HapticLoop::send(const Vec3& force) noexcept {
   const auto start = std::chrono::steady_clock::now();
   device_.write(force);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-  if (device_.info().hand && took.count() > kWriteTime) state_.cut(Fault::kWrite);
+  if (timed && device_.info().hand && took.count() > kWriteTime) state_.cut(Fault::kWrite);
 }
 
 void HapticLoop::end() noexcept {

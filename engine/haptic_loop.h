@@ -41,6 +41,7 @@ struct TickTime {
   double late = 0.0;         ///< How long after its time it began [s].
   bool missed = false;       ///< So late that the next one's time had come.
   std::int64_t wake_ns = 0;  ///< The same for the log: wake-up latency [ns].
+  bool real = false;         ///< By a clock: then what a tick and a write take counts as well.
 };
 
 /// A proxy, a reader and the gate of one device, over the newest scene.
@@ -88,7 +89,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
   [[nodiscard]] bool stopped() const noexcept;
-  void send(const Vec3& force) noexcept;
+  void send(const Vec3& force, bool timed) noexcept;
 
   Device& device_;
   TickSink* sink_;

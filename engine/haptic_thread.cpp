@@ -80,6 +80,7 @@ void HapticThread::run() noexcept {
     sleepUntil(due);
     const std::int64_t now = nowNs();
     TickTime time;
+    time.real = true;
     time.now = 1e-9 * static_cast<double>(now - begin);
     time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
