@@ -5,12 +5,10 @@
 ///     palpate_bench_clock [--rate HZ] [--seconds S] [--pairs N] [--load THREADS]
 #include <algorithm>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <ctime>
 #include <exception>
 #include <string>
 #include <thread>
@@ -50,12 +48,6 @@ struct Times {
   }
 };
 
-std::int64_t nowNs() {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec * std::int64_t{1000000000} + t.tv_nsec;
-}
-
 Times runBare(const Options& options) {
   Times out;
   out.wake.reserve(static_cast<std::size_t>(options.seconds * options.rate) + 1);
@@ -70,9 +62,7 @@ Times runBare(const Options& options) {
     for (std::int64_t i = 0; i < count; ++i) {
       const auto due =
           begin + static_cast<std::int64_t>(std::llround(static_cast<double>(i) * period));
-      const timespec t{due / 1000000000, due % 1000000000};
-      while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
-      }
+      sleepUntil(due);
       const std::int64_t now = nowNs();
       out.wake.push_back(1e-3 * static_cast<double>(now - due));
       if (static_cast<double>(now - due) > period) ++out.late;

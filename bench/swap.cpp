@@ -5,13 +5,11 @@
 /// Pairs of runs of the real loop, one with a scene that stays and one in which the volume is
 /// loaded anew and swapped in as often as that goes; each pair begins with the other one.
 #include <algorithm>
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <exception>
 #include <memory>
-#include <numbers>
 #include <string>
 #include <thread>
 #include <vector>
@@ -38,16 +36,13 @@ class Times final : public TickSink {
   void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
     if (ns_.size() < ns_.capacity()) ns_.push_back(static_cast<double>(tick.tick_ns));
     late_ = tick.late_ticks;
-    force_ = std::max(force_, tick.report.force.norm());
   }
   [[nodiscard]] const std::vector<double>& ns() const { return ns_; }
   [[nodiscard]] long late() const { return static_cast<long>(late_); }
-  [[nodiscard]] double force() const { return force_; }
 
  private:
   std::vector<double> ns_;
   std::int64_t late_ = 0;
-  double force_ = 0.0;
 };
 
 /// Fog in waves, every voxel active: nothing of it is a tile.

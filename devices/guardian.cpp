@@ -4,7 +4,6 @@
 #include <cerrno>
 #include <cstdlib>
 #include <cstring>
-#include <ctime>
 #include <fcntl.h>
 #include <new>
 #include <poll.h>
@@ -17,6 +16,7 @@
 #include <unistd.h>
 
 #include "engine/error.h"
+#include "engine/realtime.h"
 
 namespace palpate {
 
@@ -36,12 +36,6 @@ struct Order {
   std::array<std::byte, ZeroForce::kMostBytes> bytes{};
 };
 
-double now() noexcept {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
-
 std::string reason() {
   return std::strerror(errno);
 }
@@ -53,40 +47,43 @@ void writeOnce(int descriptor, const std::byte* bytes, std::size_t size) noexcep
   }
 }
 
-bool sendOrder(int socket, const Order& order, int descriptor) noexcept {
-  iovec part{const_cast<Order*>(&order), sizeof(order)};
-  alignas(cmsghdr) std::array<std::byte, CMSG_SPACE(sizeof(int))> control{};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  message.msg_control = control.data();
-  message.msg_controllen = control.size();
-  cmsghdr* head = CMSG_FIRSTHDR(&message);
-  head->cmsg_level = SOL_SOCKET;
-  head->cmsg_type = SCM_RIGHTS;
-  head->cmsg_len = CMSG_LEN(sizeof(int));
-  std::memcpy(CMSG_DATA(head), &descriptor, sizeof(int));
-  return sendmsg(socket, &message, MSG_NOSIGNAL) == static_cast<ssize_t>(sizeof(order));
-}
-
-/// False at the other side's end.
-bool takeOrder(int socket, Order& order, int& descriptor) noexcept {
-  iovec part{&order, sizeof(order)};
-  alignas(cmsghdr) std::array<std::byte, CMSG_SPACE(sizeof(int))> control{};
-  msghdr message{};
-  message.msg_iov = &part;
-  message.msg_iovlen = 1;
-  message.msg_control = control.data();
-  message.msg_controllen = control.size();
-  const ssize_t size = recvmsg(socket, &message, 0);
-  if (size < 0 && errno == EINTR) return true;
-  if (size <= 0) return false;
-  const cmsghdr* head = CMSG_FIRSTHDR(&message);
-  if (head != nullptr && head->cmsg_type == SCM_RIGHTS) {
-    std::memcpy(&descriptor, CMSG_DATA(head), sizeof(int));
+/// An order and room for a descriptor beside it.
+class Message {
+ public:
+  explicit Message(Order& order) noexcept : part_{&order, sizeof(order)} {
+    head_.msg_iov = &part_;
+    head_.msg_iovlen = 1;
+    head_.msg_control = control_.data();
+    head_.msg_controllen = control_.size();
   }
-  return true;
-}
+  Message(const Message&) = delete;
+  Message& operator=(const Message&) = delete;
+
+  [[nodiscard]] bool send(int socket, int descriptor) noexcept {
+    cmsghdr* beside = CMSG_FIRSTHDR(&head_);
+    beside->cmsg_level = SOL_SOCKET;
+    beside->cmsg_type = SCM_RIGHTS;
+    beside->cmsg_len = CMSG_LEN(sizeof(int));
+    std::memcpy(CMSG_DATA(beside), &descriptor, sizeof(int));
+    return sendmsg(socket, &head_, MSG_NOSIGNAL) == static_cast<ssize_t>(part_.iov_len);
+  }
+  /// False at the other side's end.
+  [[nodiscard]] bool take(int socket, int& descriptor) noexcept {
+    const ssize_t size = recvmsg(socket, &head_, 0);
+    if (size < 0 && errno == EINTR) return true;
+    if (size <= 0) return false;
+    const cmsghdr* beside = CMSG_FIRSTHDR(&head_);
+    if (beside != nullptr && beside->cmsg_type == SCM_RIGHTS) {
+      std::memcpy(&descriptor, CMSG_DATA(beside), sizeof(int));
+    }
+    return true;
+  }
+
+ private:
+  iovec part_;
+  alignas(cmsghdr) std::array<std::byte, CMSG_SPACE(sizeof(int))> control_{};
+  msghdr head_{};
+};
 
 /// Nothing that is meant for the program ends its guardian.
 void standApart(int socket) noexcept {
@@ -198,7 +195,7 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
   order.slot = slot;
   order.size = watched.size;
   order.bytes = watched.bytes;
-  if (!sendOrder(socket_, order, zero.descriptor)) {
+  if (!Message(order).send(socket_, zero.descriptor)) {
     throw DeviceError("guardian", reason(), "start the program again");
   }
   count_.store(slot + 1, std::memory_order_release);
@@ -235,7 +232,7 @@ void Guardian::guard(int socket) noexcept {
     int descriptor = -1;
     Order order;
     std::uint64_t beats = 0;
-    double alive = 0.0;
+    std::int64_t alive = 0;  // [ns]
     bool zeroed = true;
   };
   static std::array<Ward, kMostLoops> wards;
@@ -245,22 +242,23 @@ void Guardian::guard(int socket) noexcept {
     if (poll(&other, 1, kLook) > 0) {
       Order order;
       int descriptor = -1;
-      living = takeOrder(socket, order, descriptor);
+      living = Message(order).take(socket, descriptor);
       if (living && descriptor >= 0 && order.slot < kMostLoops) {
-        wards[order.slot] = {descriptor, order, 0, now(), true};
+        wards[order.slot] = {descriptor, order, 0, nowNs(), true};
       }
     }
     for (std::size_t i = 0; i < kMostLoops; ++i) {
       Ward& ward = wards[i];
       if (ward.descriptor < 0) continue;
       const std::uint64_t beats = shared_->hearts[i].load(std::memory_order_relaxed);
-      const double time = now();
+      const std::int64_t time = nowNs();
       if (beats != ward.beats) {
         ward.beats = beats;
         ward.alive = time;
         ward.zeroed = false;
       }
-      if (living && (ward.zeroed || time - ward.alive < kGuardTime)) continue;
+      if (living && (ward.zeroed || 1e-9 * static_cast<double>(time - ward.alive) < kGuardTime))
+        continue;
       writeOnce(ward.descriptor, ward.order.bytes.data(), ward.order.size);
       ward.zeroed = true;
     }

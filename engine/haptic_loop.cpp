@@ -22,7 +22,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
                        const LoopWatch& watch)
     : device_(device),
       sink_(sink),
-      rate_(rate),
+      late_(std::max(device.info().watch.late, 3.0 / rate)),
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
@@ -51,7 +51,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
     }
     if (time.now - beat_at_ > heartbeat_) return Fault::kHeartbeat;
   }
-  if (time.late > std::max(device_.info().watch.late, 3.0 / rate_)) return Fault::kLate;
+  if (time.late > late_) return Fault::kLate;
   // A recorded path may do what no hand can, and hurts none; an arm that is being homed jumps.
   if (device_.info().hand && hand.ready) return watch_.look(hand, time.now);
   watch_.forget();
@@ -85,8 +85,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   // A tick that hung, in a user's mode or a stopped process, is not answered with what was right
   // before: others have taken the force off meanwhile.
   const double took = std::chrono::duration<double>(end - start).count();
-  const double late = std::max(device_.info().watch.late, 3.0 / rate_);
-  const bool hung = time.real && took > late;
+  const bool hung = time.real && took > late_;
   if (device_.info().hand && (hung || stopped())) {
     state_.cut(hung ? Fault::kLate : Fault::kStopped);
     state_.release();

@@ -40,7 +40,7 @@ struct TickTime {
   double dt = 1e-3;          ///< Since the last tick [s].
   double late = 0.0;         ///< How long after its time it began [s].
   bool missed = false;       ///< So late that the next one's time had come.
-  std::int64_t wake_ns = 0;  ///< The same for the log: wake-up latency [ns].
+  std::int64_t wake_ns = 0;  ///< After the deadline that was slept for, for the log [ns].
   bool real = false;         ///< By a clock: then what a tick and a write take counts as well.
 };
 
@@ -93,7 +93,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   Device& device_;
   TickSink* sink_;
-  double rate_;
+  double late_;  ///< What is a fault [s]; less is counted.
   double heartbeat_;
   LoopWatch watch_by_;
   Mailbox<std::shared_ptr<const Scene>> scenes_;

@@ -1,10 +1,8 @@
 #include "engine/haptic_thread.h"
 
 #include <algorithm>
-#include <cerrno>
 #include <cmath>
 #include <csignal>
-#include <ctime>
 #include <string>
 #include <system_error>
 
@@ -16,19 +14,6 @@ namespace {
 
 constexpr double kSlowest = 500.0;
 constexpr double kFastest = 20000.0;
-constexpr std::int64_t kSecond = 1000000000;
-
-std::int64_t nowNs() noexcept {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return t.tv_sec * kSecond + t.tv_nsec;
-}
-
-void sleepUntil(std::int64_t ns) noexcept {
-  const timespec t{static_cast<time_t>(ns / kSecond), static_cast<long>(ns % kSecond)};
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
-  }
-}
 
 double checked(double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;

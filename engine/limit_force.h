@@ -74,8 +74,8 @@ struct LimitedForce {
 ///
 /// @param wanted    Any bits [N].
 /// @param dt        Time since the last force was sent [s]; not finite or <= 0 allows no growth.
-/// @param state     Of the same device, one call a tick. A `sent` that is not finite counts as
-/// zero. RT: no allocation.
+/// @param state     Of the same device, one call a tick. A `sent` that is not finite is zero.
+/// RT: no allocation.
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits,
                                       LimiterState& state) noexcept PALPATE_NONBLOCKING;
 

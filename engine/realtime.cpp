@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstddef>
 #include <cstring>
+#include <ctime>
 #include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
@@ -14,6 +15,8 @@
 namespace palpate {
 
 namespace {
+
+constexpr std::int64_t kSecond = 1000000000;  // [ns]
 
 /// Writes to a stack deeper than a tick's, so that no tick is the first to.
 [[gnu::noinline]] void touchStack() noexcept {
@@ -80,6 +83,18 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
   }
   touchStack();
   return report;
+}
+
+std::int64_t nowNs() noexcept {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return t.tv_sec * kSecond + t.tv_nsec;
+}
+
+void sleepUntil(std::int64_t ns) noexcept {
+  const timespec t{static_cast<time_t>(ns / kSecond), static_cast<long>(ns % kSecond)};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
+  }
 }
 
 std::int64_t pageFaults() noexcept {

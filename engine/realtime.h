@@ -45,6 +45,12 @@ class StayAwake {
 /// Slow: before the first tick.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
+/// Of the clock that deadlines are in; stands still while the machine is suspended [ns].
+/// Signal-safe.
+[[nodiscard]] std::int64_t nowNs() noexcept;
+/// Sleeps until then, whatever signals come [ns]. RT: a system call.
+void sleepUntil(std::int64_t ns) noexcept;
+
 /// Page faults of the calling thread so far: minor and major. RT: a system call.
 [[nodiscard]] std::int64_t pageFaults() noexcept;
 

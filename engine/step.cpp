@@ -121,8 +121,7 @@ class Tick {
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
-        if (deep_) way.end = state_.proxy_;
-        if (deep_) way.clear = false;
+        if (deep_) way = {state_.proxy_, false};
         moveTo(way, report);
         return true;
       }

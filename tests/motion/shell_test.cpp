@@ -13,6 +13,17 @@
 using namespace palpate;
 using namespace palpate::bench;
 
+namespace {
+
+/// Turned against the grid.
+Mat3 anyFrame(int seed) {
+  test::Random random(static_cast<std::uint64_t>(seed));
+  const double angle = random.uniform(0.0, 6.28);
+  return Eigen::Quaterniond(Eigen::AngleAxisd(angle, random.direction())).toRotationMatrix();
+}
+
+}  // namespace
+
 TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions", "[motion]") {
   // Asked: load 0.6 of the strength; goal: 0.9.
   const long count = test::cases(1000);
@@ -49,10 +60,7 @@ TEST_CASE("no groove is so acute, and no hand so deep, that the proxy goes into 
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
       for (int turned = 0; turned < 6; ++turned) {
-        test::Random random(static_cast<std::uint64_t>(turned));
-        const Mat3 frame =
-            Eigen::Quaterniond(Eigen::AngleAxisd(random.uniform(0.0, 6.28), random.direction()))
-                .toRotationMatrix();
+        const Mat3 frame = anyFrame(turned);
         const Vec3 edge(24.3, 23.7, 24.45);
         const double half = opening * std::numbers::pi / 360.0;
         const Vec3 a = frame * Vec3(std::sin(half), std::cos(half), 0.0);
@@ -82,10 +90,7 @@ TEST_CASE("a hand beyond the walls of a box does not come out of it", "[motion]"
   for (const double beyond : {3.0, 20.0}) {
     for (const double speed : {1.0, 3.0}) {
       for (int turned = 0; turned < 6; ++turned) {
-        test::Random random(static_cast<std::uint64_t>(turned));
-        const Mat3 frame =
-            Eigen::Quaterniond(Eigen::AngleAxisd(random.uniform(0.0, 6.28), random.direction()))
-                .toRotationMatrix();
+        const Mat3 frame = anyFrame(turned);
         constexpr double kHalf = 9.0;
         const Vec3 middle(24.3, 23.7, 24.45);
         const auto free = [&](const Vec3& p) {
