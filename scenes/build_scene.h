@@ -72,7 +72,7 @@ struct ComputedField {
 
 /// A scene and what it was made of.
 struct BuiltScene {
-  std::shared_ptr<const Scene> scene;  ///< For any number of hands.
+  std::shared_ptr<const Scene> scene;                            ///< For any number of hands.
   std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
                                                                  ///< the computed fields.
   std::map<std::string, Placement> placements;
