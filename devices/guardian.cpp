@@ -24,6 +24,7 @@ namespace palpate {
 struct Guardian::Shared {
   std::array<std::atomic<std::uint64_t>, kMostLoops> hearts{};
   std::atomic<std::uint32_t> stops{0};
+  std::atomic<std::uint64_t> pulse{0};  ///< Of the child.
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
@@ -85,6 +86,18 @@ class Message {
   msghdr head_{};
 };
 
+/// A program may have been started with its input or output closed: their numbers are not ours.
+bool aboveStandard(std::array<int, 2>& ends) noexcept {
+  bool good = true;
+  for (int& end : ends) {
+    const int moved = fcntl(end, F_DUPFD_CLOEXEC, 3);
+    good = good && moved >= 0;
+    close(end);
+    end = moved;
+  }
+  return good;
+}
+
 /// Nothing that is meant for the program ends its guardian.
 void standApart(int socket) noexcept {
   setsid();
@@ -95,9 +108,9 @@ void standApart(int socket) noexcept {
   prctl(PR_SET_NAME, "palpate-guard");
   const int null = open("/dev/null", O_RDWR);
   for (int standard = 0; standard < 3; ++standard) dup2(null, standard);
-  for (int other = 3; other < 1024; ++other) {
-    if (other != socket) close(other);
-  }
+  const auto own = static_cast<unsigned>(socket);
+  if (own > 3) close_range(3, own - 1, 0);
+  close_range(own + 1, ~0U, 0);
   // Above the loop, which keeps its core when it hangs; as high as is permitted.
   for (int priority = 90; priority > 0; priority -= 5) {
     sched_param wanted{};
@@ -144,10 +157,15 @@ Guardian::Guardian() : maker_(getpid()) {
       mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (memory == MAP_FAILED) throw DeviceError("guardian", reason(), "free some memory");
   shared_ = new (memory) Shared;
-  std::array<int, 2> ends{};
-  if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0) {
+  std::array<int, 2> ends{-1, -1};
+  if (socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data()) != 0 ||
+      !aboveStandard(ends)) {
+    const std::string why = reason();
+    for (const int end : ends) {
+      if (end >= 0) close(end);
+    }
     munmap(shared_, sizeof(Shared));
-    throw DeviceError("guardian", reason(), "close some files");
+    throw DeviceError("guardian", why, "close some files");
   }
   child_ = fork();
   if (child_ == 0) {
@@ -199,7 +217,7 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
     throw DeviceError("guardian", reason(), "start the program again");
   }
   count_.store(slot + 1, std::memory_order_release);
-  return {&shared_->hearts[slot], &shared_->stops};
+  return {&shared_->hearts[slot], &shared_->stops, &shared_->pulse};
 }
 
 void Guardian::zero() noexcept {
@@ -247,6 +265,7 @@ void Guardian::guard(int socket) noexcept {
         wards[order.slot] = {descriptor, order, 0, nowNs(), true};
       }
     }
+    shared_->pulse.fetch_add(1, std::memory_order_relaxed);
     for (std::size_t i = 0; i < kMostLoops; ++i) {
       Ward& ward = wards[i];
       if (ward.descriptor < 0) continue;

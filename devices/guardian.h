@@ -14,7 +14,8 @@
 namespace palpate {
 
 /// Writes zero force within kGuardTime of a loop's last tick, or at once where the process has
-/// died, for every loop that it watches. Make it first of all: the child is a copy of the process
+/// died, for every loop that it watches. A loop whose guardian shows no life itself is cut
+/// (Fault::kUnguarded). Make it first of all: the child is a copy of the process
 /// as it is then, and before there are threads. Its way is one of fork(), so it is a program's
 /// business, not a library's: an embedder makes one in main().
 class Guardian {

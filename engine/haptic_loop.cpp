@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <string>
 #include <utility>
+
+#include "engine/error.h"
 
 namespace palpate {
 
@@ -16,13 +20,23 @@ ForceLimits gently(ForceLimits limits, bool hand) noexcept {
   return limits;
 }
 
+const DeviceInfo& checked(const DeviceInfo& info) {
+  const WatchLimits& watch = info.watch;
+  for (const double limit : {watch.stale, watch.max_speed, watch.late}) {
+    if (limit > 0.0 && std::isfinite(limit)) continue;
+    throw DeviceError(info.name, "a limit of its hand is " + std::to_string(limit),
+                      "give positive numbers for stale, max_speed and late");
+  }
+  return info;
+}
+
 }  // namespace
 
 HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heartbeat,
                        const LoopWatch& watch)
     : device_(device),
       sink_(sink),
-      late_(std::max(device.info().watch.late, 3.0 / rate)),
+      late_(std::max(checked(device.info()).watch.late, 3.0 / rate)),
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
@@ -43,13 +57,13 @@ bool HapticLoop::stopped() const noexcept {
 
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (stopped()) return Fault::kStopped;
-  if (heartbeat_ > 0.0) {
-    const std::uint32_t beats = beats_.load(std::memory_order_relaxed);
-    if (beats != beat_) {
-      beat_ = beats;
-      beat_at_ = time.now;
-    }
-    if (time.now - beat_at_ > heartbeat_) return Fault::kHeartbeat;
+  if (heartbeat_ > 0.0 &&
+      beat_.still(beats_.load(std::memory_order_relaxed), time.now) > heartbeat_) {
+    return Fault::kHeartbeat;
+  }
+  if (watch_by_.guard != nullptr &&
+      guard_.still(watch_by_.guard->load(std::memory_order_relaxed), time.now) > kUnguardedTime) {
+    return Fault::kUnguarded;
   }
   if (time.late > late_) return Fault::kLate;
   // A recorded path may do what no hand can, and hurts none; an arm that is being homed jumps.
@@ -64,7 +78,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   if (clear_.exchange(false, std::memory_order_acquire)) {
     if (watch_by_.stops != nullptr) stops_seen_ = watch_by_.stops->load(std::memory_order_relaxed);
     watch_.forget();
-    beat_at_ = time.now;
+    beat_.since = guard_.since = time.now;
     state_.clearFault();
   }
 

@@ -32,7 +32,12 @@ struct LoopWatch {
   std::atomic<std::uint64_t>* heart = nullptr;        ///< Counts ticks.
   const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each is as
                                                       ///< HapticLoop::cut.
+  const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while somebody looks: where it
+                                                      ///< stands still for kUnguardedTime the
+                                                      ///< force is cut.
 };
+
+inline constexpr double kUnguardedTime = 0.25;  ///< [s]
 
 /// When a tick is.
 struct TickTime {
@@ -56,6 +61,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   ///
   /// @param rate       Ticks a second that are meant [Hz].
   /// @param heartbeat  The application's longest pause between beats [s]; 0: none is asked for.
+  /// Throws DeviceError where what the device says of its hand (DeviceInfo::watch) is no limit.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
 
@@ -108,8 +114,19 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Telemetry told_;
   std::uint32_t stops_seen_ = 0;  ///< Of LoopWatch::stops, taken back.
   bool ready_ = true;             ///< Of the last tick's hand.
-  std::uint32_t beat_ = 0;        ///< Last one seen,
-  double beat_at_ = 0.0;          ///< when [s].
+
+  /// A word that somebody counts up, and since when it has stood still.
+  struct Pulse {
+    std::uint64_t count = 0;
+    double since = 0.0;  ///< [s]
+
+    [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
+      if (seen != count) *this = {seen, now};
+      return now - since;
+    }
+  };
+  Pulse beat_;
+  Pulse guard_;
 };
 
 }  // namespace palpate

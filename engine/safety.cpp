@@ -29,6 +29,7 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"power", "the device has no power", "switch it on"},
     {"switch", "the device's safety switch is open", "close it"},
     {"heartbeat", "the application has shown no life", "see why it hangs"},
+    {"unguarded", "the guardian process has shown no life", "start the program again"},
     {"stopped", "the force was switched off", "switch it on again when the hand is ready"},
 }};
 

@@ -28,9 +28,10 @@ enum class Fault : std::uint8_t {
   kPower,        ///< The device says that it has no power: switch it on.
   kSwitch,       ///< The device's safety switch is open: close it.
   kHeartbeat,    ///< The application has not called HapticThread::beat in time: it hangs.
+  kUnguarded,    ///< The guardian process shows no life: start the program again.
   kStopped,      ///< Somebody asked for it, by a key, a signal or HapticThread::cut.
 };
-inline constexpr std::size_t kFaults = 13;
+inline constexpr std::size_t kFaults = 14;
 
 /// What happened, for messages: "the device's position is too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;

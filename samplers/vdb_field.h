@@ -21,6 +21,9 @@ struct Placement {
   [[nodiscard]] Vec3 operator()(const Vec3& p_F) const noexcept {
     return translate + rotation * (scale * p_F);
   }
+  [[nodiscard]] bool operator==(const Placement& other) const noexcept {
+    return scale == other.scale && rotation == other.rotation && translate == other.translate;
+  }
 };
 
 /// Centred in W, the longest side of the active bounds `size` metres long. Throws VolumeError where
@@ -46,6 +49,8 @@ struct Sampling {
   Interpolation interpolation = Interpolation::kTrilinear;
   bool axial = false;  ///< A vector without a sign, as a fibre's direction: in each cell the signs
                        ///< of the voxels are aligned before they are blended. Trilinear only.
+
+  [[nodiscard]] bool operator==(const Sampling&) const = default;
 };
 
 /// A scalar or vector field over a volume, by its type.

@@ -8,7 +8,7 @@
 #include <fmt/format.h>
 
 #include "engine/error.h"
-#include "samplers/derive.h"
+#include "scenes/scene_cache.h"
 
 namespace palpate {
 namespace {
@@ -171,7 +171,8 @@ std::vector<std::string> remarks(const GridInfo& info) {
 /// Computes those derived fields whose own derivatives something needs.
 class FieldComputer {
  public:
-  FieldComputer(const SceneSpec& spec, BuiltScene& built) : spec_(spec), built_(built) {}
+  FieldComputer(const SceneSpec& spec, BuiltScene& built, SceneCache& cache)
+      : spec_(spec), built_(built), cache_(cache) {}
 
   /// Adds them to the volumes; what is left to be derived on the fly. What is wrong with a field is
   /// left to be said by the graph.
@@ -187,7 +188,7 @@ class FieldComputer {
                                made->from, why};
       built_.volumes[name] = made->volume;
       built_.placements[name] = built_.placements.at(made->from);
-      built_.fields[name] = makeVdbField(made->volume, built_.placements.at(name), sampling);
+      built_.fields[name] = cache_.field(made->volume, built_.placements.at(name), sampling);
       graph.fields.erase(name);
     }
     return graph;
@@ -247,7 +248,7 @@ class FieldComputer {
                        "remove \"axial\", or let no mode need its gradient");
     }
     try {
-      made = {deriveVolume(of->volume, what), of->from, of->axial && what == Derivation::kUnit};
+      made = {cache_.derive(of->volume, what), of->from, of->axial && what == Derivation::kUnit};
     } catch (const VolumeError& e) {
       throw SceneError::within(path, e);
     }
@@ -256,6 +257,7 @@ class FieldComputer {
 
   const SceneSpec& spec_;
   BuiltScene& built_;
+  SceneCache& cache_;
   std::map<std::string, Made> made_;
 };
 
@@ -283,7 +285,9 @@ void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& grap
 
 }  // namespace
 
-BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
+BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCache* cache) {
+  SceneCache own;
+  SceneCache& things = cache != nullptr ? *cache : own;
   BuiltScene built;
   built.motions = ownMotions(spec);
   std::vector<std::string> wanted;
@@ -302,7 +306,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
       requests.push_back({volume.file, volume.grid, volume.non_finite, volume.smooth});
     }
   }
-  const std::vector<LoadResult> loaded = loadVolumes(requests, progress);
+  const std::vector<LoadResult> loaded = things.load(requests, progress);
   for (std::size_t i = 0; i < wanted.size(); ++i) {
     const std::string path = at(spec, "/volumes/" + wanted[i]);
     try {
@@ -320,12 +324,12 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
     }
     try {
       built.fields[name] =
-          makeVdbField(volume, built.placements[name], spec.volumes.at(name).sampling);
+          things.field(volume, built.placements[name], spec.volumes.at(name).sampling);
     } catch (const VolumeError& e) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
   }
-  GraphSpec graph = FieldComputer(spec, built).compute();
+  GraphSpec graph = FieldComputer(spec, built, things).compute();
   placeGuides(spec, built, graph);
   joinMotions(spec, built);
   graph.motions = built.motions;
@@ -355,6 +359,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress) {
                                                "{} to {}: there is no surface to feel",
                                                i, mode.value, low, high)));
   }
+  things.forgetUnused();
   return built;
 }
 

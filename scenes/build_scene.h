@@ -17,6 +17,8 @@
 
 namespace palpate {
 
+class SceneCache;
+
 /// Told how far loading is, from 0 to 1; from any thread, one at a time.
 using Progress = std::function<void(double done)>;
 
@@ -88,7 +90,11 @@ struct BuiltScene {
 /// isosurface, force by a scalar), or another field the derivatives of, is computed at load and
 /// from there on a volume, placed and interpolated as the one that it comes from. Throws SceneError
 /// (with the JSON path) or VolumeError; whatever is running is not touched. Slow.
-[[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr);
+///
+/// @param cache  If given: what it has need not be loaded again, and a hand feels a scene of the
+///               same fields as an edit.
+[[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
+                                    SceneCache* cache = nullptr);
 
 /// Throws SceneError where the coupling asks for more stiffness than a device renders stably.
 void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness);

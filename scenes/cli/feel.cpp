@@ -26,6 +26,7 @@
 #include "scenes/cli/felt.h"
 #include "scenes/cli/picture.h"
 #include "scenes/cli/version.h"
+#include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
 
 namespace palpate::cli {
@@ -216,44 +217,63 @@ class Log final : public TickSink {
   std::int64_t lost_ = 0;
 };
 
-/// Keys of a terminal while a hand is on the arm: Esc cuts the force, Enter lets it out again.
+/// Keys of a terminal while a hand is on the arm: Esc cuts the force, Enter lets it out again. The
+/// terminal is left alone while it is another program's.
 class Keys {
  public:
   Keys() : shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
-    if (!shown_) return;
-    termios raw = usual_;
-    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
-    raw.c_cc[VMIN] = 0;
-    raw.c_cc[VTIME] = 0;
-    tcsetattr(0, TCSANOW, &raw);
-    fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
+    if (shown_) fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
   }
   ~Keys() {
-    if (shown_) tcsetattr(0, TCSANOW, &usual_);
+    if (raw_ && ours()) tcsetattr(0, TCSANOW, &usual_);
   }
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
 
-  void look(HapticThread& hand) const {
+  void look(HapticThread& hand) {
+    if (!shown_ || !ours()) {
+      raw_ = false;
+      return;
+    }
+    // Also after it has been stopped and gone on: a shell may have put its own way back.
+    if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
+      termios raw = usual_;
+      raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+      raw.c_cc[VMIN] = 0;
+      raw.c_cc[VTIME] = 0;
+      raw_ = tcsetattr(0, TCSANOW, &raw) == 0;
+    }
     constexpr char kEscape = 27;
     char key = 0;
-    while (shown_ && read(0, &key, 1) == 1) {
+    while (raw_ && read(0, &key, 1) == 1) {
       if (key == kEscape) hand.cut();
       if (key == '\n' || key == '\r') hand.clear();
     }
   }
 
  private:
+  /// In the background its settings are not to be touched, nor may it be read.
+  static bool ours() { return tcgetpgrp(0) == getpgrp(); }
   termios usual_{};
   bool shown_;
+  bool raw_ = false;  ///< It gives every key at once.
 };
+
+std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
+  std::error_code error;
+  const auto time = std::filesystem::last_write_time(file, error);
+  if (error) return std::nullopt;
+  return time;
+}
 
 /// A scene file that is made anew when it changes, on a thread of its own, so that keys and faults
 /// are looked at meanwhile; what is wrong with it is said, and the scene that runs goes on.
 class Watcher {
  public:
-  Watcher(std::string file, const Device& device)
-      : file_(std::move(file)), device_(device), seen_(changed()) {}
+  /// `seen`: when the scene that runs was written.
+  Watcher(std::string file, std::optional<std::filesystem::file_time_type> seen,
+          const Device& device, SceneCache& cache)
+      : file_(std::move(file)), device_(device), cache_(cache), seen_(seen) {}
 
   /// The new scene; none where there is none yet.
   std::optional<BuiltScene> look() {
@@ -272,13 +292,13 @@ class Watcher {
       }
       return std::nullopt;
     }
-    const auto now = changed();
+    const auto now = writtenAt(file_);
     if (!now || now == seen_) return std::nullopt;
     seen_ = now;
     made_ = std::async(std::launch::async, [this] {
       const SceneSpec spec = openScene(file_, {});
       checkDevice(spec, device_.info().name, device_.info().max_stiffness);
-      BuiltScene built = buildScene(spec, {});
+      BuiltScene built = buildScene(spec, {}, &cache_);
       for (const std::string& note : spec.notes) complain(note);
       for (const std::string& note : built.notes) complain(note);
       return built;
@@ -287,14 +307,9 @@ class Watcher {
   }
 
  private:
-  [[nodiscard]] std::optional<std::filesystem::file_time_type> changed() const {
-    std::error_code error;
-    const auto time = std::filesystem::last_write_time(file_, error);
-    if (error) return std::nullopt;
-    return time;
-  }
   std::string file_;
   const Device& device_;
+  SceneCache& cache_;
   std::optional<std::filesystem::file_time_type> seen_;
   std::future<BuiltScene> made_;
 };
@@ -304,6 +319,8 @@ struct Run {
   const Options& options;
   Device& device;
   std::shared_ptr<const Scene> scene;
+  std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
+  SceneCache& cache;
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
 };
@@ -332,9 +349,9 @@ OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& r
   if (const ZeroForce zero = run.device.zeroForce(); zero.descriptor >= 0) {
     params.watch = guardian.watch(zero);
   }
-  const Keys keys;
+  Keys keys;
   std::optional<Watcher> watcher;
-  if (run.options.watch) watcher.emplace(run.options.scene, run.device);
+  if (run.options.watch) watcher.emplace(run.options.scene, run.written, run.device, run.cache);
   HapticThread hand(run.device, params, &log);
   if (!hand.realtime().refused.empty()) {
     fmt::print(stderr, "feel: {}: the loop runs without it\n", hand.realtime().refused);
@@ -405,10 +422,12 @@ int feel(const Options& options) {
   std::signal(SIGHUP, on_signal);
 
   // Everything that can be refused is refused before anything runs.
+  const auto written = writtenAt(options.scene);
   const SceneSpec spec = openScene(options.scene, showProgress("loading"));
   checkOutputs(options, spec);
   for (const std::string& note : spec.notes) complain(note);
-  const BuiltScene built = buildScene(spec, showProgress("loading"));
+  SceneCache cache;
+  const BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
   const std::unique_ptr<Device> device = makeDevice(options, built.bounds);
   checkDevice(spec, device->info().name, device->info().max_stiffness);
@@ -418,7 +437,7 @@ int feel(const Options& options) {
   std::optional<WholeFile> summary_file;
   if (!options.summary.empty()) summary_file.emplace(options.summary);
 
-  Run run{options, *device, built.scene};
+  Run run{options, *device, built.scene, written, cache};
   run.whole_path = !options.seconds && options.device != "simulated";
   run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
                              : static_cast<std::int64_t>(std::llround(

@@ -20,6 +20,11 @@ OWN = ["exception", "exit", "return", "hang"]
 TRIES = 3    # a machine that runs other tests may be late itself: the best of so many
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
 TABLE = []
+# What becomes of the program: a stop is no end, a hang neither, and the rest end as they would have.
+AFTERWARDS = {name: f"ended with {-getattr(signal, name)}" for name in SIGNALS}
+AFTERWARDS |= dict.fromkeys(["SIGSTOP", "SIGTSTP", "hang"], "lives")
+AFTERWARDS |= {"exception": f"ended with {-signal.SIGABRT}", "exit": "ended with 0",
+               "return": "ended with 0"}
 
 
 def newtons(data):
@@ -115,6 +120,7 @@ class KillTable(unittest.TestCase):
         best = min(tries)
         TABLE.append((row, best, len(tries)))
         self.assertLessEqual(best[0], LIMIT, f"{row}: {tries}")
+        self.assertEqual(best[1], AFTERWARDS[row], f"{row}: {tries}")
 
     def test_a_guardian_ends_with_its_program(self):
         victim = Victim("nothing")
@@ -130,6 +136,18 @@ class KillTable(unittest.TestCase):
         else:
             self.fail("it is still there")
         victim.close()
+
+    def test_a_guardian_that_is_gone_is_noticed(self):
+        for blow in (signal.SIGKILL, signal.SIGSTOP):
+            victim = Victim("nothing")
+            try:
+                victim.press()
+                os.kill(victim.guardian, blow)
+                victim.listen(2.0)
+                self.assertIsNone(victim.program.poll())
+                self.assertEqual(victim.seen[-1][1], 0.0)
+            finally:
+                victim.close()
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
         # So that the table means something.

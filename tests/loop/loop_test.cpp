@@ -13,6 +13,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "engine/error.h"
 #include "engine/haptic_loop.h"
 #include "tests/loop/scenes.h"
 #include "tests/support/counters.h"
@@ -34,13 +35,18 @@ struct Rig {
   HapticLoop loop;
   TickTime time;
 
-  explicit Rig(double heartbeat = 0.0) : loop(device, 1.0 / kDt, nullptr, heartbeat) {}
+  std::atomic<std::uint64_t> guard{0};
+  bool guarded = true;
+
+  explicit Rig(double heartbeat = 0.0)
+      : loop(device, 1.0 / kDt, nullptr, heartbeat, {nullptr, nullptr, &guard}) {}
 
   const Telemetry& tick(double late = 0.0) {
     time.dt = kDt + late;
     time.now += time.dt;
     time.late = late;
     time.missed = late > kDt;
+    if (guarded) ++guard;
     loop.tick(time);
     return loop.latest();
   }
@@ -188,6 +194,36 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
       nothing);
   expect(
       Fault::kHeartbeat, [](Rig& rig) { rig.run(0.11); }, nothing, 0.1);
+  expect(
+      Fault::kUnguarded,
+      [](Rig& rig) {
+        rig.guarded = false;
+        rig.run(kUnguardedTime - 0.01);
+        REQUIRE(rig.device.sent.norm() > 1.0);
+        rig.run(0.02);
+      },
+      [](Rig& rig) { rig.guarded = true; });
+  expect(
+      Fault::kOverSpeed,
+      [](Rig& rig) {
+        // Off to the side: too fast for 50 ms, never a jump.
+        for (int i = 0; i < 80; ++i) {
+          rig.device.hand.position.x() += 0.0035;
+          rig.tick();
+        }
+      },
+      [](Rig& rig) { rig.device.hand.position = kPressed; });
+}
+
+TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
+  for (const double bad : {0.0, -1.0, std::nan(""), static_cast<double>(INFINITY)}) {
+    for (double WatchLimits::*limit :
+         {&WatchLimits::stale, &WatchLimits::max_speed, &WatchLimits::late}) {
+      TestDevice device;
+      device.info_.watch.*limit = bad;
+      CHECK_THROWS_AS(HapticLoop(device, 1000.0), DeviceError);
+    }
+  }
 }
 
 TEST_CASE("ticks that are a little late are counted and felt", "[loop][safety]") {
@@ -353,8 +389,13 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   TestDevice device;
   device.info_.limits.continuous = 6.0;
   device.info_.limits.heating = 2.0;
-  HapticLoop loop(device, 1000.0);
+  constexpr double kHeartbeat = 0.2;  // [s]
+  std::atomic<std::uint64_t> guard{0};
+  HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.info_.limits;
+  long silent = 0;       // ticks without the application's beat,
+  long unguarded = 0;    // and without the guardian's
+  double ramp_at = 0.0;  // when the last engagement can have begun
   TickTime time;
   Vec3 velocity = Vec3::Zero();
   Vec3 sent = Vec3::Zero();
@@ -380,7 +421,10 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
     } else if (event == 6) {
       device.hand.age = random.uniform(0.0, 0.1);
     } else if (event == 7) {
-      device.hand.fault = static_cast<Fault>(random.integer(static_cast<int>(kFaults)));
+      // What devices report; the others are caused.
+      const std::array reported{Fault::kWrite, Fault::kGone, Fault::kTemperature, Fault::kPower,
+                                Fault::kSwitch};
+      device.hand.fault = reported[static_cast<std::size_t>(random.integer(5))];
     } else if (event == 8) {
       late = random.uniform(0.0, 0.01);
     } else if (event == 9) {
@@ -389,14 +433,21 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
       loop.cut();
     } else if (event == 11) {
       lost = true;
-    } else if (event < 30) {
+    } else if (event == 12 && random.integer(10) == 0) {
+      silent = 300;
+    } else if (event == 13 && random.integer(10) == 0) {
+      unguarded = 300;
+    } else if (event < 32) {
       loop.clear();
       device.hand.ready = true;
     }
+    if (silent-- <= 0) loop.beat();
+    if (unguarded-- <= 0) ++guard;
     // A hand that strives to and fro through everything, sometimes much too fast.
     velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
                 kDt * 60.0 * device.hand.position;
     velocity *= 0.999;
+    if (random.integer(5000) == 0) velocity = 3.3 * random.direction();
     device.hand.position += kDt * velocity;
     const Vec3 keep = device.hand.position;
     if (lost) device.hand.position[random.integer(3)] = random.integer(2) == 0 ? nan : 1e9;
@@ -424,6 +475,10 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
     if (told.fault != Fault::kNone && size != 0.0) FAIL("force after a fault, tick " << i);
     if (told.scene == 0 && size != 0.0) FAIL("force without a scene, tick " << i);
     if (!device.hand.ready && size != 0.0) FAIL("force without a dead man's switch, tick " << i);
+    if (told.fault != Fault::kNone || told.scene == 0 || !device.hand.ready) ramp_at = time.now;
+    if (size > limits.peak * (time.now - ramp_at) / kEngage * (1.0 + 1e-9)) {
+      FAIL("tick " << i << ": " << size << " N " << time.now - ramp_at << " s after a cut");
+    }
     sent = force;
     largest = std::max(largest, size);
     felt += size > 0.0 ? 1 : 0;

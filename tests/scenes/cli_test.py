@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
 """The program as its users meet it: cli_test.py BIN_DIR VOLUMES_PROGRAM [DATA]."""
 import csv
+import fcntl
 import io
 import json
 import math
 import os
+import pty
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 import unittest
 from pathlib import Path
@@ -535,12 +538,42 @@ class Feel(Case):
         until("not valid JSON")
         change(text % "after")
         until("it is felt now")
+        # Written while the one before may still be being made.
+        change(text % "last")
+        until("it is felt now")
         time.sleep(0.5)
         child.send_signal(signal.SIGINT)
         out, _ = child.communicate(timeout=60)
         self.assertEqual(child.returncode, 130)
-        self.assertEqual([mode["mode"] for mode in json.loads(out)["felt"]], ["before", "after"])
-        self.assertEqual(json.loads(out)["scenes"], 2)
+        self.assertEqual([mode["mode"] for mode in json.loads(out)["felt"]], ["before", "after", "last"])
+        self.assertEqual(json.loads(out)["scenes"], 3)
+
+    def test_escape_cuts_the_force_and_enter_lets_it_out(self):
+        main, terminal = pty.openpty()
+        child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--realtime",
+                                  "--seconds", "100000", "--json"], stdin=terminal,
+                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                 start_new_session=True,
+                                 preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0))
+        usual = termios.tcgetattr(main)
+        for line in child.stderr:
+            if "Esc: force off" in line:
+                break
+        for _ in range(2):
+            time.sleep(0.3)
+            self.assertFalse(termios.tcgetattr(main)[3] & termios.ICANON)
+            os.write(main, b"\r\x1b")   # a loaded machine may be late before
+            for line in child.stderr:
+                if "switched off" in line:
+                    break
+            os.write(main, b"\r")
+        time.sleep(0.3)
+        child.send_signal(signal.SIGINT)
+        out, _ = child.communicate(timeout=60)
+        self.assertEqual(json.loads(out)["faults"]["stopped"], 2)
+        self.assertEqual(termios.tcgetattr(main), usual)
+        os.close(main)
+        os.close(terminal)
 
     def test_what_cannot_be_on_time_is_refused(self):
         ball = self.dir / "ball.vdb"

@@ -1,5 +1,8 @@
+#include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
+#include <memory>
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
@@ -11,6 +14,7 @@
 #include "engine/error.h"
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
+#include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
@@ -381,6 +385,50 @@ TEST_CASE("what smoothing takes away is noted, and changes what is felt", "[scen
   REQUIRE(built.notes.size() == 1);
   CHECK_THAT(built.notes.front(), Contains("s.json: /volumes/head: smoothed over 2 voxels"));
   CHECK(built.volumes.at("head")->info().smoothing.width == 2);
+}
+
+TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
+  const TemporaryFolder folder;
+  writeVortex(folder.path());
+  SceneCache cache;
+  Json json = vortexScene("swirl", 1.0, "above");
+  const auto build = [&] {
+    return buildScene(parseScene(json.dump(), "s.json", folder.path()), nullptr, &cache);
+  };
+  const BuiltScene first = build();
+  // Numbers only: an edit, volumes and computed fields are the same ones.
+  json["modes"][0]["strength"] = 2;
+  json["coupling"]["stiffness"] = 300;
+  const BuiltScene edited = build();
+  CHECK(edited.scene->shape == first.scene->shape);
+  CHECK(edited.scene->id != first.scene->id);
+  CHECK(edited.volumes == first.volumes);
+  CHECK(edited.fields == first.fields);
+  CHECK(edited.computed.size() == first.computed.size());
+  // Another place: the volume is not loaded again, but the hand is elsewhere in it.
+  json["volumes"]["flow"]["place"]["scale"] = 0.02;
+  const BuiltScene moved = build();
+  CHECK(moved.volumes == first.volumes);
+  CHECK(moved.scene->shape != first.scene->shape);
+  // What was broken in between costs nothing.
+  json["modes"][0]["of"] = "nothing";
+  CHECK_THROWS_AS(build(), SceneError);
+  json["modes"][0]["of"] = "swirl";
+  CHECK(build().scene->shape == moved.scene->shape);
+  // The file is written anew.
+  const auto file = folder / "flow.vdb";
+  const auto time = std::filesystem::last_write_time(file);
+  writeVortex(folder.path());
+  std::filesystem::last_write_time(file, time + std::chrono::seconds(1));
+  BuiltScene renewed = build();
+  CHECK(renewed.volumes.at("flow") != first.volumes.at("flow"));
+  CHECK(renewed.scene->shape != moved.scene->shape);
+  // What no scene uses any more is freed.
+  const std::weak_ptr<const Volume> gone = renewed.volumes.at("flow");
+  renewed = {};
+  cache.forgetUnused();
+  cache.forgetUnused();
+  CHECK(gone.expired());
 }
 
 TEST_CASE("the bounds of a scene hold its volumes wherever they are", "[scene]") {
