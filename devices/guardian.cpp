@@ -199,13 +199,31 @@ Guardian::~Guardian() {
 LoopWatch Guardian::watch(const ZeroForce& zero) {
   const std::size_t slot = count_;
   if (slot == kMostLoops) throw DeviceError("guardian", "it watches 8 loops", "use fewer devices");
+  tell(slot, zero);
+  count_.store(slot + 1, std::memory_order_release);
+  return {&shared_->hearts[slot], &shared_->stops, &shared_->pulse};
+}
+
+void Guardian::renew(const LoopWatch& loop, const ZeroForce& zero) {
+  for (std::size_t slot = 0; slot < count_; ++slot) {
+    if (loop.heart == &shared_->hearts[slot]) return tell(slot, zero);
+  }
+  throw DeviceError("guardian", "it does not watch this loop", "watch it first");
+}
+
+void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
   if (zero.bytes.empty() || zero.bytes.size() > ZeroForce::kMostBytes) {
     throw DeviceError("guardian", "a zero force of " + std::to_string(zero.bytes.size()) + " bytes",
                       "give 1 to 256");
   }
   Watched& watched = watched_[slot];
-  // Its own: the device may be gone before the guardian is.
-  watched.descriptor = fcntl(zero.descriptor, F_DUPFD_CLOEXEC, 3);
+  // Its own: the device may be gone before the guardian is. A signal handler may be about to write:
+  // the number stays.
+  if (watched.descriptor < 0) {
+    watched.descriptor = fcntl(zero.descriptor, F_DUPFD_CLOEXEC, 3);
+  } else if (dup3(zero.descriptor, watched.descriptor, O_CLOEXEC) < 0) {
+    throw DeviceError("guardian", reason(), "close some files");
+  }
   if (watched.descriptor < 0) throw DeviceError("guardian", reason(), "close some files");
   watched.size = zero.bytes.size();
   std::copy(zero.bytes.begin(), zero.bytes.end(), watched.bytes.begin());
@@ -216,8 +234,6 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
   if (!Message(order).send(socket_, zero.descriptor)) {
     throw DeviceError("guardian", reason(), "start the program again");
   }
-  count_.store(slot + 1, std::memory_order_release);
-  return {&shared_->hearts[slot], &shared_->stops, &shared_->pulse};
 }
 
 void Guardian::zero() noexcept {
@@ -262,6 +278,7 @@ void Guardian::guard(int socket) noexcept {
       int descriptor = -1;
       living = Message(order).take(socket, descriptor);
       if (living && descriptor >= 0 && order.slot < kMostLoops) {
+        if (wards[order.slot].descriptor >= 0) close(wards[order.slot].descriptor);
         wards[order.slot] = {descriptor, order, 0, nowNs(), true};
       }
     }

@@ -35,6 +35,10 @@ class Guardian {
   /// kMostLoops, or for a zero force that is empty or too long.
   [[nodiscard]] LoopWatch watch(const ZeroForce& zero);
 
+  /// The device of a loop that is watched has another descriptor, being another one or plugged in
+  /// anew. Before its force is let out again. Throws DeviceError as watch().
+  void renew(const LoopWatch& loop, const ZeroForce& zero);
+
   /// Cuts every loop's force and writes zero force. From any thread, and from signal handlers.
   void zero() noexcept;
 
@@ -54,6 +58,7 @@ class Guardian {
     std::array<std::byte, ZeroForce::kMostBytes> bytes;
   };
   [[noreturn]] void guard(int socket) noexcept;
+  void tell(std::size_t slot, const ZeroForce& zero);
 
   Shared* shared_ = nullptr;
   int socket_ = -1;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string>
 
@@ -15,7 +16,8 @@ namespace palpate {
 struct DeviceInfo {
   std::string name;
   ForceLimits limits;             ///< [N], [N/s].
-  double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m].
+  double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m],
+  double max_damping = 1e9;       ///< and damping [N s/m].
   double workspace_radius = 0.1;  ///< [m], about the origin of W.
   std::string source;             ///< Of the numbers above.
   WatchLimits watch;              ///< What a hand on it may do.
@@ -28,6 +30,7 @@ struct ZeroForce {
   static constexpr std::size_t kMostBytes = 256;
   int descriptor = -1;  ///< Its own, apart from the device's; -1: there is none.
   std::span<const std::byte> bytes;
+  std::uint32_t version = 1;  ///< Another one when the descriptor leads to another device.
 };
 
 /// A hand on an arm, real or simulated. One thread at a time.

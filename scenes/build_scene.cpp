@@ -363,14 +363,18 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   return built;
 }
 
-void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness) {
+void checkDevice(const SceneSpec& spec, const DeviceInfo& device) {
   const double asked =
       spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
-  if (asked <= max_stiffness) return;
-  throw SceneError(
-      at(spec, "/coupling/stiffness"),
-      fmt::format("{} N/m is more than the device \"{}\" renders stably", asked, device),
-      fmt::format("use at most {}", max_stiffness));
+  const auto check = [&](const char* key, double value, const char* unit, double most) {
+    if (value <= most) return;
+    throw SceneError(at(spec, std::string("/coupling/") + key),
+                     fmt::format("{} {} is more than the device \"{}\" renders stably", value, unit,
+                                 device.name),
+                     fmt::format("use at most {}", most));
+  };
+  check("stiffness", asked, "N/m", device.max_stiffness);
+  check("damping", spec.coupling.damping, "N s/m", device.max_damping);
 }
 
 }  // namespace palpate

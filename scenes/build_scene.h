@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/device.h"
 #include "engine/placement.h"
 #include "engine/scene.h"
 #include "samplers/vdb_field.h"
@@ -96,7 +97,8 @@ struct BuiltScene {
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
-/// Throws SceneError where the coupling asks for more stiffness than a device renders stably.
-void checkDevice(const SceneSpec& spec, const std::string& device, double max_stiffness);
+/// Throws SceneError where the coupling asks for more stiffness or damping than a device renders
+/// stably.
+void checkDevice(const SceneSpec& spec, const DeviceInfo& device);
 
 }  // namespace palpate

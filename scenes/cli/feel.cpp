@@ -297,7 +297,7 @@ class Watcher {
     seen_ = now;
     made_ = std::async(std::launch::async, [this] {
       const SceneSpec spec = openScene(file_, {});
-      checkDevice(spec, device_.info().name, device_.info().max_stiffness);
+      checkDevice(spec, device_.info());
       BuiltScene built = buildScene(spec, {}, &cache_);
       for (const std::string& note : spec.notes) complain(note);
       for (const std::string& note : built.notes) complain(note);
@@ -430,7 +430,7 @@ int feel(const Options& options) {
   const BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
   const std::unique_ptr<Device> device = makeDevice(options, built.bounds);
-  checkDevice(spec, device->info().name, device->info().max_stiffness);
+  checkDevice(spec, device->info());
   std::optional<Picture> picture;
   if (!options.picture.empty()) picture.emplace(options.picture);
   Trace trace(options.trace);

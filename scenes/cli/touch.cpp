@@ -68,7 +68,7 @@ Opened openFor(const std::string& scene, const UserSpec& watcher) {
   opened.spec = openScene(scene, showProgress("loading"));
   for (const std::string& note : opened.spec.notes) complain(note);
   const DeviceInfo device = pathDevice();
-  checkDevice(opened.spec, device.name, device.max_stiffness);
+  checkDevice(opened.spec, device);
   SceneSpec spec = opened.spec;
   if (watcher.place != nullptr) {
     ModeSpec mode;

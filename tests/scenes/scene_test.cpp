@@ -88,6 +88,14 @@ Json vortexScene(const char* of, double value, const char* solid) {
   return scene;
 }
 
+DeviceInfo arm(double stiffness) {
+  DeviceInfo info;
+  info.name = "arm";
+  info.max_stiffness = stiffness;
+  info.max_damping = 5.0;
+  return info;
+}
+
 bool schemaAccepts(const Json& json) {
   const Json text = Json::parse(sceneSchema());
   valijson::Schema schema;
@@ -495,9 +503,12 @@ TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene
   spec.source = "s.json";
   spec.coupling.stiffness = 1500;
   CHECK_THROWS_WITH(
-      checkDevice(spec, "arm", 1000),
+      checkDevice(spec, arm(1000)),
       Contains("s.json: /coupling/stiffness: 1500 N/m") && Contains("use at most 1000"));
-  CHECK_NOTHROW(checkDevice(spec, "arm", 1500));
+  CHECK_NOTHROW(checkDevice(spec, arm(1500)));
+  spec.coupling.damping = 5.1;
+  CHECK_THROWS_WITH(checkDevice(spec, arm(1500)),
+                    Contains("/coupling/damping: 5.1 N s/m") && Contains("use at most 5"));
 }
 
 TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
@@ -608,8 +619,8 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
   const Graph& graph = built.scene->graph;
   REQUIRE(graph.modes.size() == 8);
   CHECK(built.scene->coupling.stiffness == 200);
-  CHECK_THROWS_WITH(checkDevice(spec, "arm", 599), Contains("/coupling/stiffness: 600 N/m"));
-  checkDevice(spec, "arm", 600);
+  CHECK_THROWS_WITH(checkDevice(spec, arm(599)), Contains("/coupling/stiffness: 600 N/m"));
+  checkDevice(spec, arm(600));
   CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
   CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
   CHECK(std::get<FrontShapeMode>(graph.modes[3]).snap == Approx(4 * graph.vector_frames[0].voxel));

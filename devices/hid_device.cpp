@@ -1,0 +1,414 @@
+#include "devices/hid_device.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fcntl.h>
+#include <unistd.h>
+#include <utility>
+
+#include "engine/error.h"
+#include "engine/realtime.h"
+
+namespace palpate {
+
+namespace {
+
+constexpr std::size_t kFullRing = 60;          // of the kernel's 63: what comes next is lost
+constexpr std::size_t kMostReads = 128;        // a call
+constexpr std::int64_t kWriteTime = 20000000;  // [ns]: longer is blocked
+constexpr auto kFirstReport = std::chrono::seconds(1);
+constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware answers only
+constexpr auto kMend = std::chrono::milliseconds(50);
+using Clock = std::chrono::steady_clock;
+
+DeviceInfo infoFor(const HidProfile& profile, bool tested) {
+  const HidLimits& limits = profile.limits;
+  DeviceInfo info;
+  info.name = "hid:" + profile.name;
+  info.limits.peak = tested ? limits.force : std::min(limits.force, kUntestedForce);
+  info.limits.slew = limits.slew;
+  info.limits.continuous = limits.continuous;
+  info.limits.heating = limits.heating;
+  info.max_stiffness = tested ? limits.stiffness : std::min(limits.stiffness, kUntestedStiffness);
+  info.max_damping = limits.damping;
+  info.workspace_radius = limits.workspace_radius;
+  info.watch.stale = limits.stale;
+  info.watch.max_speed = limits.speed;
+  info.hand = profile.output.has_value();
+  if (!info.hand) {
+    // Nothing is driven: nothing is limited.
+    info.limits.peak = limits.force;
+    info.max_stiffness = limits.stiffness;
+  }
+  const auto source = profile.sources.find("/limits");
+  info.source = source != profile.sources.end() ? source->second : profile.source;
+  if (!tested && info.hand) {
+    info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
+  }
+  return info;
+}
+
+}  // namespace
+
+HidInput::HidInput(const HidProfile& profile) : profile_(profile) {
+  std::size_t fields = 0;
+  for (const HidReportSpec& report : profile.input) {
+    first_.push_back(fields);
+    fields += report.fields.size();
+    if (report.id) head_ = 1;
+  }
+  values_.assign(fields, 0.0);
+}
+
+bool HidInput::take(std::span<const std::byte> report) noexcept {
+  for (std::size_t r = 0; r < profile_.input.size(); ++r) {
+    const HidReportSpec& spec = profile_.input[r];
+    if (spec.id && (report.empty() || static_cast<std::byte>(*spec.id) != report[0])) continue;
+    const std::span<const std::byte> body = report.subspan(std::min(head_, report.size()));
+    std::size_t needed = 0;
+    for (const ReportField& field : spec.fields) needed = std::max(needed, field.end());
+    if (body.size() < needed) return false;
+    for (std::size_t f = 0; f < spec.fields.size(); ++f) {
+      values_[first_[r] + f] = rawOf(body, spec.fields[f]);
+    }
+    return true;
+  }
+  return false;
+}
+
+Got HidInput::takeNewest(ReportPort& port) noexcept {
+  std::size_t count = 0;
+  std::int64_t good = 0;
+  for (; count < kMostReads; ++count) {
+    std::size_t size = 0;
+    const Got got = port.read(buffer_, size);
+    if (got == Got::kGone) return Got::kGone;
+    if (got == Got::kNothing) break;
+    if (take(std::span<const std::byte>(buffer_).first(std::min(size, buffer_.size())))) {
+      ++good;
+    } else {
+      ++counts_.strange;
+    }
+  }
+  if (count >= kFullRing) {
+    counts_.dropped += static_cast<std::int64_t>(count);
+    return Got::kNothing;
+  }
+  if (good == 0) return Got::kNothing;
+  counts_.passed_by += good - 1;
+  ++counts_.reports;
+  return Got::kReport;
+}
+
+HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested,
+                     HidOpener find, const Say& say)
+    : profile_(std::move(profile)),
+      info_(infoFor(profile_, tested)),
+      find_(std::move(find)),
+      port_(std::move(port)),
+      input_(profile_) {
+  counters_.resize(profile_.joints.size());
+  home_raw_.assign(profile_.joints.size(), 0.0);
+  if (profile_.output) {
+    zero_.assign(profile_.output->size + 1, std::byte{0});
+    zero_[0] = static_cast<std::byte>(profile_.output->id.value_or(0));
+    for (const HidJoint& joint : profile_.joints) {
+      if (!joint.to) continue;
+      const ReportField& field = profile_.output->fields[*joint.to];
+      putRaw(std::span(zero_).subspan(1), field, field.offset);
+    }
+  }
+  prepare(*port_, input_, say);
+  if (profile_.home_at_open) {
+    if (say) say("arm " + profile_.name + ": its home pose is now: " + profile_.home_words);
+    for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+      home_raw_[i] = input_.raw(profile_.joints[i].from);
+    }
+  }
+  guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
+  heard_ = !silent();
+  follow(0.0);
+  read_at_ = heard_at_ = nowNs();
+  open_port_ = port_.get();
+  if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
+  mender_ = std::thread([this] { mendLoop(); });
+}
+
+HidDevice::~HidDevice() {
+  write(Vec3::Zero());
+  const auto end = Clock::now() + kMend;
+  while (profile_.output && !gone_ && written_ != sent_ && Clock::now() < end) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  {
+    const std::lock_guard lock(mend_mutex_);
+    quit_ = true;
+  }
+  mend_.notify_all();
+  mender_.join();
+  if (writer_.joinable()) {
+    ++sent_;
+    sent_.notify_all();
+    writer_.join();
+  }
+  if (port_ != nullptr && !gone_) {
+    try {
+      if (profile_.output) (void)port_->write(zero_);
+      runSequence(*port_, input_, profile_.close, nullptr);
+    } catch (const Error&) {
+      // It is gone: so is its force.
+    }
+  }
+  if (guard_ >= 0) close(guard_);
+}
+
+void HidDevice::prepare(ReportPort& port, HidInput& input, const Say& say) {
+  const std::string name = "arm " + profile_.name;
+  if (profile_.output && !port.write(zero_)) {
+    throw DeviceError(name, "it takes no report", "see whether another program has it");
+  }
+  runSequence(port, input, profile_.open, say);
+  const auto end = Clock::now() + kFirstReport;
+  auto ask = Clock::now();
+  for (Got got = Got::kNothing; !silent() && got != Got::kReport && !quit_;) {
+    got = input.takeNewest(port);
+    if (got == Got::kGone) throw DeviceError(name, "it was unplugged", "plug it in again");
+    if (Clock::now() > end) {
+      throw DeviceError(name, "it sends no report that its profile knows",
+                        "see to its power and firmware" +
+                            (profile_.firmware.empty() ? "" : ": " + profile_.firmware));
+    }
+    if (profile_.output && Clock::now() > ask) {
+      (void)port.write(zero_);
+      ask += kAsk;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  runSequence(port, input, profile_.home, say);
+}
+
+void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
+                            const Say& say) {
+  const std::string name = "arm " + profile_.name;
+  const auto require = [&](bool good) {
+    if (!good) throw DeviceError(name, "it was unplugged, or refuses a report", "plug it in again");
+  };
+  for (const HidStep& step : steps) {
+    const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
+    switch (step.kind) {
+      case HidStep::Kind::kSend: {
+        std::vector<std::byte> report = zero_;
+        for (const auto& [field, raw] : step.values) {
+          putRaw(std::span(report).subspan(1), profile_.output->fields[field], raw);
+        }
+        require(port.write(report));
+        break;
+      }
+      case HidStep::Kind::kFeature:
+        require(port.sendFeature(step.bytes));
+        break;
+      case HidStep::Kind::kPause:
+        while (Clock::now() < end && !quit_) std::this_thread::sleep_for(kAsk);
+        break;
+      case HidStep::Kind::kWait: {
+        if (say && !step.words.empty()) say(name + ": " + step.words);
+        for (Got got = Got::kNothing;
+             got != Got::kReport || input.raw(step.field) != step.equals;) {
+          if (Clock::now() > end || quit_) {
+            const ReportField& field = profile_.input[step.field.report].fields[step.field.field];
+            throw DeviceError(
+                name,
+                "it does not say " + field.name + " = " + std::to_string(std::lround(step.equals)),
+                step.words.empty() ? "see to its power and firmware" : step.words);
+          }
+          if (profile_.output) require(port.write(zero_));
+          std::this_thread::sleep_for(kAsk);
+          got = input.takeNewest(port);
+          require(got != Got::kGone);
+        }
+        break;
+      }
+    }
+  }
+}
+
+void HidDevice::follow(double dt) noexcept {
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
+    double raw = input_.raw(joint.from);
+    if (field.wraps) raw = counters_[i].follow(raw, field.bits);
+    if (profile_.home_at_open) raw -= home_raw_[i];
+    joints_[i] = (field.scale * raw + field.offset) / joint.ratio + joint.home;
+  }
+  pose_ = profile_.kinematics->at(joints_);
+  const Vec3 position_W = profile_.rotation_WD * (pose_.position_D - profile_.origin_D);
+  if (profile_.rate_control <= 0.0) {
+    position_W_ = position_W;
+    return;
+  }
+  position_W_ += profile_.rate_control * dt * position_W;
+  const double reach = profile_.limits.workspace_radius;
+  if (position_W_.norm() > reach) position_W_ *= reach / position_W_.norm();
+}
+
+HandState HidDevice::read() noexcept {
+  HandState hand;
+  const std::int64_t now = nowNs();
+  const double dt = 1e-9 * static_cast<double>(now - read_at_);
+  read_at_ = now;
+  {
+    const Using port(open_port_, reading_);
+    const std::uint32_t plugging = plugging_;
+    if (plugging != plugging_seen_) {
+      plugging_seen_ = plugging;
+      heard_ = false;
+      for (Unwrapped& counter : counters_) counter.forget();
+    }
+    const Got got = port ? input_.takeNewest(*port) : Got::kGone;
+    if (got == Got::kGone) {
+      if (port) lost();
+      hand.fault = Fault::kGone;
+    }
+    if (got == Got::kReport) {
+      heard_ = true;
+      heard_at_ = now;
+    }
+    if (got == Got::kReport || silent()) follow(dt);
+  }
+  hand.position = position_W_;
+  hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
+  hand.ready = pose_.reachable && (heard_ || silent());
+  for (const HidFlag& flag : profile_.flags) {
+    const bool says = input_.raw(flag.field) == flag.equals;
+    if (flag.means == HidFlag::Means::kHomed || flag.means == HidFlag::Means::kEnabled) {
+      hand.ready = hand.ready && says;
+    } else if (says && hand.fault == Fault::kNone) {
+      hand.fault = flag.means == HidFlag::Means::kHot         ? Fault::kTemperature
+                   : flag.means == HidFlag::Means::kUnpowered ? Fault::kPower
+                                                              : Fault::kSwitch;
+    }
+  }
+  const std::int64_t began = write_began_.load(std::memory_order_relaxed);
+  if (hand.fault == Fault::kNone && began != 0 && now - began > kWriteTime) {
+    hand.fault = Fault::kWrite;
+  }
+  return hand;
+}
+
+void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
+  std::copy(zero_.begin(), zero_.end(), report.begin());
+  const Vec3 force_D = profile_.rotation_WD.transpose() * force_W;
+  // All motors less by the same share where one would be asked for more than it may give: the
+  // direction is kept.
+  std::array<double, kMostJoints> raw{};
+  double share = 1.0;
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    if (!joint.to) continue;
+    const ReportField& field = profile_.output->fields[*joint.to];
+    raw[i] =
+        field.scale * Kinematics::torque(pose_, i, force_D) / (joint.ratio * joint.torque_constant);
+    if (!std::isfinite(raw[i])) return;
+    const double room = raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least;
+    if (std::abs(raw[i]) > room) share = std::min(share, std::max(room, 0.0) / std::abs(raw[i]));
+  }
+  if (share < 1.0) ++weakened_;
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    if (!profile_.joints[i].to) continue;
+    const ReportField& field = profile_.output->fields[*profile_.joints[i].to];
+    putRaw(report.subspan(1), field, share * raw[i] + field.offset);
+  }
+}
+
+void HidDevice::write(const Vec3& force) noexcept {
+  if (!profile_.output) return;
+  encode(force, std::span(out_.draft().bytes).first(zero_.size()));
+  out_.publish();
+  sent_.fetch_add(1, std::memory_order_release);
+  sent_.notify_one();
+}
+
+ZeroForce HidDevice::zeroForce() const noexcept {
+  if (!profile_.output || zero_.size() > ZeroForce::kMostBytes) return {};
+  ZeroForce zero{guard_, zero_};
+  zero.version = plugging_;
+  return zero;
+}
+
+void HidDevice::lost() noexcept {
+  gone_ = true;
+  mend_.notify_all();
+}
+
+void HidDevice::writeLoop() noexcept {
+  RealtimeRequest request;
+  request.lock_memory = false;
+  request.awake = false;
+  (void)becomeRealtime(request, StayAwake(false));
+  for (std::uint32_t seen = 0;;) {
+    sent_.wait(seen, std::memory_order_acquire);
+    seen = sent_.load(std::memory_order_acquire);
+    if (quit_) return;
+    out_.refresh();
+    const Using port(open_port_, writing_);
+    if (!port || gone_) continue;
+    const std::int64_t began = nowNs();
+    write_began_.store(began, std::memory_order_relaxed);
+    const bool good = port->write(std::span(out_.current().bytes).first(zero_.size()));
+    write_began_.store(0, std::memory_order_relaxed);
+    longest_ns_ = std::max<std::int64_t>(longest_ns_, nowNs() - began);
+    ++count_;
+    written_ = seen;
+    if (!good) lost();
+  }
+}
+
+void HidDevice::closePort() noexcept {
+  open_port_ = nullptr;
+  while (reading_ || writing_) std::this_thread::sleep_for(std::chrono::microseconds(100));
+  port_.reset();
+}
+
+void HidDevice::mendLoop() noexcept {
+  std::unique_lock lock(mend_mutex_);
+  while (!quit_) {
+    mend_.wait_for(lock, kMend);
+    if (!gone_ || quit_) continue;
+    lock.unlock();
+    if (port_ != nullptr) closePort();
+    // One whose home was how it stood when it was opened does not know where it is any more.
+    std::unique_ptr<ReportPort> port;
+    try {
+      if (find_ && !profile_.home_at_open) port = find_();
+      if (port != nullptr) {
+        HidInput input(profile_);
+        prepare(*port, input, nullptr);
+      }
+    } catch (const std::exception&) {
+      port.reset();
+    }
+    if (port != nullptr) {
+      // What a guardian was told of leads to the new one, under the same number.
+      if (guard_ >= 0) (void)dup3(port->guardDescriptor(), guard_, O_CLOEXEC);
+      port_ = std::move(port);
+      gone_ = false;
+      ++plugging_;
+      open_port_ = port_.get();
+    }
+    lock.lock();
+  }
+}
+
+std::array<double, kMostJoints> HidDevice::resolution() const noexcept {
+  std::array<double, kMostJoints> steps{};
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
+    steps[i] = pose_.jacobian[i].norm() * std::abs(field.scale / joint.ratio);
+  }
+  return steps;
+}
+
+}  // namespace palpate

@@ -1,0 +1,180 @@
+/// An arm on a HID device, by its profile.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <condition_variable>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "devices/hid_port.h"
+#include "devices/hid_profile.h"
+#include "engine/device.h"
+#include "engine/mailbox.h"
+
+namespace palpate {
+
+/// The newest numbers that a device has sent. One thread.
+class HidInput {
+ public:
+  explicit HidInput(const HidProfile& profile);
+
+  /// Takes all that waits. kReport: something new; kNothing also where the ring had overflowed, so
+  /// that all was old. RT: as ReportPort::read.
+  [[nodiscard]] Got takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
+  /// Raw, as last taken; 0 before. The same for all fields where there are several reports.
+  [[nodiscard]] double raw(const FieldRef& field) const noexcept {
+    return values_[first_[field.report] + field.field];
+  }
+
+  struct Counts {
+    std::int64_t reports = 0;    ///< Used.
+    std::int64_t passed_by = 0;  ///< Not used: a newer one waited.
+    std::int64_t dropped = 0;    ///< Of rings that had overflowed.
+    std::int64_t strange = 0;    ///< Too short, or of no number that the profile knows.
+  };
+  [[nodiscard]] const Counts& counts() const noexcept { return counts_; }
+
+ private:
+  [[nodiscard]] bool take(std::span<const std::byte> report) noexcept;
+
+  const HidProfile& profile_;
+  std::size_t head_ = 0;            ///< Bytes of numbers before a report: 1 where there are any.
+  std::vector<std::size_t> first_;  ///< Of a report's fields in values_.
+  std::vector<double> values_;
+  Counts counts_;
+  std::array<std::byte, 2048> buffer_{};
+};
+
+/// Where to find a device again.
+using HidOpener = std::function<std::unique_ptr<ReportPort>()>;
+
+/// What an arm that has not passed `palpate devices --test` is held to.
+inline constexpr double kUntestedForce = 1.0;        ///< [N]
+inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
+
+/// What has been sent.
+struct HidWrites {
+  std::int64_t count = 0;
+  std::int64_t weakened = 0;  ///< Forces that a motor's limit has made smaller, direction kept.
+  std::int64_t longest_ns = 0;
+};
+
+/// Reads and drives an arm. The haptic thread has read() and write(); a thread of its own sends the
+/// newest force, one report a tick, since sending waits for the wire; another finds the device
+/// again when it has been unplugged.
+///
+/// The kernel keeps the OLDEST 63 reports: where so many wait, all are old, and thrown away.
+///
+/// A device that is gone is Fault::kGone until it is back, a write that has not come back in 20 ms
+/// Fault::kWrite, an arm that is not homed, not enabled or beyond its own reach is not ready.
+class HidDevice final : public Device {
+ public:
+  /// Runs the profile's "open" and "home" (slow), on this thread. Throws DeviceError: what is
+  /// wrong, in words.
+  ///
+  /// @param tested  It has passed `palpate devices --test`; else kUntestedForce and
+  ///                kUntestedStiffness hold.
+  /// @param find    Opens it again, by its numbers; null where it is not there. Never in a tick.
+  /// @param say     Told what the user is to do meanwhile; may be null.
+  HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested,
+            HidOpener find = nullptr, const std::function<void(const std::string&)>& say = nullptr);
+  ~HidDevice() override;
+
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override;
+  void write(const Vec3& force) noexcept override;
+  [[nodiscard]] ZeroForce zeroForce() const noexcept override;
+
+  [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
+  /// The tip's step for one count of each joint, at the last reading [m].
+  [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
+  /// On the thread that reads, or when it has ended.
+  [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
+  [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
+  /// How often it has been plugged in since, the first time included.
+  [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
+
+ private:
+  struct Outgoing {
+    std::array<std::byte, 1025> bytes{};
+  };
+  /// Keeps the port from being closed while it is used.
+  class Using {
+   public:
+    Using(std::atomic<ReportPort*>& port, std::atomic<bool>& in) noexcept : in_(in) {
+      in_.store(true);
+      port_ = port.load();
+    }
+    Using(const Using&) = delete;
+    Using& operator=(const Using&) = delete;
+    ~Using() { in_.store(false); }
+    [[nodiscard]] ReportPort* operator->() const noexcept { return port_; }
+    [[nodiscard]] ReportPort& operator*() const noexcept { return *port_; }
+    explicit operator bool() const noexcept { return port_ != nullptr; }
+
+   private:
+    std::atomic<bool>& in_;
+    ReportPort* port_;
+  };
+
+  using Say = std::function<void(const std::string&)>;
+
+  /// What a device needs before it is felt. Throws DeviceError.
+  void prepare(ReportPort& port, HidInput& input, const Say& say);
+  void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
+                   const Say& say);
+  void follow(double dt) noexcept;
+  /// True for devices that say nothing while they rest.
+  [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
+  void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
+  void lost() noexcept;
+  void writeLoop() noexcept;
+  void mendLoop() noexcept;
+  void closePort() noexcept;
+
+  HidProfile profile_;
+  DeviceInfo info_;
+  HidOpener find_;
+  std::vector<std::byte> zero_;  ///< The report that drives no motor.
+
+  std::unique_ptr<ReportPort> port_;             ///< Changed by the mending thread only.
+  std::atomic<ReportPort*> open_port_{nullptr};  ///< Null while there is none.
+  std::atomic<bool> reading_{false};
+  std::atomic<bool> writing_{false};
+  std::atomic<bool> gone_{false};
+  std::atomic<bool> quit_{false};
+  std::atomic<int> guard_{-1};  ///< Its number stays, whatever it leads to.
+  std::atomic<std::uint32_t> plugging_{1};
+
+  // The haptic thread's.
+  HidInput input_;
+  std::vector<Unwrapped> counters_;  ///< Of joints.
+  std::vector<double> home_raw_;     ///< Of joints at home, where they are homed at the opening.
+  bool heard_ = false;               ///< A report has come since the last opening.
+  std::uint32_t plugging_seen_ = 1;
+  std::int64_t heard_at_ = 0;  ///< [ns]
+  std::int64_t read_at_ = 0;   ///< [ns], last call of read().
+  Joints joints_{};
+  ArmPose pose_;
+  Vec3 position_W_ = Vec3::Zero();
+
+  Mailbox<Outgoing> out_;
+  std::atomic<std::uint32_t> sent_{0};        ///< Counts what is published,
+  std::atomic<std::uint32_t> written_{0};     ///< and what the writer is done with.
+  std::atomic<std::int64_t> write_began_{0};  ///< [ns]; 0: no write is on its way.
+  std::atomic<std::int64_t> count_{0}, weakened_{0}, longest_ns_{0};
+
+  std::thread writer_;
+  std::thread mender_;
+  std::mutex mend_mutex_;  ///< The mending thread's sleep; no tick touches it.
+  std::condition_variable mend_;
+};
+
+}  // namespace palpate

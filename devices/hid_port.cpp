@@ -1,0 +1,127 @@
+#include "devices/hid_port.h"
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <cwchar>
+#include <fcntl.h>
+#include <filesystem>
+#include <fstream>
+#include <hidapi/hidapi.h>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+
+#include "engine/error.h"
+
+namespace palpate {
+
+namespace {
+
+/// hidapi frees its error text on every failure: a handle is one thread's, so there are two.
+class HidPort final : public ReportPort {
+ public:
+  explicit HidPort(const std::string& path) {
+    in_ = hid_open_path(path.c_str());
+    out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
+    guard_ = out_ != nullptr ? open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK) : -1;
+    if (guard_ >= 0) return;
+    const std::string why = std::strerror(errno);
+    closeAll();
+    throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
+  }
+  ~HidPort() override { closeAll(); }
+
+  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    const int n = hid_read_timeout(in_, reinterpret_cast<unsigned char*>(to.data()), to.size(), 0);
+    size = n > 0 ? static_cast<std::size_t>(n) : 0;
+    return n < 0 ? Got::kGone : n == 0 ? Got::kNothing : Got::kReport;
+  }
+  [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
+    return hid_write(out_, reinterpret_cast<const unsigned char*>(report.data()), report.size()) >=
+           0;
+  }
+  [[nodiscard]] bool sendFeature(std::span<const std::byte> report) noexcept override {
+    return hid_send_feature_report(out_, reinterpret_cast<const unsigned char*>(report.data()),
+                                   report.size()) >= 0;
+  }
+  [[nodiscard]] int guardDescriptor() const noexcept override { return guard_; }
+
+ private:
+  void closeAll() noexcept {
+    if (in_ != nullptr) hid_close(in_);
+    if (out_ != nullptr) hid_close(out_);
+    if (guard_ >= 0) close(guard_);
+  }
+  hid_device* in_ = nullptr;
+  hid_device* out_ = nullptr;
+  int guard_ = -1;
+};
+
+std::string narrow(const wchar_t* text) {
+  std::string out;
+  for (; text != nullptr && *text != L'\0'; ++text) {
+    out += *text > 0x1f && *text < 0x7f ? static_cast<char>(*text) : '?';
+  }
+  return out;
+}
+
+}  // namespace
+
+std::vector<HidDeviceName> listHid() {
+  std::vector<HidDeviceName> devices;
+  hid_device_info* all = hid_enumerate(0, 0);
+  for (const hid_device_info* one = all; one != nullptr; one = one->next) {
+    devices.push_back({one->path, one->vendor_id, one->product_id, one->usage_page, one->usage,
+                       narrow(one->serial_number), narrow(one->manufacturer_string),
+                       narrow(one->product_string)});
+  }
+  hid_free_enumeration(all);
+  return devices;
+}
+
+std::unique_ptr<ReportPort> openHid(const std::string& path) {
+  // hidapi 0.13.1 falls over what is no hidraw node.
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0) {
+    throw DeviceError(path, "there is no such device", "plug it in; palpate devices lists them");
+  }
+  if (!S_ISCHR(status.st_mode) || path.rfind("/dev/hidraw", 0) != 0) {
+    throw DeviceError(path, "it is not a HID device", "name one as /dev/hidraw0");
+  }
+  const int probe = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK);
+  if (probe < 0) {
+    const int error = errno;
+    if (error == EACCES || error == EPERM) {
+      throw DeviceError(
+          path, "you may not open it",
+          "install palpate's udev rules (70-palpate-arms.rules) and plug it in again");
+    }
+    throw DeviceError(path, std::strerror(error), "plug it in again");
+  }
+  close(probe);
+  return std::make_unique<HidPort>(path);
+}
+
+std::vector<std::string> whoHas(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::vector<std::string> programs;
+  std::error_code error;
+  for (const auto& process : fs::directory_iterator("/proc", error)) {
+    const std::string pid = process.path().filename();
+    if (pid.find_first_not_of("0123456789") != std::string::npos) continue;
+    if (pid == std::to_string(getpid())) continue;
+    std::error_code hidden;
+    for (const auto& descriptor : fs::directory_iterator(process.path() / "fd", hidden)) {
+      std::error_code gone;
+      if (fs::read_symlink(descriptor.path(), gone) != path || gone) continue;
+      std::string name = "?";
+      std::ifstream(process.path() / "comm") >> name;
+      programs.push_back(name + " (" + pid + ")");
+      break;
+    }
+  }
+  return programs;
+}
+
+}  // namespace palpate

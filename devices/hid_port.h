@@ -1,0 +1,68 @@
+/// Reports to and from one device; hidapi behind it, or a test.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// What waited.
+enum class Got : std::uint8_t {
+  kReport,
+  kNothing,
+  kGone,  ///< The device is unplugged, or its file is not one any more: nothing comes any more.
+};
+
+/// One device that is open. Reads are one thread's, writes another's; neither waits for the other.
+class ReportPort {
+ public:
+  ReportPort() = default;
+  ReportPort(const ReportPort&) = delete;
+  ReportPort& operator=(const ReportPort&) = delete;
+  virtual ~ReportPort() = default;
+
+  /// The oldest report that waits, its number first where the device numbers them; never blocks.
+  ///
+  /// @param to    Room for the longest; a longer one is cut off.
+  /// @param size  Its bytes.
+  /// RT: no allocation but at the device's end, a system call or two (3 us).
+  [[nodiscard]] virtual Got read(std::span<std::byte> to,
+                                 std::size_t& size) noexcept PALPATE_NONBLOCKING = 0;
+  /// Sends a report, its number (0: none) first. Blocks until the device has it, over USB a
+  /// millisecond. False: gone.
+  [[nodiscard]] virtual bool write(std::span<const std::byte> report) noexcept = 0;
+  /// A feature report, its number first. False: refused or gone. With writes.
+  [[nodiscard]] virtual bool sendFeature(std::span<const std::byte> report) noexcept = 0;
+  /// A descriptor of its own that takes what write() does, for a guardian; -1: there is none.
+  [[nodiscard]] virtual int guardDescriptor() const noexcept { return -1; }
+};
+
+/// A device that is plugged in.
+struct HidDeviceName {
+  std::string path;  ///< As /dev/hidraw0; another one after each plugging in.
+  std::uint16_t vendor = 0;
+  std::uint16_t product = 0;
+  std::uint16_t usage_page = 0;
+  std::uint16_t usage = 0;
+  std::string serial;  ///< May be empty.
+  std::string maker;   ///< Words.
+  std::string product_name;
+};
+
+/// All that are plugged in. Slow (milliseconds); never in a tick.
+[[nodiscard]] std::vector<HidDeviceName> listHid();
+
+/// Opens one by its path. Throws DeviceError, in words: no such file, not a HID device, no
+/// permission.
+[[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path);
+
+/// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
+[[nodiscard]] std::vector<std::string> whoHas(const std::string& path);
+
+}  // namespace palpate

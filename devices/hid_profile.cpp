@@ -1,0 +1,488 @@
+#include "devices/hid_profile.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+#include <system_error>
+#include <utility>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+
+#include "devices/hid_data.h"
+#include "devices/json_node.h"
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+using Node = JsonNode<DeviceError>;
+constexpr std::size_t kMostBytes = 1024;  // of a report
+constexpr std::size_t kMostReports = 16;
+constexpr std::size_t kMostSteps = 64;
+
+/// Numbers that a device is named by are written as people write them: "16C0".
+std::uint16_t readHex(const Node& node) {
+  std::string text = node.text();
+  if (text.rfind("0x", 0) == 0 || text.rfind("0X", 0) == 0) text.erase(0, 2);
+  std::uint16_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, 16);
+  if (error != std::errc() || end != text.data() + text.size() || text.empty()) {
+    node.fail("\"" + node.text() + "\" is not a hexadecimal number of 16 bits",
+              "write it as lsusb does, as \"16C0\"");
+  }
+  return value;
+}
+
+std::vector<HidMatch> readMatches(const Node& node) {
+  if (!node.json().is_array() || node.json().empty()) {
+    node.fail("it is not a list of devices",
+              "write [{\"vendor\": \"16C0\", \"product\": \"0486\"}]");
+  }
+  std::vector<HidMatch> matches;
+  for (std::size_t i = 0; i < node.json().size(); ++i) {
+    const Node at = node.element(i).object({"vendor", "product", "usage_page", "usage"});
+    HidMatch match;
+    match.vendor = readHex(at.need("vendor"));
+    match.product = readHex(at.need("product"));
+    if (at.has("usage_page")) match.usage_page = readHex(at.child("usage_page"));
+    if (at.has("usage")) match.usage = readHex(at.child("usage"));
+    matches.push_back(match);
+  }
+  return matches;
+}
+
+ReportField readField(const std::string& name, const Node& node, std::size_t size) {
+  node.object({"bit", "bits", "type", "big_endian", "scale", "offset", "least", "most", "wraps"});
+  ReportField field;
+  field.name = name;
+  using Type = ReportField::Type;
+  if (node.has("type")) {
+    field.type = node.child("type").word<Type>(
+        {{"unsigned", Type::kUnsigned}, {"signed", Type::kSigned}, {"float", Type::kFloat}});
+  }
+  const int most_bit = static_cast<int>(8 * size) - 1;
+  field.bit = static_cast<std::uint32_t>(node.need("bit").whole(0, most_bit));
+  field.bits = static_cast<std::uint32_t>(node.need("bits").whole(1, 32));
+  if (field.type == Type::kFloat && field.bits != 32) {
+    node.child("bits").fail("a float has 32 bits", "write 32");
+  }
+  if (node.has("big_endian")) field.big_endian = node.child("big_endian").flag();
+  if (field.big_endian && (field.bit % 8 != 0 || field.bits % 8 != 0)) {
+    node.fail("big-endian numbers are whole bytes", "remove \"big_endian\", or mend bit and bits");
+  }
+  if (field.end() > size) {
+    node.fail(fmt::format("it ends beyond the report's {} bytes", size), "mend bit, bits or size");
+  }
+  if (node.has("scale")) field.scale = node.child("scale").number();
+  if (field.scale == 0.0) node.child("scale").fail("it is 0", "write what one count is");
+  if (node.has("offset")) field.offset = node.child("offset").number();
+  if (node.has("wraps")) field.wraps = node.child("wraps").flag();
+  const int bits = static_cast<int>(field.bits);
+  const bool with_sign = field.type == Type::kSigned;
+  field.least = with_sign ? -std::ldexp(1.0, bits - 1) : 0.0;
+  field.most = with_sign ? -field.least - 1.0 : std::ldexp(1.0, bits) - 1.0;
+  if (field.type == Type::kFloat) {
+    field.least = -3e38;
+    field.most = 3e38;
+  }
+  if (node.has("least")) field.least = std::max(field.least, node.child("least").number());
+  if (node.has("most")) field.most = std::min(field.most, node.child("most").number());
+  if (!(field.least <= field.most)) node.fail("least is above most", "exchange them");
+  return field;
+}
+
+HidReportSpec readReport(const Node& node) {
+  node.object({"id", "size", "fields"});
+  HidReportSpec report;
+  if (node.has("id")) report.id = static_cast<std::uint8_t>(node.child("id").whole(1, 255));
+  report.size = static_cast<std::size_t>(node.need("size").whole(1, kMostBytes));
+  const Node fields = node.need("fields");
+  if (!fields.json().is_object()) fields.fail("it is not an object", "write { \"name\": {...} }");
+  for (const auto& [name, value] : fields.json().items()) {
+    report.fields.push_back(readField(name, fields.child(name), report.size));
+  }
+  return report;
+}
+
+/// Finds fields by their names.
+class Fields {
+ public:
+  explicit Fields(const HidProfile& profile) : profile_(profile) {}
+  [[nodiscard]] FieldRef input(const Node& node) const {
+    const std::string name = node.name();
+    std::vector<std::string> names;
+    for (std::size_t r = 0; r < profile_.input.size(); ++r) {
+      for (std::size_t f = 0; f < profile_.input[r].fields.size(); ++f) {
+        names.push_back(profile_.input[r].fields[f].name);
+        if (names.back() == name) return {r, f};
+      }
+    }
+    unknown(node, name, names, "input");
+  }
+  [[nodiscard]] std::size_t output(const Node& node, const std::string& name) const {
+    std::vector<std::string> names;
+    if (!profile_.output) node.fail("this arm has no output", "remove it, or add \"output\"");
+    for (std::size_t f = 0; f < profile_.output->fields.size(); ++f) {
+      names.push_back(profile_.output->fields[f].name);
+      if (names.back() == name) return f;
+    }
+    unknown(node, name, names, "output");
+  }
+
+ private:
+  [[noreturn]] static void unknown(const Node& node, const std::string& name,
+                                   const std::vector<std::string>& names, const char* where) {
+    const std::string near = nearestName(name, names);
+    node.fail(fmt::format("the {} has no field \"{}\"", where, name),
+              near.empty() ? "name one of its fields" : "did you mean \"" + near + "\"?");
+  }
+  const HidProfile& profile_;
+};
+
+void readFlags(const Node& node, const Fields& fields, HidProfile& profile) {
+  if (!node.json().is_array()) node.fail("it is not a list", "write [{\"field\": ...}]");
+  for (std::size_t i = 0; i < node.json().size(); ++i) {
+    const Node at = node.element(i).object({"field", "equals", "means"});
+    using Means = HidFlag::Means;
+    HidFlag flag;
+    flag.field = fields.input(at.need("field"));
+    if (at.has("equals")) flag.equals = at.child("equals").number();
+    flag.means = at.need("means").word<Means>({{"homed", Means::kHomed},
+                                               {"enabled", Means::kEnabled},
+                                               {"hot", Means::kHot},
+                                               {"unpowered", Means::kUnpowered},
+                                               {"open", Means::kOpen}});
+    profile.flags.push_back(flag);
+  }
+}
+
+Vec3 readVector(const Node& node) {
+  const auto v = node.numbers<3>();
+  return {v[0], v[1], v[2]};
+}
+
+std::shared_ptr<const Kinematics> readModel(const Node& node) {
+  const std::string model = node.need("model").text();
+  const auto common = [&](std::initializer_list<const char*> own) {
+    std::vector<const char*> keys(own);
+    for (const auto& [key, value] : node.json().items()) {
+      const bool known = std::find_if(keys.begin(), keys.end(),
+                                      [&](const char* k) { return key == k; }) != keys.end() ||
+                         key == "model" || key == "joints" || key == "home_at_open" ||
+                         key == "home_words" || key == "rate_control";
+      if (!known) node.child(key).fail("model " + model + " has no such key", "remove it");
+    }
+  };
+  if (model == "cartesian") {
+    common({});
+    return makeCartesian();
+  }
+  if (model == "chain") {
+    common({"links", "tip"});
+    const Node list = node.need("links");
+    if (!list.json().is_array()) list.fail("it is not a list of links", "write [{...}, ...]");
+    std::vector<ChainLink> links;
+    for (std::size_t i = 0; i < list.json().size() && i <= kMostJoints; ++i) {
+      const Node at = list.element(i).object({"turn", "along", "across", "twist"});
+      const auto number = [&](const char* key) {
+        return at.has(key) ? at.child(key).number() : 0.0;
+      };
+      links.push_back({number("turn"), number("along"), number("across"), number("twist")});
+    }
+    return makeChain(links, node.has("tip") ? readVector(node.child("tip")) : Vec3(Vec3::Zero()));
+  }
+  if (model == "capstan-arm") {
+    common({"a", "b", "c"});
+    return makeCapstanArm(node.need("a").number(), node.need("b").positive(),
+                          node.need("c").positive());
+  }
+  if (model == "pantograph") {
+    common({"lengths", "base"});
+    return makePantograph(node.need("lengths").numbers<4>(), node.need("base").notNegative());
+  }
+  if (model == "delta") {
+    common({"base", "plate", "upper", "fore"});
+    return makeDelta(node.need("base").positive(), node.need("plate").positive(),
+                     node.need("upper").positive(), node.need("fore").positive());
+  }
+  const std::string near =
+      nearestName(model, {"cartesian", "chain", "capstan-arm", "pantograph", "delta"});
+  node.child("model").fail("\"" + model + "\" is not known",
+                           near.empty() ? "use cartesian, chain, capstan-arm, pantograph or delta"
+                                        : "did you mean \"" + near + "\"?");
+}
+
+void readKinematics(const Node& node, const Fields& fields, HidProfile& profile) {
+  if (!node.json().is_object()) node.fail("it is not an object", "write { ... }");
+  profile.kinematics = readModel(node);
+  const Node joints = node.need("joints");
+  const std::size_t count = profile.kinematics->joints();
+  if (!joints.json().is_array() || joints.json().size() != count) {
+    joints.fail(fmt::format("it is not a list of {} joints", count), "give each of the model's");
+  }
+  for (std::size_t i = 0; i < count; ++i) {
+    const Node at = joints.element(i).object({"from", "ratio", "home", "motor", "torque_constant"});
+    HidJoint joint;
+    joint.from = fields.input(at.need("from"));
+    if (at.has("ratio")) joint.ratio = at.child("ratio").number();
+    if (joint.ratio == 0.0) at.child("ratio").fail("it is 0", "write counts' units a joint unit");
+    if (at.has("home")) joint.home = at.child("home").number();
+    if (at.has("motor") != at.has("torque_constant")) {
+      at.fail("a motor and its torque constant belong together", "give both or none");
+    }
+    if (at.has("motor")) {
+      if (i >= 3) at.child("motor").fail("only the first three joints have motors", "remove it");
+      joint.to = fields.output(at.child("motor"), at.child("motor").name());
+      joint.torque_constant = at.need("torque_constant").positive();
+    }
+    profile.joints.push_back(joint);
+  }
+  if (node.has("home_at_open")) profile.home_at_open = node.child("home_at_open").flag();
+  if (node.has("home_words")) profile.home_words = node.child("home_words").text();
+  if (profile.home_at_open && profile.home_words.empty()) {
+    node.child("home_at_open").fail("its user must know the pose", "add \"home_words\"");
+  }
+  if (node.has("rate_control")) profile.rate_control = node.child("rate_control").positive();
+}
+
+std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
+                                  const HidProfile& profile) {
+  if (!node.json().is_array() || node.json().size() > kMostSteps) {
+    node.fail("it is not a list of at most 64 steps", "write [{\"pause\": 0.1}]");
+  }
+  std::vector<HidStep> steps;
+  for (std::size_t i = 0; i < node.json().size(); ++i) {
+    const Node at = node.element(i).object({"send", "wait", "pause", "feature"});
+    if (at.json().size() != 1)
+      at.fail("it is not one step", "give one of send, wait, pause, feature");
+    HidStep step;
+    if (at.has("send")) {
+      step.kind = HidStep::Kind::kSend;
+      const Node send = at.child("send");
+      if (!send.json().is_object()) send.fail("it is not an object", "write {\"field\": number}");
+      for (const auto& [name, value] : send.json().items()) {
+        const Node field = send.child(name);
+        step.values.emplace_back(fields.output(field, name), field.number());
+      }
+      // A motor is driven by the gate of the engine and by nothing else.
+      for (const auto& [field, value] : step.values) {
+        for (const HidJoint& joint : profile.joints) {
+          if (joint.to != field || value == 0.0) continue;
+          const bool commands =
+              std::any_of(step.values.begin(), step.values.end(), [&](const auto& other) {
+                return other.second != 0.0 &&
+                       std::none_of(profile.joints.begin(), profile.joints.end(),
+                                    [&](const HidJoint& j) { return j.to == other.first; });
+              });
+          if (!commands) {
+            send.fail("a step drives a motor", "leave motors at 0 but beside a command");
+          }
+        }
+      }
+    } else if (at.has("wait")) {
+      step.kind = HidStep::Kind::kWait;
+      const Node wait = at.child("wait").object({"field", "equals", "seconds", "words"});
+      step.field = fields.input(wait.need("field"));
+      step.equals = wait.need("equals").number();
+      step.seconds = wait.need("seconds").positive();
+      if (wait.has("words")) step.words = wait.child("words").text();
+    } else if (at.has("pause")) {
+      step.seconds = at.child("pause").positive();
+    } else {
+      step.kind = HidStep::Kind::kFeature;
+      const Node bytes = at.child("feature");
+      if (!bytes.json().is_array() || bytes.json().empty() || bytes.json().size() > kMostBytes) {
+        bytes.fail("it is not a list of bytes", "write its number first, as [3, 0, 1]");
+      }
+      for (std::size_t b = 0; b < bytes.json().size(); ++b) {
+        step.bytes.push_back(static_cast<std::byte>(bytes.element(b).whole(0, 255)));
+      }
+    }
+    if (step.seconds > 600.0) at.fail("it is longer than 600 s", "use less");
+    steps.push_back(step);
+  }
+  return steps;
+}
+
+void readLimits(const Node& node, HidLimits& limits) {
+  node.object({"force", "slew", "stiffness", "damping", "workspace_radius", "stale", "speed",
+               "continuous", "heating"});
+  limits.force = node.need("force").positive();
+  limits.stiffness = node.need("stiffness").positive();
+  limits.damping = node.need("damping").notNegative();
+  limits.workspace_radius = node.need("workspace_radius").positive();
+  if (node.has("slew")) limits.slew = node.child("slew").positive();
+  if (node.has("stale")) limits.stale = node.child("stale").positive();
+  if (node.has("speed")) limits.speed = node.child("speed").positive();
+  if (node.has("continuous") != node.has("heating")) {
+    node.fail("a continuous force and its heating time belong together", "give both or none");
+  }
+  if (node.has("continuous")) {
+    limits.continuous = node.child("continuous").positive();
+    limits.heating = node.child("heating").positive();
+  }
+}
+
+HidProfile readProfile(const Node& root) {
+  root.object({"$schema", "palpate_arm", "name", "description", "firmware", "match", "rate",
+               "input", "output", "flags", "kinematics", "mount", "open", "home", "close", "limits",
+               "sources"});
+  if (root.need("palpate_arm").number() != 1.0) {
+    root.child("palpate_arm").fail("this program does not know that version", "write 1");
+  }
+  HidProfile profile;
+  profile.name = root.need("name").name();
+  const bool plain = std::all_of(profile.name.begin(), profile.name.end(), [](unsigned char c) {
+    return std::isalnum(c) != 0 || c == '-' || c == '_' || c == '.';
+  });
+  if (!plain) root.child("name").fail("it has other characters", "use letters, digits, - and _");
+  if (root.has("description")) profile.description = root.child("description").text();
+  if (root.has("firmware")) profile.firmware = root.child("firmware").text();
+  profile.match = readMatches(root.need("match"));
+  const Node rate = root.need("rate").object({"input", "output"});
+  profile.input_rate = rate.need("input").positive();
+  profile.output_rate = rate.has("output") ? rate.child("output").positive() : 0.0;
+
+  const Node input = root.need("input");
+  if (!input.json().is_array() || input.json().empty() || input.json().size() > kMostReports) {
+    input.fail("it is not a list of 1 to 16 reports", "write [{\"size\": ..., \"fields\": ...}]");
+  }
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < input.json().size(); ++i) {
+    profile.input.push_back(readReport(input.element(i)));
+    for (const ReportField& field : profile.input.back().fields) {
+      if (!names.insert(field.name).second) {
+        input.element(i)
+            .child("fields")
+            .child(field.name)
+            .fail("the name stands twice", "give each field its own");
+      }
+    }
+    if (input.json().size() > 1 && !profile.input.back().id) {
+      input.element(i).fail("several reports are told apart by their numbers", "add \"id\"");
+    }
+  }
+  if (root.has("output")) profile.output = readReport(root.child("output"));
+  if (profile.output.has_value() != rate.has("output")) {
+    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
+  }
+
+  const Fields fields(profile);
+  if (root.has("flags")) readFlags(root.child("flags"), fields, profile);
+  readKinematics(root.need("kinematics"), fields, profile);
+  if (root.has("mount")) {
+    const Node mount = root.child("mount").object({"origin", "rotation_wxyz"});
+    if (mount.has("origin")) profile.origin_D = readVector(mount.child("origin"));
+    if (mount.has("rotation_wxyz")) {
+      const auto q = mount.child("rotation_wxyz").numbers<4>();
+      const Eigen::Quaterniond turn(q[0], q[1], q[2], q[3]);
+      if (!(turn.norm() > 1e-6)) {
+        mount.child("rotation_wxyz").fail("it is no rotation", "give w, x, y, z, as [1, 0, 0, 0]");
+      }
+      profile.rotation_WD = turn.normalized().toRotationMatrix();
+    }
+  }
+  if (root.has("open")) profile.open = readSequence(root.child("open"), fields, profile);
+  if (root.has("home")) profile.home = readSequence(root.child("home"), fields, profile);
+  if (root.has("close")) profile.close = readSequence(root.child("close"), fields, profile);
+
+  const auto motors = std::count_if(profile.joints.begin(), profile.joints.end(),
+                                    [](const HidJoint& j) { return j.to.has_value(); });
+  if (root.has("limits")) {
+    readLimits(root.child("limits"), profile.limits);
+  } else if (profile.output) {
+    root.fail("an arm with an output has limits", "add \"limits\"");
+  }
+  if (profile.output && motors == 0) {
+    root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");
+  }
+  if (profile.rate_control > 0.0 && profile.output) {
+    root.child("kinematics")
+        .fail("an arm that gives velocities takes no forces",
+              "remove \"output\" or \"rate_control\"");
+  }
+  if (root.has("sources")) {
+    const Node sources = root.child("sources");
+    if (!sources.json().is_object())
+      sources.fail("it is not an object", "write {\"/limits\": ...}");
+    for (const auto& [pointer, text] : sources.json().items()) {
+      profile.sources[pointer] = sources.child(pointer).text();
+    }
+  }
+  return profile;
+}
+
+}  // namespace
+
+HidProfile parseHidProfile(const std::string& text, const std::string& source) {
+  const Json json = parseJson<DeviceError>(text, source);
+  HidProfile profile = readProfile(Node(json, source, ""));
+  validateJson<DeviceError>(json, hidProfileSchema(), "hid_profile.schema.json", source);
+  profile.source = source;
+  profile.fingerprint = 14695981039346656037ULL;  // FNV-1a
+  for (const char c : json.dump()) {
+    profile.fingerprint = (profile.fingerprint ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
+  }
+  return profile;
+}
+
+HidProfile readHidProfile(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) throw DeviceError(file.string(), "it cannot be read", "check the path and its rights");
+  return parseHidProfile(text.str(), file.string());
+}
+
+std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
+                                    std::vector<std::string>& notes) {
+  std::vector<HidProfile> profiles;
+  std::error_code error;
+  std::vector<std::filesystem::path> files;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
+    if (entry.path().extension() == ".json") files.push_back(entry.path());
+  }
+  std::sort(files.begin(), files.end());
+  for (const auto& file : files) {
+    try {
+      profiles.push_back(readHidProfile(file));
+    } catch (const DeviceError& e) {
+      notes.emplace_back(e.what());
+    }
+  }
+  for (const auto& [name, text] : kHidProfiles) {
+    HidProfile profile = parseHidProfile(text, std::string("palpate's own ") + name);
+    const bool replaced = std::any_of(profiles.begin(), profiles.end(),
+                                      [&](const HidProfile& p) { return p.name == profile.name; });
+    if (!replaced) profiles.push_back(std::move(profile));
+  }
+  return profiles;
+}
+
+std::filesystem::path hidProfileFolder() {
+  const char* config = std::getenv("XDG_CONFIG_HOME");
+  const char* home = std::getenv("HOME");
+  if (config != nullptr && *config != '\0') return std::filesystem::path(config) / "palpate/arms";
+  return std::filesystem::path(home != nullptr ? home : "/") / ".config/palpate/arms";
+}
+
+const std::string& hidProfileSchema() {
+  static const std::string schema(kHidProfileSchema);
+  return schema;
+}
+
+std::vector<KnownArm> knownArms() {
+  const Json json = Json::parse(kKnownArms);
+  std::vector<KnownArm> arms;
+  for (const Json& arm : json.at("arms")) {
+    arms.push_back({arm.at("name"), arm.at("force"), arm.at("stiffness"), arm.at("damping"),
+                    arm.at("workspace_radius"), arm.at("transport"), arm.at("source")});
+  }
+  return arms;
+}
+
+}  // namespace palpate

@@ -1,0 +1,139 @@
+/// What palpate knows of an arm that speaks raw HID: how it is found, where the numbers are in its
+/// reports, its geometry and its limits. A JSON file (devices/hid_profile.schema.json);
+/// docs/devices.md says how to write one.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "devices/hid_report.h"
+#include "devices/kinematics.h"
+
+namespace palpate {
+
+/// A device of this profile, as USB names it. What is not given may be anything.
+struct HidMatch {
+  std::uint16_t vendor = 0;
+  std::uint16_t product = 0;
+  std::optional<std::uint16_t> usage_page;
+  std::optional<std::uint16_t> usage;
+};
+
+/// One kind of report, either way.
+struct HidReportSpec {
+  std::optional<std::uint8_t> id;  ///< Where the device numbers its reports.
+  std::size_t size = 0;            ///< Bytes, the number not among them.
+  std::vector<ReportField> fields;
+};
+
+/// A field of what is read, by its name found once.
+struct FieldRef {
+  std::size_t report = 0;  ///< Of HidProfile::input.
+  std::size_t field = 0;
+};
+
+/// A field that says something of the arm while it has a value.
+struct HidFlag {
+  enum class Means : std::uint8_t {
+    kHomed,      ///< Its encoders know where it is; else no force.
+    kEnabled,    ///< The dead-man switch is held; else no force.
+    kHot,        ///< Fault::kTemperature.
+    kUnpowered,  ///< Fault::kPower.
+    kOpen,       ///< Fault::kSwitch.
+  };
+  FieldRef field;
+  double equals = 1.0;
+  Means means = Means::kHomed;
+};
+
+/// A joint of the kinematics: joint = value / ratio + home; the motor's torque is the joint's over
+/// ratio, what is sent is that over the torque constant.
+struct HidJoint {
+  FieldRef from;
+  double ratio = 1.0;             ///< Field units a joint unit; the sign is the direction.
+  double home = 0.0;              ///< The joint where the field is zero, or at home [rad or m].
+  std::optional<std::size_t> to;  ///< Of the output's fields: its motor; none: only sensed.
+  double torque_constant = 1.0;   ///< [N m per unit of the output field]
+};
+
+/// A step of a sequence: what a device needs before or after it is felt.
+struct HidStep {
+  enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
+  Kind kind = Kind::kPause;
+  std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others 0.
+  FieldRef field;                                      ///< kWait: until it
+  double equals = 0.0;                                 ///< has this value,
+  double seconds = 0.0;                                ///< at most so long; of a pause: how long.
+  std::string words;                                   ///< kWait: what the user is to do.
+  std::vector<std::byte> bytes;                        ///< kFeature: the whole report.
+};
+
+/// What may be asked of the arm. All [SI]; needed wherever there are motors.
+struct HidLimits {
+  double force = 0.0;             ///< [N]
+  double slew = 2000.0;           ///< [N/s]
+  double stiffness = 0.0;         ///< [N/m]
+  double damping = 0.0;           ///< [N s/m]
+  double workspace_radius = 0.0;  ///< [m]
+  double stale = 0.05;            ///< [s]
+  double speed = 3.0;             ///< [m/s]
+  double continuous = 0.0;        ///< [N]; 0: the peak.
+  double heating = 0.0;           ///< [s]
+};
+
+struct HidProfile {
+  std::string name;         ///< As `hid:NAME`.
+  std::string description;  ///< A line for people.
+  std::string firmware;     ///< What must run in the arm, and whether it has a watchdog of its own.
+  std::string source;       ///< The file, for errors.
+  std::uint64_t fingerprint = 0;  ///< Of all that is in it: what was tested is what is used.
+  std::vector<HidMatch> match;
+  double input_rate = 1000.0;   ///< [Hz], as the maker says.
+  double output_rate = 1000.0;  ///< [Hz]; 0: there is no output.
+  std::vector<HidReportSpec> input;
+  std::optional<HidReportSpec> output;  ///< None: input only.
+  std::vector<HidFlag> flags;
+  std::shared_ptr<const Kinematics> kinematics;
+  std::vector<HidJoint> joints;  ///< As many as the kinematics has.
+  bool home_at_open = false;  ///< The arm is in its home pose, `home` of every joint, when opened.
+  std::string home_words;     ///< What that pose is.
+  double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: it is not.
+  Mat3 rotation_WD = Mat3::Identity();  ///< Of the arm in the hand's world:
+  Vec3 origin_D = Vec3::Zero();         ///< p_W = rotation_WD (p_D - origin_D).
+  std::vector<HidStep> open, home, close;
+  HidLimits limits;
+  std::map<std::string, std::string> sources;  ///< By JSON pointer: where numbers come from.
+};
+
+/// Reads and checks a profile. Throws DeviceError (file and JSON path).
+[[nodiscard]] HidProfile parseHidProfile(const std::string& text, const std::string& source);
+[[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
+
+/// Those that come with palpate, and the user's own in `folder`, which win over them. What is wrong
+/// with a file of the user's is put in `notes`, one line each.
+[[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
+                                                  std::vector<std::string>& notes);
+/// Where a user's profiles are: $XDG_CONFIG_HOME/palpate/arms or ~/.config/palpate/arms.
+[[nodiscard]] std::filesystem::path hidProfileFolder();
+
+/// The JSON Schema of profiles.
+[[nodiscard]] const std::string& hidProfileSchema();
+
+/// Limits of an arm that people know, from a source.
+struct KnownArm {
+  std::string name;
+  double force, stiffness, damping, workspace_radius;  ///< [N], [N/m], [N s/m], [m]
+  std::string transport;                               ///< How it could be driven.
+  std::string source;
+};
+/// devices/known_arms.json.
+[[nodiscard]] std::vector<KnownArm> knownArms();
+
+}  // namespace palpate

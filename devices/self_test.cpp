@@ -1,0 +1,267 @@
+#include "devices/self_test.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdio>
+#include <limits>
+
+#include <Eigen/Cholesky>
+
+#include "engine/types.h"
+namespace palpate {
+
+namespace {
+
+constexpr double kRest = 1.0;      // [s]
+constexpr double kRamp = 0.4;      // [N/s]
+constexpr double kMoved = 0.002;   // [m]
+constexpr double kBegun = 0.0003;  // [m]: beyond encoders' steps and trembling
+constexpr double kPushed = 0.012;  // [m] from where it stood
+constexpr double kLongest = 2.0;   // [s] for a phase
+constexpr double kStill = 0.002;   // [m/s]
+constexpr double kBack = 1.5;      // [s]
+constexpr double kSpring = 15.0;   // [N/m]
+constexpr double kDamper = 1.5;    // [N s/m]
+constexpr double kSmooth = 0.01;   // [s]
+constexpr double kStraight = 0.8;  // cosine: a crooked arm is no matter, a wrong sign is
+constexpr int kRuns = 6;
+constexpr std::size_t kMostSamples = 60000;
+const char* const kAxes = "xyz";
+
+std::string text(double value) {
+  std::array<char, 32> out{};
+  std::snprintf(out.data(), out.size(), "%.3g", value);
+  return out.data();
+}
+
+}  // namespace
+
+SelfTest::SelfTest(const SelfTestParams& params) : params_(params) {
+  samples_.reserve(kMostSamples);
+}
+
+Vec3 SelfTest::axis() const noexcept {
+  return (run_ % 2 == 0 ? 1.0 : -1.0) * Vec3::Unit(run_ / 2);
+}
+
+void SelfTest::enter(Phase phase, double now) noexcept {
+  phase_ = phase;
+  entered_ = now;
+}
+
+void SelfTest::nextRun(double now) noexcept {
+  ++run_;
+  enter(run_ < kRuns ? Phase::kRamp : Phase::kDone, now);
+  from_ = before_;
+  level_ = 0.0;
+}
+
+Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcept {
+  if (!started_) {
+    started_ = true;
+    began_ = entered_ = last_ = fresh_at_ = now;
+    home_ = from_ = before_ = hand.position;
+    age_ = hand.age;
+  }
+  const double dt = std::max(now - last_, 1e-6);
+  last_ = now;
+  ++ticks_;
+  velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - before_) / dt - velocity_);
+  before_ = hand.position;
+  // A position is new where it is younger than it would have become.
+  if (hand.age < age_ + 0.5 * dt) {
+    ++positions_;
+    slowest_ = std::max(slowest_, now - fresh_at_);
+    fresh_at_ = now;
+  }
+  age_ = hand.age;
+  if (phase_ != Phase::kDone && (hand.position - home_).norm() > params_.travel) {
+    far_ = true;
+    enter(Phase::kDone, now);
+  }
+
+  if ((phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
+      samples_.size() < kMostSamples) {
+    samples_.push_back({now - began_, (hand.position - home_)[run_ / 2], sent[run_ / 2],
+                        static_cast<std::int8_t>(run_)});
+  }
+  const double since = now - entered_;
+  const Vec3 ahead = axis();
+  const Vec3 moved = hand.position - from_;
+  const auto slot = static_cast<std::size_t>(run_);
+  Vec3 force = Vec3::Zero();
+  switch (phase_) {
+    case Phase::kRest:
+      sum_ += hand.position - home_;
+      sum2_ += (hand.position - home_).squaredNorm();
+      ++rest_;
+      if (since > kRest) {
+        enter(Phase::kRamp, now);
+        from_ = hand.position;
+      }
+      break;
+    case Phase::kRamp:
+      level_ = std::min(params_.force, kRamp * since);
+      if (moved.norm() > kBegun && breakaway_[slot] == 0.0) breakaway_[slot] = level_;
+      force = level_ * ahead;
+      if (moved.norm() > kMoved) {
+        went_[slot] = true;
+        along_[slot] = moved.dot(ahead) / moved.norm();
+        trusted_ = trusted_ && along_[slot] > kStraight;
+        enter(trusted_ ? Phase::kPush : Phase::kSettle, now);
+      } else if (since > params_.force / kRamp + 0.5) {
+        breakaway_[slot] = 0.0;  // it trembles, or is held
+        enter(Phase::kSettle, now);
+      }
+      break;
+    case Phase::kPush:
+      force = params_.force * ahead;
+      if (moved.dot(ahead) > kPushed || since > kLongest) enter(Phase::kOppose, now);
+      break;
+    case Phase::kOppose:
+      force = -params_.force * ahead;
+      if (velocity_.dot(ahead) < 0.0 || since > kLongest) enter(Phase::kSettle, now);
+      break;
+    case Phase::kSettle:
+      if ((velocity_.norm() < kStill && since > 0.1) || since > kLongest) {
+        // One that goes elsewhere is not brought back: the other axes say where they go.
+        if (trusted_) {
+          enter(Phase::kReturn, now);
+        } else {
+          nextRun(now);
+        }
+      }
+      break;
+    case Phase::kReturn:
+      force = -kSpring * (hand.position - home_) - kDamper * velocity_;
+      if (force.norm() > params_.force) force *= params_.force / force.norm();
+      if (since > kBack) nextRun(now);
+      break;
+    case Phase::kDone:
+      break;
+  }
+  return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
+}
+
+double SelfTest::fit(int axis, std::size_t late, AxisResult& result) const {
+  // m (v - v0) + b (x - x0) + c (time ahead - time back) - bias t = impulse, a row for every sample
+  // since the arm began to move.
+  // The impulse at the start is unknown, its own in either push: a velocity from two positions has
+  // the encoder's error, which every row would share.
+  constexpr int kUnknown = 6;
+  using Row = Eigen::Matrix<double, kUnknown, 1>;
+  Eigen::Matrix<double, kUnknown, kUnknown> normal =
+      Eigen::Matrix<double, kUnknown, kUnknown>::Zero();
+  Row right = Row::Zero();
+  double square = 0.0;
+  long rows = 0;
+  constexpr std::size_t kHalf = 4;  // samples to either side of a velocity
+  for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
+    const auto slot = static_cast<std::size_t>(run);
+    if (breakaway_[slot] == 0.0) continue;
+    std::vector<Sample> path;
+    for (const Sample& s : samples_) {
+      if (s.run == run) path.push_back(s);
+    }
+    if (path.size() < 8 * kHalf) continue;
+    const auto speed = [&](std::size_t i) {
+      return (path[i + kHalf].position - path[i - kHalf].position) /
+             (path[i + kHalf].time - path[i - kHalf].time);
+    };
+    std::size_t start = kHalf + late;
+    while (start + kHalf < path.size() && std::abs(speed(start)) < 0.01) ++start;
+    if (start + kHalf >= path.size()) continue;
+
+    double impulse = 0.0;
+    double sense = 0.0;
+    for (std::size_t i = start + 1; i + kHalf < path.size(); ++i) {
+      const double dt = path[i].time - path[i - 1].time;
+      impulse += path[i - late].force * dt;
+      sense += (speed(i) > 0.0 ? 1.0 : -1.0) * dt;
+      Row row;
+      row << speed(i), path[i].position - path[start].position, sense,
+          path[start].time - path[i].time, run % 2 == 0 ? 1.0 : 0.0, run % 2 == 0 ? 0.0 : 1.0;
+      normal += row * row.transpose();
+      right += impulse * row;
+      square += impulse * impulse;
+      ++rows;
+    }
+  }
+  if (rows < 50) return std::numeric_limits<double>::infinity();
+  const Eigen::LDLT<Eigen::Matrix<double, kUnknown, kUnknown>> solver(normal);
+  const Row found = solver.solve(right);
+  const Eigen::Matrix<double, kUnknown, kUnknown> inverse =
+      solver.solve(Eigen::Matrix<double, kUnknown, kUnknown>::Identity());
+  const double left = std::max(0.0, square - found.dot(right));
+  const double variance = left / static_cast<double>(std::max(1L, rows - kUnknown));
+  result.fitted = found.allFinite() && found[0] > 0.0;
+  result.mass = found[0];
+  result.viscous = found[1];
+  result.coulomb = found[2];
+  result.bias = found[3];
+  result.delay = static_cast<double>(late) * (last_ - began_) / static_cast<double>(ticks_);
+  result.viscous_error = std::sqrt(std::max(0.0, variance * inverse(1, 1)));
+  result.coulomb_error = std::sqrt(std::max(0.0, variance * inverse(2, 2)));
+  return variance;
+}
+
+SelfTestResult SelfTest::result() const {
+  SelfTestResult result;
+  result.seconds = last_ - began_;
+  result.positions = positions_;
+  result.slowest = slowest_;
+  if (rest_ > 0) {
+    const double n = static_cast<double>(rest_);
+    result.noise = std::sqrt(std::max(0.0, sum2_ / n - (sum_ / n).squaredNorm()));
+  }
+  const auto say = [&](std::string words) { result.problems.push_back(std::move(words)); };
+  if (!done()) {
+    say("it was ended early: run it again");
+    return result;
+  }
+  if (far_) {
+    say("it went farther than " + text(params_.travel) +
+        " m: hold nothing against it, and see whether it falls or runs away by itself");
+  }
+  for (int a = 0; a < 3; ++a) {
+    AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
+    const auto plus = static_cast<std::size_t>(2 * a);
+    axis.moved = went_[plus] && went_[plus + 1];
+    axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
+    axis.along = std::min(along_[plus], along_[plus + 1]);
+    if (!axis.moved) {
+      if (!far_ && trusted_) {
+        say(std::string(1, kAxes[a]) + ": " + text(params_.force) +
+            " N did not move it: let go of it, switch its motors on, or it has more friction "
+            "(--force)");
+      }
+    }
+    for (const std::size_t run : {plus, plus + 1}) {
+      if (!went_[run] || along_[run] > kStraight) continue;
+      const std::string where = std::string(run == plus ? "+" : "-") + kAxes[a];
+      if (along_[run] < -kStraight) {
+        say("pushed to " + where +
+            " it went the other way: exchange the sign of its motors' scale, or of its encoders'");
+      } else {
+        say("pushed to " + where + " it went elsewhere (cosine " + text(along_[run]) +
+            "): motors may be exchanged, or the geometry is another one");
+      }
+    }
+    if (!axis.moved || axis.along <= kStraight) continue;
+    constexpr std::size_t kLatest = 8;  // samples
+    double best = std::numeric_limits<double>::infinity();
+    const AxisResult plain = axis;
+    for (std::size_t late = 0; late <= kLatest; ++late) {
+      AxisResult tried = plain;
+      const double left = fit(a, late, tried);
+      if (!(left < best)) continue;
+      best = left;
+      axis = tried;
+    }
+  }
+
+  return result;
+}
+
+}  // namespace palpate

@@ -1,0 +1,103 @@
+/// Finds out whether an arm goes where it is pushed, and what its friction is, with small forces.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "engine/device.h"
+#include "engine/types.h"
+
+namespace palpate {
+
+struct SelfTestParams {
+  double force = 0.5;    ///< The largest [N].
+  double travel = 0.04;  ///< The farthest from where it begins [m]; farther ends the test.
+};
+
+/// What was found along one axis of the hand's world.
+struct AxisResult {
+  bool moved = false;      ///< Within the largest force.
+  double breakaway = 0.0;  ///< [N], the mean of both ways: the force at which it began to move.
+  double along = 0.0;      ///< Where it went: the cosine to where it was pushed, the worse of both
+                           ///< ways. 1: there.
+  double mass = 0.0;       ///< [kg], m of m v' = F - b v - c sign(v) + bias,
+  double viscous = 0.0;    ///< b [N s/m],
+  double coulomb = 0.0;    ///< c [N],
+  double bias = 0.0;       ///< gravity, a spring [N],
+  double delay = 0.0;      ///< and the force so much late [s];
+  double viscous_error = 0.0;  ///< standard errors of b and c.
+  double coulomb_error = 0.0;
+  bool fitted = false;
+};
+
+struct SelfTestResult {
+  std::array<AxisResult, 3> axes;
+  double noise = 0.0;                 ///< Of the position at rest, rms [m].
+  double slowest = 0.0;               ///< The longest pause between new positions [s].
+  std::int64_t positions = 0;         ///< New ones, over
+  double seconds = 0.0;               ///< [s].
+  std::vector<std::string> problems;  ///< In words, with remedies; none: it has passed.
+};
+
+/// A test that is asked every tick what force it wants. Pure: no clock, no device.
+///
+/// At rest for a second; then along +x, -x, +y, ... in turn: a force that grows by 0.4 N/s until
+/// the arm moves by 2 mm, is held for 12 mm, then opposed until it stands; then, where it is known
+/// to go where it is pushed, a weak spring brings it back. The friction is a least-squares fit of m
+/// (v - v0) = integral of (F - b v - c sign(v) + bias) to all that moved, for the delay of F
+/// that fits best. RT: next() takes no memory.
+class SelfTest {
+ public:
+  explicit SelfTest(const SelfTestParams& params = {});
+
+  /// The force wanted; zero when it is done. `hand`: position and age; `now` [s], ascending;
+  /// `sent`: what has acted since the call before, limitForce having passed it [N].
+  [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
+  [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
+  /// When it is done.
+  [[nodiscard]] SelfTestResult result() const;
+
+ private:
+  enum class Phase : std::uint8_t { kRest, kRamp, kPush, kOppose, kSettle, kReturn, kDone };
+  struct Sample {
+    double time, position, force;
+    std::int8_t run;  ///< Which push it is of.
+  };
+  [[nodiscard]] Vec3 axis() const noexcept;
+  void enter(Phase phase, double now) noexcept;
+  void nextRun(double now) noexcept;
+  /// The mean square that is left over, with the force so many samples late; results by it.
+  double fit(int axis, std::size_t late, AxisResult& result) const;
+
+  SelfTestParams params_;
+  Phase phase_ = Phase::kRest;
+  int run_ = 0;  ///< 0 to 5: +x, -x, +y, ...
+  bool started_ = false;
+  double entered_ = 0.0;
+  double began_ = 0.0;
+  double last_ = 0.0;
+  std::int64_t ticks_ = 0;
+  Vec3 home_ = Vec3::Zero();
+  Vec3 from_ = Vec3::Zero();
+  Vec3 before_ = Vec3::Zero();
+  Vec3 velocity_ = Vec3::Zero();
+  double level_ = 0.0;  ///< Of the push [N].
+  bool trusted_ = true;
+  bool far_ = false;
+  std::array<double, 6> breakaway_{};  ///< 0: did not move.
+  std::array<bool, 6> went_{};
+  std::array<double, 6> along_{};
+  std::vector<Sample> samples_;
+  // At rest.
+  Vec3 sum_ = Vec3::Zero();
+  double sum2_ = 0.0;
+  std::int64_t rest_ = 0;
+  double fresh_at_ = 0.0;
+  double age_ = 0.0;
+  double slowest_ = 0.0;
+  std::int64_t positions_ = 0;
+};
+
+}  // namespace palpate

@@ -1,0 +1,561 @@
+/// An arm on a HID device that is made of memory: what is read, sent, lost and found again.
+#include "devices/hid_device.h"
+
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "engine/error.h"
+#include "engine/haptic_thread.h"
+#include "tests/loop/scenes.h"
+#include "tests/support/counters.h"
+
+using namespace palpate;
+using namespace std::chrono_literals;
+using Catch::Contains;
+
+namespace {
+
+constexpr std::size_t kRing = 63;
+
+/// What is at the other end: a ring that keeps the oldest, and what has been sent.
+class FakeArm {
+ public:
+  void give(const std::vector<std::byte>& report) {
+    const std::lock_guard lock(mutex_);
+    if (ring_.size() < kRing) ring_.push_back(report);
+  }
+  /// A report of three signed counts and a state.
+  void giveCounts(int a, int b, int c, int state = 1) {
+    std::vector<std::byte> report(8);
+    int k = 0;
+    for (const int v : {a, b, c, state}) {
+      report[static_cast<std::size_t>(k++)] = static_cast<std::byte>(v & 255);
+      report[static_cast<std::size_t>(k++)] = static_cast<std::byte>(v >> 8 & 255);
+    }
+    give(report);
+  }
+  std::vector<std::vector<std::byte>> sent() {
+    const std::lock_guard lock(mutex_);
+    return sent_;
+  }
+  /// The last force, in raw units.
+  std::array<int, 3> driven() {
+    const std::lock_guard lock(mutex_);
+    std::array<int, 3> out{};
+    if (sent_.empty()) return out;
+    for (std::size_t i = 0; i < 3; ++i) {
+      out[i] = static_cast<std::int16_t>(static_cast<unsigned>(sent_.back()[1 + 2 * i]) |
+                                         static_cast<unsigned>(sent_.back()[2 + 2 * i]) << 8U);
+    }
+    return out;
+  }
+
+  std::atomic<bool> there{true};
+  std::atomic<int> write_ms{0};
+  std::atomic<bool> answers{false};  ///< Gives a report for every one it gets.
+
+ private:
+  friend class FakePort;
+  std::mutex mutex_;
+  std::deque<std::vector<std::byte>> ring_;
+  std::vector<std::vector<std::byte>> sent_;
+};
+
+class FakePort final : public ReportPort {
+ public:
+  explicit FakePort(FakeArm& arm) : arm_(arm) {}
+  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    if (!arm_.there) return Got::kGone;
+    const std::lock_guard lock(arm_.mutex_);
+    if (arm_.ring_.empty()) return Got::kNothing;
+    const auto& report = arm_.ring_.front();
+    size = std::min(report.size(), to.size());
+    std::copy_n(report.begin(), size, to.begin());
+    arm_.ring_.pop_front();
+    return Got::kReport;
+  }
+  [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
+    if (arm_.write_ms > 0) std::this_thread::sleep_for(std::chrono::milliseconds(arm_.write_ms));
+    if (!arm_.there) return false;
+    {
+      const std::lock_guard lock(arm_.mutex_);
+      arm_.sent_.emplace_back(report.begin(), report.end());
+    }
+    if (arm_.answers) arm_.giveCounts(0, 0, 0);
+    return true;
+  }
+  [[nodiscard]] bool sendFeature(std::span<const std::byte> report) noexcept override {
+    return write(report);
+  }
+
+ private:
+  FakeArm& arm_;
+};
+
+ReportField counts(const char* name, std::uint32_t bit) {
+  ReportField field;
+  field.name = name;
+  field.bit = bit;
+  field.least = -32768;
+  field.most = 32767;
+  return field;
+}
+
+/// Three slides of 10 um a count, three motors of 1 mN.
+HidProfile slides() {
+  HidProfile profile;
+  profile.name = "slides";
+  HidReportSpec input;
+  input.size = 8;
+  HidReportSpec output;
+  output.size = 8;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const std::array names{"a", "b", "c"};
+    ReportField in = counts(names[i], static_cast<std::uint32_t>(16 * i));
+    in.scale = 1e-5;
+    in.wraps = true;
+    input.fields.push_back(in);
+    ReportField out = counts(names[i], static_cast<std::uint32_t>(16 * i));
+    out.scale = 1000.0;
+    out.least = -4000;
+    out.most = 4000;
+    output.fields.push_back(out);
+    HidJoint joint;
+    joint.from = {0, i};
+    joint.to = i;
+    profile.joints.push_back(joint);
+  }
+  input.fields.push_back(counts("state", 48));
+  output.fields.push_back(counts("command", 48));
+  profile.input = {input};
+  profile.output = output;
+  profile.kinematics = makeCartesian();
+  profile.limits = {5.0, 2000.0, 1000.0, 5.0, 0.1, 0.05, 3.0, 0.0, 0.0};
+  return profile;
+}
+
+std::unique_ptr<HidDevice> open(FakeArm& arm, HidProfile profile = slides(), bool tested = true,
+                                HidOpener find = nullptr) {
+  arm.giveCounts(0, 0, 0);
+  return std::make_unique<HidDevice>(std::move(profile), std::make_unique<FakePort>(arm), tested,
+                                     std::move(find));
+}
+
+template <class What>
+void await(What what) {
+  const auto end = std::chrono::steady_clock::now() + 20s;
+  while (!what()) {
+    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 20 s");
+    std::this_thread::sleep_for(1ms);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("positions are read and forces sent, in the profile's units and frame", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.origin_D = {0.01, 0, 0};
+  profile.rotation_WD << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // x of the arm is y of the world
+  const auto device = open(arm, profile);
+  arm.giveCounts(3000, -2000, 1000);
+  const HandState hand = device->read();
+  CHECK((hand.position - Vec3(0.02, 0.02, 0.01)).norm() < 1e-12);
+  CHECK(hand.ready);
+  CHECK(hand.fault == Fault::kNone);
+  CHECK(hand.age < 0.01);
+  device->write({1.0, 2.0, -3.0});
+  await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
+  // The sense of joints, home and gears.
+  for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
+}
+
+TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  (void)device->read();
+  for (int i = 1; i <= 40; ++i) arm.giveCounts(10 * i, 0, 0);
+  CHECK(device->read().position.x() == Approx(0.004));
+  CHECK(device->reads().passed_by >= 39);
+  // Nothing new: the same again, older.
+  std::this_thread::sleep_for(20ms);
+  const HandState again = device->read();
+  CHECK(again.position.x() == Approx(0.004));
+  CHECK(again.age >= 0.02);
+  // 300 reports in a pause: the ring holds the first 63. None of them is where the hand is.
+  for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
+  const HandState stalled = device->read();
+  CHECK(stalled.position.x() == Approx(0.004));
+  CHECK(stalled.age >= 0.02);
+  CHECK(device->reads().dropped == kRing);
+  arm.giveCounts(1500, 0, 0);
+  const HandState fresh = device->read();
+  CHECK(fresh.position.x() == Approx(0.015));
+  CHECK(fresh.age < 0.01);
+}
+
+TEST_CASE("encoders are followed beyond the ends of their counters", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  long count = 0;
+  for (int i = 0; i < 400; ++i) {
+    count += 997;
+    arm.giveCounts(static_cast<std::int16_t>(count), static_cast<std::int16_t>(-count), 0);
+    const HandState hand = device->read();
+    REQUIRE(hand.position.x() == Approx(1e-5 * static_cast<double>(count)));
+    REQUIRE(hand.position.y() == Approx(-1e-5 * static_cast<double>(count)));
+  }
+  CHECK(count > 5 * 65536);
+}
+
+TEST_CASE("strange reports change nothing", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  arm.giveCounts(100, 0, 0);
+  (void)device->read();
+  arm.give({});
+  arm.give({std::byte{1}, std::byte{2}, std::byte{3}});
+  CHECK(device->read().position.x() == Approx(1e-3));
+  CHECK(device->reads().strange == 2);
+  // Longer ones have what they have.
+  arm.give(std::vector<std::byte>(4096, std::byte{0}));
+  CHECK(device->read().position.x() == 0.0);
+}
+
+TEST_CASE("numbered reports are told apart", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.input[0].id = 7;
+  HidReportSpec buttons;
+  buttons.id = 9;
+  buttons.size = 1;
+  ReportField flag = counts("hot", 0);
+  flag.bits = 1;
+  flag.type = ReportField::Type::kUnsigned;
+  buttons.fields.push_back(flag);
+  profile.input.push_back(buttons);
+  profile.flags.push_back({{1, 0}, 1.0, HidFlag::Means::kHot});
+  arm.give({std::byte{7}, std::byte{100}, std::byte{0}, std::byte{0}, std::byte{0}, std::byte{0},
+            std::byte{0}, std::byte{0}, std::byte{0}});
+  HidDevice device(profile, std::make_unique<FakePort>(arm), true);
+  CHECK(device.read().position.x() == Approx(1e-3));
+  arm.give({std::byte{9}, std::byte{1}});
+  CHECK(device.read().fault == Fault::kTemperature);
+  arm.give({std::byte{8}, std::byte{0}});
+  CHECK(device.read().fault == Fault::kTemperature);
+  arm.give({std::byte{9}, std::byte{0}});
+  const HandState hand = device.read();
+  CHECK(hand.fault == Fault::kNone);
+  CHECK(hand.position.x() == Approx(1e-3));
+}
+
+TEST_CASE("flags say whether the arm is ready, and what is wrong", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled},
+                   {{0, 3}, 2.0, HidFlag::Means::kUnpowered},
+                   {{0, 3}, 3.0, HidFlag::Means::kOpen}};
+  const auto device = open(arm, profile);
+  const auto with = [&](int state) {
+    arm.giveCounts(0, 0, 0, state);
+    return device->read();
+  };
+  CHECK(with(1).ready);
+  CHECK_FALSE(with(0).ready);
+  CHECK(with(0).fault == Fault::kNone);
+  CHECK(with(2).fault == Fault::kPower);
+  CHECK(with(3).fault == Fault::kSwitch);
+}
+
+TEST_CASE("a motor's limit weakens the force and keeps its direction", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  device->write({2.0, -8.0, 1.0});  // 8 N where a motor gives 4
+  await([&] { return arm.driven() == std::array<int, 3>{1000, -4000, 500}; });
+  CHECK(device->writes().weakened == 1);
+  // Rubbish is no force.
+  device->write({std::nan(""), 0, 1e300});
+  await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
+}
+
+TEST_CASE("beyond its reach an arm is not ready and drives nothing", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) field.scale = 1e-3;
+  profile.kinematics = makeDelta(0.08, 0.03, 0.06, 0.1);
+  const auto device = open(arm, profile);
+  arm.giveCounts(900, 900, 900);
+  CHECK(device->read().ready);
+  device->write({0, 0, 1.0});
+  await([&] { return arm.driven()[0] != 0; });
+  arm.giveCounts(0, 0, 0);
+  CHECK_FALSE(device->read().ready);
+  device->write({0, 0, 1.0});
+  await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
+}
+
+TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  const std::size_t before = arm.sent().size();
+  for (int i = 1; i <= 50; ++i) {
+    device->write({0.01 * i, 0, 0});
+    await([&] { return device->writes().count == i; });
+  }
+  CHECK(arm.sent().size() == before + 50);
+  // A write of 5 ms: ticks go on, the newest force is next.
+  arm.write_ms = 5;
+  const auto start = std::chrono::steady_clock::now();
+  for (int i = 0; i < 200; ++i) device->write({0, 0.01 * i, 0});
+  CHECK(std::chrono::steady_clock::now() - start < 1s);  // 200 of them one after the other
+  await([&] { return arm.driven()[1] == 1990; });
+  CHECK(arm.sent().size() < before + 150);
+}
+
+TEST_CASE("a write that does not come back is a fault", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  arm.write_ms = 200;
+  device->write({1, 0, 0});
+  await([&] { return device->read().fault == Fault::kWrite; });
+  arm.write_ms = 0;
+  await([&] { return device->read().fault == Fault::kNone; });
+}
+
+TEST_CASE("unplugged it is gone; plugged in again it is there, and its count begins anew",
+          "[hid]") {
+  FakeArm arm;
+  const auto find = [&]() -> std::unique_ptr<ReportPort> {
+    if (!arm.there) return nullptr;
+    arm.giveCounts(7, 0, 0);
+    return std::make_unique<FakePort>(arm);
+  };
+  const auto device = open(arm, slides(), true, find);
+  arm.giveCounts(30000, 0, 0);
+  CHECK(device->read().position.x() == Approx(0.3));
+  const std::uint32_t version = device->zeroForce().version;
+  arm.there = false;
+  CHECK(device->read().fault == Fault::kGone);
+  device->write({1, 0, 0});
+  std::this_thread::sleep_for(120ms);
+  CHECK(device->read().fault == Fault::kGone);
+  arm.there = true;
+  await([&] { return device->read().fault == Fault::kNone; });
+  CHECK(device->pluggings() == 2);
+  CHECK(device->zeroForce().version != version);
+  arm.giveCounts(20, 0, 0);
+  const HandState hand = device->read();
+  CHECK(hand.position.x() == Approx(2e-4));
+  CHECK(hand.ready);
+  device->write({0.5, 0, 0});
+  await([&] { return arm.driven()[0] == 500; });
+}
+
+TEST_CASE("the writer's loss is the reader's", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm, slides(), true, [] { return std::unique_ptr<ReportPort>(); });
+  arm.write_ms = 10;
+  device->write({1, 0, 0});
+  arm.there = false;
+  await([&] { return device->read().fault == Fault::kGone; });
+}
+
+TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.home_at_open = true;
+  profile.joints[2].home = 0.05;
+  arm.giveCounts(1234, 50, -9);
+  const auto device = open(arm, profile, true, [&]() -> std::unique_ptr<ReportPort> {
+    return std::make_unique<FakePort>(arm);
+  });
+  // The last report before the opening is home.
+  arm.giveCounts(0, 0, 0);
+  CHECK((device->read().position - Vec3(0, 0, 0.05)).norm() < 1e-12);
+  arm.giveCounts(100, 0, 0);
+  CHECK((device->read().position - Vec3(1e-3, 0, 0.05)).norm() < 1e-12);
+  arm.there = false;
+  (void)device->read();
+  arm.there = true;
+  std::this_thread::sleep_for(150ms);
+  CHECK(device->read().fault == Fault::kGone);
+}
+
+TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid]") {
+  HidProfile profile = slides();
+  HidStep send;
+  send.kind = HidStep::Kind::kSend;
+  send.values = {{3, 1.0}};
+  HidStep wait;
+  wait.kind = HidStep::Kind::kWait;
+  wait.field = {0, 3};
+  wait.equals = 5;
+  wait.seconds = 0.2;
+  wait.words = "press the button";
+  profile.home = {send, wait};
+  {
+    FakeArm arm;
+    arm.giveCounts(0, 0, 0);
+    CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(arm), true),
+                      Contains("it does not say state = 5") && Contains("press the button"));
+    // The command went out, and no motor was driven by any of it.
+    bool commanded = false;
+    for (const auto& report : arm.sent()) {
+      commanded = commanded || report[7] == std::byte{1};
+      for (std::size_t i = 1; i < 7; ++i) CHECK(report[i] == std::byte{0});
+    }
+    CHECK(commanded);
+  }
+  FakeArm arm;
+  arm.giveCounts(0, 0, 0);
+  std::thread button([&] {
+    std::this_thread::sleep_for(50ms);
+    arm.giveCounts(0, 0, 0, 5);
+  });
+  std::vector<std::string> said;
+  const HidDevice device(profile, std::make_unique<FakePort>(arm), true, nullptr,
+                         [&](const std::string& words) { said.push_back(words); });
+  button.join();
+  CHECK(said == std::vector<std::string>{"arm slides: press the button"});
+}
+
+TEST_CASE("silence at the opening is firmware or power; one that only answers is asked", "[hid]") {
+  HidProfile profile = slides();
+  profile.firmware = "version 3";
+  FakeArm silent;
+  CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true),
+                    Contains("sends no report") && Contains("version 3"));
+  FakeArm asked;
+  asked.answers = true;
+  HidDevice device(profile, std::make_unique<FakePort>(asked), true);
+  CHECK(device.read().ready);
+}
+
+TEST_CASE("an arm that has not been tested is held to 1 N and 100 N/m", "[hid][safety]") {
+  FakeArm arm;
+  const auto wild = open(arm, slides(), false);
+  CHECK(wild->info().limits.peak == kUntestedForce);
+  CHECK(wild->info().max_stiffness == kUntestedStiffness);
+  CHECK_THAT(wild->info().source, Contains("untested"));
+  const auto tame = open(arm, slides(), true);
+  CHECK(tame->info().limits.peak == 5.0);
+  CHECK(tame->info().max_stiffness == 1000.0);
+}
+
+TEST_CASE("a puck that gives velocities moves the hand and stays within reach", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.output.reset();
+  for (HidJoint& joint : profile.joints) joint.to.reset();
+  for (ReportField& field : profile.input[0].fields) field.scale = 1.0 / 350.0;
+  profile.rate_control = 0.1;
+  HidDevice device(profile, std::make_unique<FakePort>(arm), false);
+  CHECK_FALSE(device.info().hand);
+  CHECK(device.read().ready);
+  arm.giveCounts(350, 0, -350);
+  (void)device.read();
+  const Vec3 before = device.read().position;
+  std::this_thread::sleep_for(50ms);
+  const HandState hand = device.read();
+  CHECK(hand.age == 0.0);
+  CHECK(hand.position.x() - before.x() >= 0.1 * 0.049);
+  CHECK(hand.position.z() - before.z() == Approx(before.x() - hand.position.x()));
+  device.write({1, 2, 3});
+  CHECK(arm.sent().empty());
+  for (int i = 0; i < 30; ++i) {
+    std::this_thread::sleep_for(60ms);
+    REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
+  }
+  CHECK(device.read().position.norm() == Approx(0.1));
+}
+
+TEST_CASE("reading and writing take no memory", "[hid]") {
+  FakeArm arm;
+  const auto device = open(arm);
+  const HidInput input(slides());
+  (void)input;
+  Vec3 sum = Vec3::Zero();
+  long allocations = 0;
+  for (int i = 0; i < 200; ++i) {
+    arm.giveCounts(i, i, i);
+    const test::CountScope scope;
+    sum += device->read().position;
+    device->write({0.001 * i, 0, 0});
+    allocations += test::CountScope::counts().allocations;
+  }
+  // The deque of the arm that is made of memory frees a block now and then, and takes none.
+  CHECK(allocations == 0);
+  CHECK(sum.allFinite());
+}
+
+TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again", "[hid][safety]") {
+  FakeArm arm;
+  std::atomic<int> z{4000};
+  std::atomic<bool> over{false};
+  std::thread firmware([&] {
+    while (!over) {
+      if (arm.there) arm.giveCounts(0, 0, z);
+      std::this_thread::sleep_for(1ms);
+    }
+  });
+  {
+    HidProfile profile = slides();
+    profile.limits.stale = 10.0;
+    auto device = open(arm, profile, true, [&]() -> std::unique_ptr<ReportPort> {
+      if (!arm.there) return nullptr;
+      return std::make_unique<FakePort>(arm);
+    });
+    struct Patient final : public Device {
+      HidDevice& inner;
+      DeviceInfo info_;
+      explicit Patient(HidDevice& d) : inner(d), info_(d.info()) { info_.watch.late = 1e3; }
+      [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+      [[nodiscard]] HandState read() noexcept override { return inner.read(); }
+      void write(const Vec3& force) noexcept override { inner.write(force); }
+    } patient(*device);
+    LoopParams params;
+    params.realtime = {0, -1, false, false};
+    HapticThread hand(patient, params);
+    hand.publish(test::ballScene(test::ballField()));
+    const auto move = [&](int to) {
+      const int from = z;
+      for (int i = 1; i <= 60; ++i) {
+        z = from + (to - from) * i / 60;
+        std::this_thread::sleep_for(1ms);
+      }
+    };
+    std::this_thread::sleep_for(700ms);
+    move(2700);
+    await([&] { return arm.driven()[2] > 1000; });
+    arm.there = false;
+    await([&] { return hand.latest().fault == Fault::kGone; });
+    CHECK(hand.latest().report.force == Vec3::Zero());
+    arm.there = true;
+    await([&] { return device->pluggings() == 2; });
+    std::this_thread::sleep_for(50ms);
+    // It is back, and still off: somebody must say so.
+    CHECK(hand.latest().fault == Fault::kGone);
+    CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
+    move(4000);
+    hand.clear();
+    await([&] { return hand.latest().fault == Fault::kNone; });
+    std::this_thread::sleep_for(700ms);
+    move(2700);
+    await([&] { return arm.driven()[2] > 1000; });
+    hand.stop();
+  }
+  CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
+  over = true;
+  firmware.join();
+}

@@ -1,0 +1,242 @@
+/// Files that describe arms.
+#include "devices/hid_profile.h"
+
+#include <fstream>
+#include <set>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+#include <valijson/adapters/nlohmann_json_adapter.hpp>
+#include <valijson/schema.hpp>
+#include <valijson/schema_parser.hpp>
+#include <valijson/validator.hpp>
+
+#include "engine/error.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+using Catch::Contains;
+using Json = nlohmann::json;
+
+namespace {
+
+Json full() {
+  return Json::parse(R"({
+    "$schema": "x", "palpate_arm": 1, "name": "mine", "description": "d", "firmware": "f",
+    "match": [{"vendor": "0x1209", "product": "0001", "usage_page": "FF00", "usage": "1"}],
+    "rate": {"input": 1000, "output": 500},
+    "input": [{"id": 1, "size": 40, "fields": {
+      "a": {"bit": 96, "bits": 32, "scale": 1e-6, "wraps": true},
+      "b": {"bit": 128, "bits": 32, "scale": 1e-6},
+      "c": {"bit": 160, "bits": 32, "scale": 1e-6, "offset": 0.5},
+      "state": {"bit": 240, "bits": 3, "type": "unsigned"}}}],
+    "output": {"id": 2, "size": 16, "fields": {
+      "fa": {"bit": 48, "bits": 16, "scale": 1000, "least": -5000, "most": 5000},
+      "fb": {"bit": 64, "bits": 16, "scale": 1000}, "fc": {"bit": 80, "bits": 16, "scale": 1000},
+      "command": {"bit": 0, "bits": 8, "type": "unsigned"}}},
+    "flags": [{"field": "state", "equals": 1, "means": "homed"}],
+    "kinematics": {"model": "cartesian", "joints": [
+      {"from": "a", "motor": "fa", "torque_constant": 1},
+      {"from": "b", "ratio": -1, "motor": "fb", "torque_constant": 1},
+      {"from": "c", "home": 0.1, "motor": "fc", "torque_constant": 2}]},
+    "mount": {"origin": [0, 0, 0.1], "rotation_wxyz": [0.7071, 0, 0, 0.7071]},
+    "open": [{"feature": [3, 0, 255]}, {"pause": 0.01}],
+    "home": [{"send": {"command": 1}},
+             {"wait": {"field": "state", "equals": 1, "seconds": 5, "words": "let go"}}],
+    "close": [{"send": {"command": 0}}],
+    "limits": {"force": 5, "slew": 1000, "stiffness": 800, "damping": 4, "workspace_radius": 0.1,
+               "stale": 0.02, "speed": 2, "continuous": 2, "heating": 10},
+    "sources": {"/limits": "measured"}})");
+}
+
+bool schemaAccepts(const Json& json) {
+  const Json text = Json::parse(hidProfileSchema());
+  valijson::Schema schema;
+  valijson::SchemaParser parser;
+  parser.populateSchema(valijson::adapters::NlohmannJsonAdapter(text), schema);
+  valijson::Validator validator;
+  return validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(json), nullptr);
+}
+
+std::string trouble(const Json& json) {
+  try {
+    (void)parseHidProfile(json.dump(), "arm.json");
+  } catch (const DeviceError& e) {
+    return e.what();
+  }
+  return "none";
+}
+
+}  // namespace
+
+TEST_CASE("a profile with everything is read", "[profile]") {
+  const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
+  CHECK(arm.match[0].vendor == 0x1209);
+  CHECK(arm.match[0].usage_page == 0xFF00);
+  CHECK(arm.output_rate == 500);
+  CHECK(arm.joints[1].ratio == -1);
+  CHECK(arm.limits.continuous == 2);
+  CHECK(arm.home[1].words == "let go");
+  CHECK(arm.rotation_WD(1, 0) == Approx(1.0));
+  CHECK(arm.sources.at("/limits") == "measured");
+  CHECK(arm.output->fields.size() == 4);
+}
+
+TEST_CASE("bad profiles are refused with their path, by reader or schema", "[profile]") {
+  REQUIRE(trouble(full()) == "none");
+  REQUIRE(schemaAccepts(full()));
+  struct Bad {
+    const char* pointer;
+    Json value;
+    const char* says;
+    bool schema;  ///< It sees it as well.
+  };
+  const std::vector<Bad> cases{
+      {"/palpate_arm", 2, "/palpate_arm: this program does not know", true},
+      {"/name", "a b", "/name: it has other characters", true},
+      {"/extra", 1, "/extra: unknown key", true},
+      {"/match", Json::array(), "/match: it is not a list", true},
+      {"/match/0/vendor", "xyz", "/match/0/vendor: \"xyz\" is not a hexadecimal", true},
+      {"/match/0/vendor", "12345", "hexadecimal number of 16 bits", true},
+      {"/rate/input", 0, "/rate/input: 0 is not > 0", true},
+      {"/input/0/size", 0, "not a whole number from 1 to 1024", true},
+      {"/input/0/fields/a/bits", 33, "not a whole number from 1 to 32", true},
+      {"/input/0/fields/a/bit", 300, "it ends beyond the report's 40 bytes", false},
+      {"/input/0/fields/a/type", "int", "/input/0/fields/a/type: \"int\" is not known", true},
+      {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", false},
+      {"/output/fields/fa/most", -6000, "least is above most", false},
+      {"/flags/0/field", "stat", "did you mean \"state\"?", false},
+      {"/flags/0/means", "happy", "\"happy\" is not known", true},
+      {"/kinematics/model", "capstan-am", "did you mean \"capstan-arm\"?", true},
+      {"/kinematics/a", 1, "model cartesian has no such key", true},
+      {"/kinematics/joints/0/from", "z", "the input has no field \"z\"", false},
+      {"/kinematics/joints/0/motor", "fz", "did you mean \"fa\"?", false},
+      {"/kinematics/joints/0/torque_constant", 0, "0 is not > 0", true},
+      {"/kinematics/joints/0/ratio", 0, "/kinematics/joints/0/ratio: it is 0", true},
+      {"/kinematics/home_at_open", true, "its user must know the pose", false},
+      {"/kinematics/rate_control", 0.1, "takes no forces", false},
+      {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is no rotation", false},
+      {"/home/0/send/fa", 100, "a step drives a motor", false},
+      {"/home/0/send", {{"fa", 100}}, "a step drives a motor", false},
+      {"/home/1/wait/seconds", 0, "0 is not > 0", true},
+      {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
+      {"/open/1", {{"pause", 1}, {"feature", {1}}}, "it is not one step", true},
+      {"/limits/force", 0, "/limits/force: 0 is not > 0", true},
+      {"/sources", 1, "/sources: it is not an object", true},
+  };
+  for (const Bad& bad : cases) {
+    Json json = full();
+    if (std::string(bad.pointer) == "/home/0/send/fa") json["home"][0]["send"].erase("command");
+    json[Json::json_pointer(bad.pointer)] = bad.value;
+    CAPTURE(bad.pointer, bad.value.dump());
+    const std::string says = trouble(json);
+    CHECK_THAT(says, Contains("arm.json") && Contains(bad.says));
+    CHECK(says.find('\n') == std::string::npos);
+    if (bad.schema) CHECK_FALSE(schemaAccepts(json));
+  }
+  for (const char* needed :
+       {"palpate_arm", "name", "match", "rate", "input", "kinematics", "limits"}) {
+    Json json = full();
+    json.erase(needed);
+    CAPTURE(needed);
+    CHECK(trouble(json) != "none");
+    CHECK_FALSE(schemaAccepts(json));
+  }
+  Json motorless = full();
+  motorless.erase("output");
+  CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
+}
+
+TEST_CASE("an arm that drives motors has limits", "[profile]") {
+  Json json = full();
+  json.erase("limits");
+  CHECK_THAT(trouble(json), Contains("an arm with an output has limits"));
+}
+
+TEST_CASE("the shipped profiles are good, and say where every number comes from", "[profile]") {
+  std::vector<std::string> notes;
+  const std::vector<HidProfile> arms = hidProfiles("/nowhere", notes);
+  CHECK(notes.empty());
+  std::set<std::string> names;
+  for (const HidProfile& arm : arms) names.insert(arm.name);
+  CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics"});
+  for (const std::string& name : names) {
+    std::ifstream in(std::string(PALPATE_PROFILES) + "/" + name + ".json");
+    const Json json = Json::parse(in);
+    CAPTURE(name);
+    CHECK(schemaAccepts(json));
+    const Json flat = json.flatten();
+    for (const auto& [pointer, value] : flat.items()) {
+      if (!value.is_number() || pointer == "/palpate_arm") continue;
+      CAPTURE(pointer);
+      bool said = false;
+      for (const auto& [prefix, source] : json.at("sources").items()) {
+        said = said || (pointer.rfind(prefix, 0) == 0 && !source.get<std::string>().empty());
+      }
+      CHECK(said);
+    }
+    // The system lets a user open it.
+    std::ifstream rules(PALPATE_UDEV_RULES);
+    const std::string text((std::istreambuf_iterator<char>(rules)), {});
+    for (const Json& match : json.at("match")) {
+      const auto lower = [](std::string s) {
+        for (char& c : s) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+        return s;
+      };
+      CHECK_THAT(text, Contains("ATTRS{idVendor}==\"" + lower(match.at("vendor")) +
+                                "\", ATTRS{idProduct}==\"" + lower(match.at("product")) + "\""));
+    }
+  }
+}
+
+TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") {
+  const test::TemporaryFolder folder;
+  Json mine = full();
+  mine["name"] = "polhem";
+  std::ofstream(folder / "a.json") << mine.dump();
+  std::ofstream(folder / "b.json") << "{";
+  std::ofstream(folder / "c.txt") << "no profile";
+  std::vector<std::string> notes;
+  const auto arms = hidProfiles(folder.path(), notes);
+  CHECK(arms.size() == 4);
+  CHECK(arms[0].name == "polhem");
+  CHECK(arms[0].match[0].vendor == 0x1209);
+  CHECK(notes.size() == 1);
+  CHECK_THAT(notes[0], Contains("b.json") && Contains("not valid JSON"));
+}
+
+TEST_CASE("the known arms have limits and sources", "[profile]") {
+  const auto arms = knownArms();
+  CHECK(arms.size() >= 8);
+  for (const KnownArm& arm : arms) {
+    CAPTURE(arm.name);
+    CHECK(arm.force > 0.0);
+    CHECK(arm.stiffness > 0.0);
+    CHECK(arm.workspace_radius > 0.0);
+    CHECK(arm.source.size() > 3);
+  }
+}
+
+TEST_CASE("damaged profiles are refused or read, never worse", "[profile]") {
+  const std::string good = full().dump();
+  // Every byte in turn replaced, left out, or the end cut off there.
+  for (std::size_t i = 0; i < good.size(); ++i) {
+    for (const char c : {'0', '"', '}', '-', '9'}) {
+      std::string bad = good;
+      bad[i] = c;
+      try {
+        (void)parseHidProfile(bad, "arm.json");
+      } catch (const DeviceError&) {
+      }
+    }
+    std::string cut = good;
+    cut.erase(i, 1);
+    try {
+      (void)parseHidProfile(cut, "arm.json");
+    } catch (const DeviceError&) {
+    }
+  }
+  SUCCEED();
+}

@@ -1,0 +1,172 @@
+/// Where tips are: closed forms against finite differences, round trips, edges.
+#include "devices/kinematics.h"
+
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <Eigen/Dense>
+#include <catch2/catch.hpp>
+
+#include "engine/error.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::Random;
+
+namespace {
+
+struct Arm {
+  std::string name;
+  std::shared_ptr<const Kinematics> model;
+  std::function<Joints(Random&)> joints;  ///< Within reach.
+};
+
+std::vector<Arm> arms() {
+  const auto about = [](double a, double b, double c, double half) {
+    return [=](Random& random) {
+      Joints j{};
+      j[0] = a + random.uniform(-half, half);
+      j[1] = b + random.uniform(-half, half);
+      j[2] = c + random.uniform(-half, half);
+      for (std::size_t i = 3; i < kMostJoints; ++i) j[i] = random.uniform(-3.0, 3.0);
+      return j;
+    };
+  };
+  const std::vector<ChainLink> three{
+      {0.1, 0.2, 0.0, M_PI / 2}, {0, 0, 0.25, 0}, {0.3, 0, 0.2, 0.1}};
+  std::vector<ChainLink> six = three;
+  six.push_back({0, 0.05, 0, -M_PI / 2});
+  six.push_back({0, 0, 0.02, M_PI / 2});
+  six.push_back({0.2, 0.03, 0, 0});
+  return {
+      {"cartesian", makeCartesian(), about(0, 0, 0, 0.2)},
+      {"chain of 3", makeChain(three), about(0, 0, 0, 3.0)},
+      {"chain of 6", makeChain(six, {0.01, -0.02, 0.03}), about(0, 0, 0, 3.0)},
+      {"capstan arm", makeCapstanArm(0.08, 0.205, 0.245), about(0, 0.4, 1.2, 0.5)},
+      {"pantograph", makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05), about(1.0, 2.2, 0, 0.4)},
+      {"delta", makeDelta(0.08, 0.03, 0.06, 0.12), about(0.3, 0.3, 0.3, 0.35)},
+  };
+}
+
+}  // namespace
+
+TEST_CASE("Jacobians are the derivatives of where the tip is", "[kinematics]") {
+  Random random(3);
+  for (const Arm& arm : arms()) {
+    CAPTURE(arm.name);
+    double worst = 0.0;
+    for (long n = 0; n < test::cases(2000); ++n) {
+      const Joints q = arm.joints(random);
+      const ArmPose pose = arm.model->at(q);
+      REQUIRE(pose.reachable);
+      for (std::size_t i = 0; i < arm.model->joints(); ++i) {
+        // Five points: the error is of the fourth order.
+        const double h = 1e-3;
+        const auto at = [&](double d) {
+          Joints moved = q;
+          moved[i] += d;
+          return arm.model->at(moved).position_D;
+        };
+        const Vec3 slope = (8.0 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12.0 * h);
+        worst = std::max(worst, (slope - pose.jacobian[i]).norm());
+      }
+    }
+    CHECK(worst < 1e-9);
+  }
+}
+
+TEST_CASE("a force is given back by its torques", "[kinematics]") {
+  // Virtual work, both ways: torques of a force do its work, and the force that those torques make
+  // at the tip, by the Jacobian's transpose solved, is the same.
+  Random random(5);
+  for (const Arm& arm : arms()) {
+    CAPTURE(arm.name);
+    const std::size_t n = arm.model->joints();
+    for (long k = 0; k < test::cases(2000); ++k) {
+      const ArmPose pose = arm.model->at(arm.joints(random));
+      Vec3 force = random.inCube(5.0);
+      if (n == 2) force.z() = 0.0;
+      Eigen::MatrixXd j(3, static_cast<int>(n));
+      Eigen::VectorXd torques(static_cast<int>(n));
+      for (std::size_t i = 0; i < n; ++i) {
+        j.col(static_cast<int>(i)) = pose.jacobian[i];
+        torques[static_cast<int>(i)] = Kinematics::torque(pose, i, force);
+      }
+      const Eigen::VectorXd rates = Eigen::VectorXd::Random(static_cast<int>(n));
+      REQUIRE(torques.dot(rates) == Approx(force.dot(j * rates)).margin(1e-12));
+      const Eigen::JacobiSVD<Eigen::MatrixXd> svd(j.transpose(),
+                                                  Eigen::ComputeThinU | Eigen::ComputeThinV);
+      if (svd.singularValues().tail(1)[0] < 1e-3) continue;
+      const Vec3 back = svd.solve(torques);
+      // What a planar arm cannot push is not there.
+      const Vec3 wanted = n == 2 ? Vec3(force.x(), force.y(), 0.0) : force;
+      REQUIRE((back - wanted).norm() < 1e-9);
+    }
+  }
+}
+
+TEST_CASE("known poses", "[kinematics]") {
+  // WoodenHaptics at home: the upper link upright, the lower one level.
+  const auto woody = makeCapstanArm(0.08, 0.205, 0.245);
+  CHECK((woody->at({0, 0, M_PI / 2}).position_D - Vec3(0.245, 0, 0.285)).norm() < 1e-15);
+  CHECK((woody->at({M_PI / 2, 0, M_PI / 2}).position_D - Vec3(0, 0.245, 0.285)).norm() < 1e-15);
+  // A delta whose arms are alike is on its axis; arms level: fore^2 = (base - plate + upper)^2 +
+  // z^2.
+  const auto delta = makeDelta(0.08, 0.03, 0.06, 0.14);
+  const Vec3 tip = delta->at({0, 0, 0}).position_D;
+  CHECK((tip - Vec3(0, 0, -std::sqrt(0.14 * 0.14 - 0.11 * 0.11))).norm() < 1e-12);
+  CHECK(delta->at({0.3, 0.3, 0.3}).position_D.z() < tip.z());
+  // A symmetric pantograph is in its middle.
+  const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
+  const Vec3 middle = panto->at({M_PI / 2 - 0.3, M_PI / 2 + 0.3}).position_D;
+  CHECK(middle.x() == Approx(-0.025));
+  CHECK(middle.y() > 0.08);
+  CHECK(middle.z() == 0.0);
+  // Two links of a chain in the plane.
+  const auto chain =
+      makeChain(std::vector<ChainLink>{{0, 0, 0.3, 0}, {0, 0, 0.2, 0}, {0, 0, 0, 0}});
+  CHECK((chain->at({M_PI / 2, -M_PI / 2, 1.0}).position_D - Vec3(0.2, 0.3, 0)).norm() < 1e-15);
+}
+
+TEST_CASE("beyond reach and without hold no motor is driven, and every number is finite",
+          "[kinematics]") {
+  const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
+  const auto panto = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
+  // Elbows farther apart than the rods are long; rods in one line: the tip has no hold.
+  CHECK_FALSE(makeDelta(0.08, 0.03, 0.06, 0.1)->at({0, 0, 0}).reachable);
+  CHECK_FALSE(panto->at({0.0, M_PI}).reachable);
+  const double along = std::acos((0.1 - 0.025) / 0.08);  // elbows 0.2 apart: rods in one line
+  CHECK_FALSE(panto->at({along, M_PI - along}).reachable);
+  CHECK(Kinematics::torque(panto->at({0.0, M_PI}), 0, {1, 1, 0}) == 0.0);
+  Random random(7);
+  long lost = 0;
+  for (long i = 0; i < test::cases(100000); ++i) {
+    Joints q{};
+    for (double& joint : q) joint = random.uniform(-10.0, 10.0);
+    for (const auto& model : {delta, panto, makeCapstanArm(0.08, 0.2, 0.2)}) {
+      const ArmPose pose = model->at(q);
+      REQUIRE(pose.position_D.allFinite());
+      for (std::size_t j = 0; j < model->joints(); ++j) REQUIRE(pose.jacobian[j].allFinite());
+      lost += pose.reachable ? 0 : 1;
+      // Held ones never ask for torques without bound: 1 N at most at a lever of 12 m.
+      for (std::size_t j = 0; j < model->joints(); ++j) {
+        REQUIRE(std::abs(Kinematics::torque(pose, j, Vec3::UnitX())) < 12.0);
+      }
+    }
+  }
+  CHECK(lost > 0);
+}
+
+TEST_CASE("geometries that are none are refused", "[kinematics]") {
+  CHECK_THROWS_AS(makeCapstanArm(0.1, 0.0, 0.1), DeviceError);
+  CHECK_THROWS_AS(makeCapstanArm(std::nan(""), 0.1, 0.1), DeviceError);
+  CHECK_THROWS_AS(makeDelta(0.1, 0.05, -1, 0.1), DeviceError);
+  CHECK_THROWS_AS(makePantograph({0.1, 0.1, 0.1, INFINITY}, 0.0), DeviceError);
+  CHECK_THROWS_AS(makePantograph({0.1, 0.1, 0.1, 0.1}, -1.0), DeviceError);
+  CHECK_THROWS_AS(makeChain(std::vector<ChainLink>(2)), DeviceError);
+  CHECK_THROWS_AS(makeChain(std::vector<ChainLink>(7)), DeviceError);
+  CHECK_THROWS_AS(makeChain(std::vector<ChainLink>(3), {0, std::nan(""), 0}), DeviceError);
+}

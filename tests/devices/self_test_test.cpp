@@ -1,0 +1,131 @@
+/// The self-test on arms made of numbers, good ones and wrong ones.
+#include "devices/self_test.h"
+
+#include <cmath>
+#include <functional>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "devices/simulated_device.h"
+#include "engine/limit_force.h"
+
+using namespace palpate;
+using Catch::Contains;
+
+namespace {
+
+constexpr double kRate = 1000.0;
+
+struct Run {
+  SelfTestResult result;
+  double largest = 0.0;   ///< Force [N].
+  double farthest = 0.0;  ///< From the start [m].
+  bool ended = false;
+};
+
+/// As the program does it: the gate between.
+Run test(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
+         const std::function<Vec3(const Vec3&)>& wires = nullptr,
+         const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
+  SimulatedDevice device(arm, grip, {[](double) { return Vec3(0, 0, 0); }, 1000.0}, kRate);
+  SelfTest self(params);
+  LimiterState limiter;
+  const ForceLimits limits{params.force, 100.0};
+  Run run;
+  for (int i = 0; i < 60000 && !self.done(); ++i) {
+    const HandState hand = device.read();
+    const Vec3 wanted = self.next(hand, i / kRate, limiter.sent);
+    const Vec3 force = limitForce(wanted, 1.0 / kRate, limits, limiter).force;
+    run.largest = std::max(run.largest, force.norm());
+    run.farthest = std::max(run.farthest, device.position().norm());
+    device.write((wires ? wires(force) : force) + gravity);
+  }
+  run.ended = self.done();
+  run.result = self.result();
+  return run;
+}
+
+ArmParams arm(double mass, double viscous, double coulomb) {
+  ArmParams params;
+  params.mass = mass;
+  params.viscous = viscous;
+  params.coulomb = coulomb;
+  params.encoder = 2e-5;
+  params.delay = 1e-3;
+  return params;
+}
+
+}  // namespace
+
+TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
+  for (const double mass : {0.05, 0.1, 0.3}) {
+    for (const double viscous : {0.1, 0.5, 1.5}) {
+      for (const double coulomb : {0.02, 0.1, 0.25}) {
+        CAPTURE(mass, viscous, coulomb);
+        const Run run = test(arm(mass, viscous, coulomb));
+        CHECK(run.ended);
+        CHECK(run.largest <= 0.5);
+        CHECK(run.farthest < 0.04);
+        for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
+        REQUIRE(run.result.problems.empty());
+        for (const AxisResult& axis : run.result.axes) {
+          REQUIRE(axis.fitted);
+          CHECK(axis.along > 0.99);
+          CHECK(axis.viscous == Approx(viscous).margin(0.1 * viscous + 0.05));
+          CHECK(axis.coulomb == Approx(coulomb).margin(0.1 * coulomb + 0.015));
+          CHECK(axis.mass == Approx(mass).epsilon(0.1));
+          CHECK(std::abs(axis.bias) < 0.01);
+          CHECK(axis.breakaway >= coulomb - 0.02);
+        }
+      }
+    }
+  }
+}
+
+TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
+  const ArmParams good = arm(0.1, 0.5, 0.05);
+  const auto says = [](const Run& run, const std::string& words) {
+    CAPTURE(words);
+    std::string all;
+    for (const std::string& problem : run.result.problems) all += problem + "; ";
+    CHECK_THAT(all, Contains(words));
+    CHECK(run.ended);
+    CHECK(run.farthest < 0.06);
+  };
+  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y(), f.z()); }),
+       "pushed to +y it went the other way");
+  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(-f); }),
+       "pushed to +x it went the other way");
+  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.y(), f.x(), f.z()); }),
+       "pushed to +x it went elsewhere");
+  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), 0, f.z()); }),
+       "y: 0.5 N did not move it");
+  says(test(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
+  says(test(good, {2000.0, 20.0}), "did not move it");
+  says(test(good, {0, 0}, nullptr, {0, 0, -0.4}), "went farther");
+}
+
+TEST_CASE("a little weight is told apart from friction", "[hid]") {
+  const Run run = test(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
+  for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
+  REQUIRE(run.result.problems.empty());
+  CHECK(run.result.axes[2].bias == Approx(-0.08).margin(0.01));
+  CHECK(run.result.axes[2].coulomb == Approx(0.15).margin(0.02));
+  CHECK(run.result.axes[0].bias == Approx(0.0).margin(0.01));
+}
+
+TEST_CASE("new positions are counted, and their pauses", "[hid]") {
+  // An arm of 250 Hz under a loop of 1 kHz.
+  SelfTest self;
+  HandState hand;
+  for (int i = 0; i < 400; ++i) {
+    hand.age = 1e-3 * (i % 4);
+    (void)self.next(hand, 1e-3 * i, Vec3::Zero());
+  }
+  const SelfTestResult result = self.result();
+  CHECK(result.positions == Approx(100).margin(2));
+  CHECK(result.slowest == Approx(0.004).margin(1e-6));
+  CHECK(result.noise == 0.0);
+  CHECK_THAT(result.problems.back(), Contains("ended early"));
+}
