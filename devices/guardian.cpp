@@ -22,9 +22,14 @@ namespace palpate {
 
 /// What both processes see.
 struct Guardian::Shared {
-  std::array<std::atomic<std::uint64_t>, kMostLoops> hearts{};
+  struct Loop {
+    std::atomic<std::uint64_t> heart{0};
+    std::atomic<std::uint64_t> pulse{0};  ///< Of its watcher.
+    std::atomic<std::uint32_t> cuts{0};   ///< Times that the watcher has taken the force off.
+  };
+  std::array<Loop, kMostLoops> loops;
   std::atomic<std::uint32_t> stops{0};
-  std::atomic<std::uint64_t> pulse{0};  ///< Of the child.
+  std::atomic<bool> over{false};  ///< The program has ended.
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
@@ -41,11 +46,13 @@ std::string reason() {
   return std::strerror(errno);
 }
 
-/// Signal-safe. What a device does not take now it will not take either: nothing is tried again
-/// but what a signal has interrupted.
-void writeOnce(int descriptor, const std::byte* bytes, std::size_t size) noexcept {
-  while (::write(descriptor, bytes, size) < 0 && errno == EINTR) {
-  }
+/// False where the device has not taken it: it may have no room yet.
+bool writeWhole(int descriptor, const Order& order) noexcept {
+  ssize_t written = -1;
+  do {
+    written = ::write(descriptor, order.bytes.data(), order.size);
+  } while (written < 0 && errno == EINTR);
+  return written == static_cast<ssize_t>(order.size);
 }
 
 /// An order and room for a descriptor beside it.
@@ -112,7 +119,7 @@ void standApart(int socket) noexcept {
   if (own > 3) close_range(3, own - 1, 0);
   close_range(own + 1, ~0U, 0);
   // Above the loop, which keeps its core when it hangs; as high as is permitted.
-  for (int priority = 90; priority > 0; priority -= 5) {
+  for (int priority = kMostPriority + 5; priority > 0; priority -= 5) {
     sched_param wanted{};
     wanted.sched_priority = priority;
     if (sched_setscheduler(0, SCHED_FIFO, &wanted) == 0) break;
@@ -187,26 +194,48 @@ Guardian::~Guardian() {
   Guardian* self = this;
   the_guardian.compare_exchange_strong(self, nullptr);
   if (getpid() == maker_) {
-    shutdown(socket_, SHUT_RDWR);  // the child sees it, writes zero once more, and ends
-    while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+    shutdown(socket_, SHUT_RDWR);   // the child sees it, has zero written once more, and ends
+    constexpr int kPatience = 300;  // [ms]: a device may be stuck
+    for (int ms = 0; waitpid(child_, nullptr, WNOHANG) == 0; ++ms) {
+      if (ms == kPatience) {
+        kill(child_, SIGKILL);
+        waitpid(child_, nullptr, 0);
+        break;
+      }
+      usleep(1000);
     }
   }
   close(socket_);
-  for (std::size_t i = 0; i < count_; ++i) close(watched_[i].descriptor);
   munmap(shared_, sizeof(Shared));
 }
 
 LoopWatch Guardian::watch(const ZeroForce& zero) {
-  const std::size_t slot = count_;
-  if (slot == kMostLoops) throw DeviceError("guardian", "it watches 8 loops", "use fewer devices");
+  const auto free = std::find(used_.begin(), used_.end(), false);
+  if (free == used_.end()) {
+    throw DeviceError("guardian", "it watches 8 loops", "use fewer devices");
+  }
+  const auto slot = static_cast<std::size_t>(free - used_.begin());
   tell(slot, zero);
-  count_.store(slot + 1, std::memory_order_release);
-  return {&shared_->hearts[slot], &shared_->stops, &shared_->pulse};
+  *free = true;
+  Shared::Loop& loop = shared_->loops[slot];
+  return {&loop.heart, &shared_->stops, &loop.pulse, &loop.cuts};
 }
 
 void Guardian::renew(const LoopWatch& loop, const ZeroForce& zero) {
-  for (std::size_t slot = 0; slot < count_; ++slot) {
-    if (loop.heart == &shared_->hearts[slot]) return tell(slot, zero);
+  tell(slotOf(loop), zero);
+}
+
+void Guardian::forget(const LoopWatch& loop) {
+  const std::size_t slot = slotOf(loop);
+  Order order;
+  order.slot = slot;
+  (void)Message(order).send(socket_, socket_);
+  used_[slot] = false;
+}
+
+std::size_t Guardian::slotOf(const LoopWatch& loop) const {
+  for (std::size_t slot = 0; slot < kMostLoops; ++slot) {
+    if (used_[slot] && loop.heart == &shared_->loops[slot].heart) return slot;
   }
   throw DeviceError("guardian", "it does not watch this loop", "watch it first");
 }
@@ -216,33 +245,18 @@ void Guardian::tell(std::size_t slot, const ZeroForce& zero) {
     throw DeviceError("guardian", "a zero force of " + std::to_string(zero.bytes.size()) + " bytes",
                       "give 1 to 256");
   }
-  Watched& watched = watched_[slot];
-  // Its own: the device may be gone before the guardian is. A signal handler may be about to write:
-  // the number stays.
-  if (watched.descriptor < 0) {
-    watched.descriptor = fcntl(zero.descriptor, F_DUPFD_CLOEXEC, 3);
-  } else if (dup3(zero.descriptor, watched.descriptor, O_CLOEXEC) < 0) {
-    throw DeviceError("guardian", reason(), "close some files");
-  }
-  if (watched.descriptor < 0) throw DeviceError("guardian", reason(), "close some files");
-  watched.size = zero.bytes.size();
-  std::copy(zero.bytes.begin(), zero.bytes.end(), watched.bytes.begin());
   Order order;
   order.slot = slot;
-  order.size = watched.size;
-  order.bytes = watched.bytes;
+  order.size = zero.bytes.size();
+  std::copy(zero.bytes.begin(), zero.bytes.end(), order.bytes.begin());
   if (!Message(order).send(socket_, zero.descriptor)) {
     throw DeviceError("guardian", reason(), "start the program again");
   }
 }
 
 void Guardian::zero() noexcept {
-  const std::size_t count = count_.load(std::memory_order_acquire);
   if (getpid() != maker_) return;  // a copy that the program made of itself
   shared_->stops.fetch_add(1, std::memory_order_relaxed);
-  for (std::size_t i = 0; i < count; ++i) {
-    writeOnce(watched_[i].descriptor, watched_[i].bytes.data(), watched_[i].size);
-  }
 }
 
 void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
@@ -262,44 +276,91 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 
 void Guardian::guard(int socket) noexcept {
   standApart(socket);
-  struct Ward {
-    int descriptor = -1;
-    Order order;
-    std::uint64_t beats = 0;
-    std::int64_t alive = 0;  // [ns]
-    bool zeroed = true;
+  std::array<pid_t, kMostLoops> watchers{};
+  const auto end = [&](pid_t& watcher) {
+    if (watcher > 0) {
+      kill(watcher, SIGKILL);
+      waitpid(watcher, nullptr, 0);
+    }
+    watcher = 0;
   };
-  static std::array<Ward, kMostLoops> wards;
-  constexpr int kLook = 1;  // [ms]
-  for (bool living = true; living;) {
-    pollfd other{socket, POLLIN, 0};
-    if (poll(&other, 1, kLook) > 0) {
-      Order order;
-      int descriptor = -1;
-      living = Message(order).take(socket, descriptor);
-      if (living && descriptor >= 0 && order.slot < kMostLoops) {
-        if (wards[order.slot].descriptor >= 0) close(wards[order.slot].descriptor);
-        wards[order.slot] = {descriptor, order, 0, nowNs(), true};
+  for (;;) {
+    Order order;
+    int descriptor = -1;
+    if (!Message(order).take(socket, descriptor)) break;
+    if (descriptor < 0 || order.slot >= kMostLoops) continue;
+    end(watchers[order.slot]);
+    // A process each: a device that does not answer holds up nobody else's.
+    if (order.size > 0) {
+      const pid_t watcher = fork();
+      if (watcher == 0) {
+        close(socket);
+        watchOver(descriptor, order.slot, order.bytes.data(), order.size);
       }
+      watchers[order.slot] = watcher;
     }
-    shared_->pulse.fetch_add(1, std::memory_order_relaxed);
-    for (std::size_t i = 0; i < kMostLoops; ++i) {
-      Ward& ward = wards[i];
-      if (ward.descriptor < 0) continue;
-      const std::uint64_t beats = shared_->hearts[i].load(std::memory_order_relaxed);
-      const std::int64_t time = nowNs();
-      if (beats != ward.beats) {
-        ward.beats = beats;
-        ward.alive = time;
-        ward.zeroed = false;
-      }
-      if (living && (ward.zeroed || 1e-9 * static_cast<double>(time - ward.alive) < kGuardTime))
-        continue;
-      writeOnce(ward.descriptor, ward.order.bytes.data(), ward.order.size);
-      ward.zeroed = true;
+    close(descriptor);
+  }
+  shared_->over = true;
+  constexpr int kLast = 1200;  // [ms]: more than a watcher tries
+  for (int ms = 0; ms < kLast; ++ms) {
+    bool busy = false;
+    for (pid_t& watcher : watchers) {
+      if (watcher > 0 && waitpid(watcher, nullptr, WNOHANG) != 0) watcher = 0;
+      busy = busy || watcher > 0;
     }
+    if (!busy) break;
+    usleep(1000);
+  }
+  for (pid_t& watcher : watchers) {
+    if (watcher > 0) kill(watcher, SIGKILL);
   }
   _exit(0);
+}
+
+void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* bytes,
+                         std::size_t size) noexcept {
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  Order zero;
+  zero.size = size;
+  std::copy(bytes, bytes + size, zero.bytes.begin());
+  Shared::Loop& loop = shared_->loops[slot];
+  constexpr std::int64_t kLook = 1000000;      // [ns]
+  constexpr std::int64_t kTries = 1000000000;  // [ns] after the program's end
+  constexpr auto kStill = static_cast<std::int64_t>(1e9 * kGuardTime);
+  std::uint64_t beats = loop.heart;
+  std::uint32_t stops = shared_->stops;
+  bool beating = false;  // since it was last taken off
+  bool wanted = false;   // zero is to be written, and has not been taken yet
+  std::int64_t alive = nowNs();
+  std::int64_t over_at = 0;
+  for (;;) {
+    sleepUntil(nowNs() + kLook);
+    loop.pulse.fetch_add(1, std::memory_order_relaxed);
+    const std::int64_t now = nowNs();
+    if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
+      beats = seen;
+      alive = now;
+      beating = true;
+    }
+    if (const std::uint32_t seen = shared_->stops.load(std::memory_order_relaxed); seen != stops) {
+      stops = seen;
+      wanted = true;
+    }
+    // Again and again while it stands still: it may write what it wanted to before it stood.
+    if (now - alive >= kStill) {
+      if (beating) loop.cuts.fetch_add(1, std::memory_order_relaxed);
+      wanted = true;
+      beating = false;
+      alive = now;
+    }
+    if (over_at == 0 && shared_->over) {
+      over_at = now;
+      wanted = true;
+    }
+    if (wanted) wanted = !writeWhole(descriptor, zero);
+    if (over_at != 0 && (!wanted || now - over_at > kTries)) _exit(0);
+  }
 }
 
 }  // namespace palpate

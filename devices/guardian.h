@@ -14,10 +14,14 @@
 namespace palpate {
 
 /// Writes zero force within kGuardTime of a loop's last tick, or at once where the process has
-/// died, for every loop that it watches. A loop whose guardian shows no life itself is cut
-/// (Fault::kUnguarded). Make it first of all: the child is a copy of the process
-/// as it is then, and before there are threads. Its way is one of fork(), so it is a program's
-/// business, not a library's: an embedder makes one in main().
+/// died, for every loop that it watches, until the device has taken it, and again as long as the
+/// loop stands still; one process a device, so that one that hangs holds up no other. A loop whose
+/// force was taken off knows it (Fault::kLate), and one whose guardian shows no life is cut
+/// (Fault::kUnguarded).
+///
+/// Make it first of all: the child is a copy of the process as it is then, and before there are
+/// threads. Its way is one of fork(), so it is a program's business, not a library's: an embedder
+/// makes one in main().
 class Guardian {
  public:
   static constexpr double kGuardTime = 0.015;  ///< [s]: zero force by 20 ms
@@ -39,7 +43,11 @@ class Guardian {
   /// anew. Before its force is let out again. Throws DeviceError as watch().
   void renew(const LoopWatch& loop, const ZeroForce& zero);
 
-  /// Cuts every loop's force and writes zero force. From any thread, and from signal handlers.
+  /// A loop that has ended; its place is free.
+  void forget(const LoopWatch& loop);
+
+  /// Cuts every loop's force and has zero force written, within 2 ms. From any thread, and from
+  /// signal handlers.
   void zero() noexcept;
 
   /// Has signals that end the process call zero() first, and exit() as well. Those that a program
@@ -52,20 +60,17 @@ class Guardian {
 
  private:
   struct Shared;
-  struct Watched {
-    int descriptor = -1;
-    std::size_t size = 0;
-    std::array<std::byte, ZeroForce::kMostBytes> bytes;
-  };
   [[noreturn]] void guard(int socket) noexcept;
+  [[noreturn]] void watchOver(int descriptor, std::size_t slot, const std::byte* bytes,
+                              std::size_t size) noexcept;
   void tell(std::size_t slot, const ZeroForce& zero);
+  [[nodiscard]] std::size_t slotOf(const LoopWatch& loop) const;
 
   Shared* shared_ = nullptr;
   int socket_ = -1;
   int child_ = -1;
   int maker_;  ///< The process that is guarded.
-  std::array<Watched, kMostLoops> watched_;
-  std::atomic<std::size_t> count_{0};
+  std::array<bool, kMostLoops> used_{};
 };
 
 }  // namespace palpate

@@ -20,13 +20,23 @@ ForceLimits gently(ForceLimits limits, bool hand) noexcept {
   return limits;
 }
 
-const DeviceInfo& checked(const DeviceInfo& info) {
-  const WatchLimits& watch = info.watch;
-  for (const double limit : {watch.stale, watch.max_speed, watch.late}) {
-    if (limit > 0.0 && std::isfinite(limit)) continue;
-    throw DeviceError(info.name, "a limit of its hand is " + std::to_string(limit),
-                      "give positive numbers for stale, max_speed and late");
-  }
+const DeviceInfo& checked(const DeviceInfo& info, double heartbeat) {
+  const auto require = [&](bool good, const char* what, double value) {
+    if (good) return;
+    throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value),
+                      "give a positive number");
+  };
+  const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
+  require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
+  require(positive(info.watch.max_speed), "the highest speed", info.watch.max_speed);
+  require(positive(info.watch.late), "what is late", info.watch.late);
+  const ForceLimits& limits = info.limits;
+  require(positive(limits.peak), "the peak force", limits.peak);
+  require(positive(limits.slew), "the slew", limits.slew);
+  const bool cool = limits.continuous == 0.0;
+  require(cool || positive(limits.continuous), "the continuous force", limits.continuous);
+  require(cool || positive(limits.heating), "the heating time", limits.heating);
+  require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
   return info;
 }
 
@@ -36,7 +46,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
                        const LoopWatch& watch)
     : device_(device),
       sink_(sink),
-      late_(std::max(checked(device.info()).watch.late, 3.0 / rate)),
+      late_(std::max(checked(device.info(), heartbeat).watch.late, 3.0 / rate)),
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
@@ -49,14 +59,18 @@ void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft().reset();
 }
 
-bool HapticLoop::stopped() const noexcept {
-  return stop_.load(std::memory_order_relaxed) ||
-         (watch_by_.stops != nullptr &&
-          watch_by_.stops->load(std::memory_order_relaxed) != stops_seen_);
+Fault HapticLoop::ordered() const noexcept {
+  const auto more = [](const std::atomic<std::uint32_t>* count, std::uint32_t seen) {
+    return count != nullptr && count->load(std::memory_order_relaxed) != seen;
+  };
+  if (stop_.load(std::memory_order_relaxed) || more(watch_by_.stops, stops_seen_)) {
+    return Fault::kStopped;
+  }
+  return more(watch_by_.cuts, cuts_seen_) ? Fault::kLate : Fault::kNone;
 }
 
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
-  if (stopped()) return Fault::kStopped;
+  if (const Fault order = ordered(); order != Fault::kNone) return order;
   if (heartbeat_ > 0.0 &&
       beat_.still(beats_.load(std::memory_order_relaxed), time.now) > heartbeat_) {
     return Fault::kHeartbeat;
@@ -76,13 +90,16 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
   if (clear_.exchange(false, std::memory_order_acquire)) {
-    if (watch_by_.stops != nullptr) stops_seen_ = watch_by_.stops->load(std::memory_order_relaxed);
+    stops_seen_ = stops_cleared_;
+    cuts_seen_ = cuts_cleared_;
     watch_.forget();
-    beat_.since = guard_.since = time.now;
+    deaf_ = false;
     state_.clearFault();
   }
 
+  const auto begin = std::chrono::steady_clock::now();
   HandState hand = device_.read();
+  if (hand.fault == Fault::kWrite || hand.fault == Fault::kGone) deaf_ = true;
   const Fault wrong = whatIsWrong(hand, time);
   if (wrong != Fault::kNone) state_.cut(wrong);
   if (hand.ready && !ready_) state_.engage();
@@ -96,12 +113,12 @@ void HapticLoop::tick(const TickTime& time) noexcept {
     state_.release();
   }
   const auto end = std::chrono::steady_clock::now();
-  // A tick that hung, in a user's mode or a stopped process, is not answered with what was right
-  // before: others have taken the force off meanwhile.
-  const double took = std::chrono::duration<double>(end - start).count();
-  const bool hung = time.real && took > late_;
-  if (device_.info().hand && (hung || stopped())) {
-    state_.cut(hung ? Fault::kLate : Fault::kStopped);
+  // A tick that hung, in a device, a user's mode or a stopped process, is not answered with what
+  // was right before: others have taken the force off meanwhile.
+  const double took = std::chrono::duration<double>(end - begin).count();
+  const Fault order = time.real && took > late_ ? Fault::kLate : ordered();
+  if (device_.info().hand && order != Fault::kNone) {
+    state_.cut(order);
     state_.release();
     told_.report.force.setZero();
     told_.report.status = StepStatus::kFault;
@@ -124,16 +141,17 @@ void HapticLoop::tick(const TickTime& time) noexcept {
 
 /// Nothing comes between the gate and here; where there is no scene there is no force.
 void HapticLoop::send(const Vec3& force, bool timed) noexcept {
-  // A device that takes no writes is left to the guardian, which has another way to it.
-  const Fault fault = state_.fault();
-  const bool deaf = fault == Fault::kWrite || fault == Fault::kGone;
-  if (watch_by_.heart != nullptr && !deaf) {
-    watch_by_.heart->fetch_add(1, std::memory_order_release);
-  }
   const auto start = std::chrono::steady_clock::now();
   device_.write(force);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-  if (timed && device_.info().hand && took.count() > kWriteTime) state_.cut(Fault::kWrite);
+  if (timed && device_.info().hand && took.count() > kWriteTime) {
+    state_.cut(Fault::kWrite);
+    deaf_ = true;
+  }
+  // A device that takes no writes is left to the guardian, which has another way to it.
+  if (watch_by_.heart != nullptr && !deaf_) {
+    watch_by_.heart->fetch_add(1, std::memory_order_release);
+  }
 }
 
 void HapticLoop::end() noexcept {

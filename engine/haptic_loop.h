@@ -35,6 +35,8 @@ struct LoopWatch {
   const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while somebody looks: where it
                                                       ///< stands still for kUnguardedTime the
                                                       ///< force is cut.
+  const std::atomic<std::uint32_t>* cuts = nullptr;   ///< Counts the times that somebody has
+                                                      ///< taken the force off: the loop was late.
 };
 
 inline constexpr double kUnguardedTime = 0.25;  ///< [s]
@@ -61,7 +63,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   ///
   /// @param rate       Ticks a second that are meant [Hz].
   /// @param heartbeat  The application's longest pause between beats [s]; 0: none is asked for.
-  /// Throws DeviceError where what the device says of its hand (DeviceInfo::watch) is no limit.
+  /// Throws DeviceError where a limit of the device, or the heartbeat, is no number that limits.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
 
@@ -80,6 +82,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Takes back a fault, whatever it was, with the next tick: an engagement lets force out again.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
+    // What was ordered up to now, and nothing that comes before the tick.
+    if (watch_by_.stops != nullptr) stops_cleared_ = watch_by_.stops->load();
+    if (watch_by_.cuts != nullptr) cuts_cleared_ = watch_by_.cuts->load();
     clear_.store(true, std::memory_order_release);
   }
   /// The application lives.
@@ -94,7 +99,8 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
-  [[nodiscard]] bool stopped() const noexcept;
+  /// kStopped or kLate where somebody has ordered or done it.
+  [[nodiscard]] Fault ordered() const noexcept;
   void send(const Vec3& force, bool timed) noexcept;
 
   Device& device_;
@@ -106,13 +112,17 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Mailbox<Telemetry> telemetry_;
   std::atomic<bool> stop_{false};
   std::atomic<bool> clear_{false};
+  std::atomic<std::uint32_t> stops_cleared_{0};
+  std::atomic<std::uint32_t> cuts_cleared_{0};
   std::atomic<std::uint32_t> beats_{0};
 
   HandWatch watch_;
   Reader reader_;
   ProxyState state_;
   Telemetry told_;
-  std::uint32_t stops_seen_ = 0;  ///< Of LoopWatch::stops, taken back.
+  std::uint32_t stops_seen_ = 0;  ///< Of LoopWatch::stops, taken back,
+  std::uint32_t cuts_seen_ = 0;   ///< and of LoopWatch::cuts.
+  bool deaf_ = false;             ///< The device takes no writes: the guardian has another way.
   bool ready_ = true;             ///< Of the last tick's hand.
 
   /// A word that somebody counts up, and since when it has stood still.

@@ -50,8 +50,13 @@ LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits
     return out;
   }
   // A hair below the peak, so that no rounding can carry the result over it.
-  const double peak = limits.peak > 0.0 ? limits.peak * (1.0 - 1e-12) : 0.0;
-  const double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
+  const double peak =
+      limits.peak > 0.0 && std::isfinite(limits.peak) ? limits.peak * (1.0 - 1e-12) : 0.0;
+  double growth = limits.slew > 0.0 ? limits.slew * time : 0.0;
+  if (state.gentle > 0.0) {
+    growth = std::min(growth, peak / kEngageEdit * time);
+    state.gentle -= time;
+  }
 
   // Peak and heat: direction kept.
   Vec3 force = wanted;

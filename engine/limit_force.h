@@ -18,7 +18,8 @@ struct ForceLimits {
 };
 
 inline constexpr double kEngage = 0.5;       ///< [s], shortest ramp at a hand.
-inline constexpr double kEngageEdit = 0.05;  ///< [s], where only numbers of a scene have changed.
+inline constexpr double kEngageEdit = 0.05;  ///< [s], where only numbers of a scene have changed:
+                                             ///< the force grows by at most the peak in it.
 inline constexpr double kEngageBelow = 0.1;  ///< [N]: an engagement waits for a wanted force below,
 inline constexpr double kEngageWait = 1.0;   ///< [s]: or so long.
 
@@ -30,6 +31,7 @@ struct LimiterState {
   double waited = 0.0;       ///< [s]
   double share = 1.0;        ///< Of the force that the ramp lets through.
   double ramp = kEngage;     ///< [s]
+  double gentle = 0.0;       ///< So long still does the force grow gently after an edit [s].
 
   /// Begins an engagement: the force is zero until a small one is wanted, then grows over `length`.
   void engage(double length) noexcept {
@@ -37,11 +39,6 @@ struct LimiterState {
     waited = 0.0;
     share = 0.0;
     ramp = length;
-  }
-  /// Begins a ramp from zero at once.
-  void rampUp(double length) noexcept {
-    engage(length);
-    waited = kEngageWait;
   }
 };
 

@@ -1,6 +1,7 @@
 #include "engine/placement.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 
 #include <Eigen/Geometry>
@@ -22,8 +23,17 @@ std::array<Vec3, 8> cornersOf(const Box& box) {
 
 }  // namespace
 
+namespace {
+
+std::uint64_t nextMotionId() noexcept {
+  static std::atomic<std::uint64_t> next{1};
+  return next++;
+}
+
+}  // namespace
+
 Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::string& path)
-    : repeat_(repeat) {
+    : repeat_(repeat), id_(nextMotionId()) {
   if (keyframes.empty()) {
     throw SceneError(path, "there is no keyframe", "give one, or leave \"keyframes\" out");
   }

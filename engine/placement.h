@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -59,6 +60,8 @@ class Motion {
   [[nodiscard]] double from() const noexcept { return knots_.front().time; }
   [[nodiscard]] double to() const noexcept { return knots_.back().time; }
   [[nodiscard]] bool repeats() const noexcept { return repeat_; }
+  /// Another one for every motion that is made.
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
 
  private:
   /// A keyframe, and the way to the next one.
@@ -73,6 +76,7 @@ class Motion {
 
   std::vector<Knot> knots_;
   bool repeat_ = false;
+  std::uint64_t id_;
 };
 
 using MotionPtr = std::shared_ptr<const Motion>;

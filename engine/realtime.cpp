@@ -1,5 +1,6 @@
 #include "engine/realtime.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstddef>
@@ -75,7 +76,7 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
   }
   if (request.priority > 0) {
     sched_param wanted{};
-    wanted.sched_priority = request.priority;
+    wanted.sched_priority = std::min(request.priority, kMostPriority);
     const int error = pthread_setschedparam(pthread_self(), SCHED_FIFO, &wanted);
     report.priority = error == 0;
     if (error != 0) {

@@ -7,8 +7,11 @@
 
 namespace palpate {
 
+/// A guardian is above every loop.
+inline constexpr int kMostPriority = 90;
+
 struct RealtimeRequest {
-  int priority = 80;        ///< Of SCHED_FIFO, 1 to 99; 0: do not ask.
+  int priority = 80;        ///< Of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
   int core = -1;            ///< To stay on; -1: any.
   bool lock_memory = true;  ///< Of the whole process, also what it takes later.
   bool awake = true;  ///< Cores do not sleep meanwhile: in a virtual machine one that does may
@@ -45,7 +48,7 @@ class StayAwake {
 /// Slow: before the first tick.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
-/// Of the clock that deadlines are in; stands still while the machine is suspended [ns].
+/// Of the clock that deadlines are in; goes on while the machine is suspended [ns].
 /// Signal-safe.
 [[nodiscard]] std::int64_t nowNs() noexcept;
 /// Sleeps until then, whatever signals come [ns]. RT: a system call.

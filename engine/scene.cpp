@@ -19,7 +19,7 @@ std::uint64_t shapeOf(const Graph& graph) {
   for (const auto& field : graph.scalar_fields) add(field->id());
   for (const auto& field : graph.vector_fields) add(field->id());
   for (const Mode& mode : graph.modes) add(mode.index());
-  for (const MotionPtr& motion : graph.motions) add(reinterpret_cast<std::uintptr_t>(motion.get()));
+  for (const MotionPtr& motion : graph.motions) add(motion->id());
   return shape;
 }
 

@@ -119,10 +119,10 @@ class ProxyState {
     const bool edit = shape == scene_shape_;
     scene_shape_ = shape;
     if (!(limits_.engage > 0.0)) return;
-    if (!edit) {
+    if (edit) {
+      limiter_.gentle = kEngageEdit;
+    } else {
       engage();
-    } else if (!limiter_.waiting && limiter_.share >= 1.0) {
-      limiter_.rampUp(kEngageEdit);
     }
   }
 

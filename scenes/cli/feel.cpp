@@ -1,4 +1,5 @@
 /// palpate feel: runs a scene under a hand, in virtual time or on time.
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -7,6 +8,7 @@
 #include <limits>
 #include <new>
 #include <optional>
+#include <poll.h>
 #include <readerwriterqueue.h>
 #include <system_error>
 #include <termios.h>
@@ -17,6 +19,7 @@
 #include <fmt/format.h>
 
 #include "devices/guardian.h"
+#include "devices/open_arm.h"
 #include "devices/path_device.h"
 #include "devices/simulated_device.h"
 #include "engine/error.h"
@@ -64,8 +67,14 @@ std::unique_ptr<Device> makeDevice(const Options& options, const Box& bounds) {
     return std::make_unique<PathDevice>(readPath(in, file == "-" ? "standard input" : file),
                                         options.rate);
   }
+  if (name == "hid" || name.rfind("hid:", 0) == 0) {
+    if (!options.realtime) {
+      throw DeviceError("--device", "an arm lives in real time", "add --realtime");
+    }
+    return openArm(name, [](const std::string& words) { complain("feel: " + words); });
+  }
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
-                    "use simulated or path:FILE.csv");
+                    "use simulated, path:FILE.csv or hid:PROFILE");
 }
 
 /// The trace, row by row; a file that is not asked for costs nothing.
@@ -217,24 +226,40 @@ class Log final : public TickSink {
   std::int64_t lost_ = 0;
 };
 
-/// Keys of a terminal while a hand is on the arm: Esc cuts the force, Enter lets it out again. The
-/// terminal is left alone while it is another program's.
+/// Keys of a terminal while a hand is on the arm: Esc cuts the force, Enter lets it out again. On a
+/// thread of their own, which waits for nothing else: a program that cannot print is still obeyed.
+/// The terminal is left alone while it is another program's.
 class Keys {
  public:
-  Keys() : shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
-    if (shown_) fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
+  explicit Keys(HapticThread& hand)
+      : hand_(hand), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+    if (!shown_) return;
+    fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
+    thread_ = std::thread([this] { run(); });
   }
   ~Keys() {
+    quit_ = true;
+    if (thread_.joinable()) thread_.join();
     if (raw_ && ours()) tcsetattr(0, TCSANOW, &usual_);
   }
   Keys(const Keys&) = delete;
   Keys& operator=(const Keys&) = delete;
 
-  void look(HapticThread& hand) {
-    if (!shown_ || !ours()) {
-      raw_ = false;
-      return;
+ private:
+  void run() {
+    constexpr int kLook = 10;  // [ms]
+    while (!quit_) {
+      if (ours()) {
+        look();
+        pollfd terminal{0, POLLIN, 0};
+        (void)poll(&terminal, 1, kLook);
+      } else {
+        raw_ = false;
+        std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+      }
     }
+  }
+  void look() {
     // Also after it has been stopped and gone on: a shell may have put its own way back.
     if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
       termios raw = usual_;
@@ -246,17 +271,19 @@ class Keys {
     constexpr char kEscape = 27;
     char key = 0;
     while (raw_ && read(0, &key, 1) == 1) {
-      if (key == kEscape) hand.cut();
-      if (key == '\n' || key == '\r') hand.clear();
+      if (key == kEscape) hand_.cut();
+      if (key == '\n' || key == '\r') hand_.clear();
     }
   }
-
- private:
   /// In the background its settings are not to be touched, nor may it be read.
   static bool ours() { return tcgetpgrp(0) == getpgrp(); }
+
+  HapticThread& hand_;
   termios usual_{};
   bool shown_;
   bool raw_ = false;  ///< It gives every key at once.
+  std::atomic<bool> quit_{false};
+  std::thread thread_;
 };
 
 std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
@@ -295,6 +322,12 @@ class Watcher {
     const auto now = writtenAt(file_);
     if (!now || now == seen_) return std::nullopt;
     seen_ = now;
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(file_, error) &&
+        !std::filesystem::is_directory(file_, error)) {
+      complain(file_ + ": it is not a file any more; the scene before it goes on");
+      return std::nullopt;
+    }
     made_ = std::async(std::launch::async, [this] {
       const SceneSpec spec = openScene(file_, {});
       checkDevice(spec, device_.info());
@@ -346,16 +379,16 @@ template <class Row>
 OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& row) {
   LoopParams params;
   params.rate = run.options.rate;
-  if (const ZeroForce zero = run.device.zeroForce(); zero.descriptor >= 0) {
-    params.watch = guardian.watch(zero);
-  }
-  Keys keys;
+  const ZeroForce zero = run.device.zeroForce();
+  if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
+  std::uint32_t plugging = zero.version;
   std::optional<Watcher> watcher;
   if (run.options.watch) watcher.emplace(run.options.scene, run.written, run.device, run.cache);
   HapticThread hand(run.device, params, &log);
   if (!hand.realtime().refused.empty()) {
     fmt::print(stderr, "feel: {}: the loop runs without it\n", hand.realtime().refused);
   }
+  const Keys keys(hand);
   hand.publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
@@ -363,13 +396,17 @@ OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& r
   for (int looks = 0; hand.running() && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
     log.drain(row);
-    keys.look(hand);
     const Telemetry& now = hand.latest();
     if (now.fault != told && now.fault != Fault::kNone) {
       complain(
           fmt::format("feel: the force is cut: {}: {}", wordsFor(now.fault), remedyFor(now.fault)));
     }
     told = now.fault;
+    if (const ZeroForce another = run.device.zeroForce(); another.version != plugging) {
+      plugging = another.version;
+      guardian.renew(params.watch, another);
+      complain("feel: the arm is back: Enter when the hand is ready");
+    }
     if (now.tick >= run.ticks) break;
     if (!watcher || looks % kWatch != 0) continue;
     if (auto built = watcher->look()) {
@@ -438,7 +475,7 @@ int feel(const Options& options) {
   if (!options.summary.empty()) summary_file.emplace(options.summary);
 
   Run run{options, *device, built.scene, written, cache};
-  run.whole_path = !options.seconds && options.device != "simulated";
+  run.whole_path = !options.seconds && options.device.rfind("path:", 0) == 0;
   run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
                              : static_cast<std::int64_t>(std::llround(
                                    options.seconds.value_or(kDefaultSeconds) * options.rate));
@@ -504,7 +541,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   auto options = std::make_shared<Options>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
   verb->add_option("--device", options->device,
-                   "simulated (arm and hand with dynamics), or path:FILE.csv (header t,x,y,z)");
+                   "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), or "
+                   "hid[:PROFILE[@SERIAL]] (palpate devices)");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");

@@ -27,8 +27,8 @@ int run(int argc, char** argv) {
   // A verb of the contract that is not built yet, or a slip, deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
   const std::vector<std::string> verbs{"info",  "import",  "make",  "sample", "solve",
-                                       "check", "explain", "press", "feel"};
-  for (const char* later : {"stability", "devices", "view"}) {
+                                       "check", "explain", "press", "feel",   "devices"};
+  for (const char* later : {"stability", "view"}) {
     if (first == later) {
       throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
     }
@@ -50,6 +50,7 @@ int run(int argc, char** argv) {
   cli::addExplain(app, body);
   cli::addPress(app, body);
   cli::addFeel(app, body);
+  cli::addDevices(app, body);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp& e) {

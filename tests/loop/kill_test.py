@@ -137,17 +137,78 @@ class KillTable(unittest.TestCase):
             self.fail("it is still there")
         victim.close()
 
+    def ends_without_force(self, victim, seconds):
+        """Zero at last, and in the last half of the time."""
+        start = time.time()
+        victim.listen(seconds)
+        late = [f for t, f in victim.seen if t > start + seconds / 2]
+        self.assertEqual(victim.seen[-1][1], 0.0)
+        self.assertEqual(max(late, default=0.0), 0.0)
+
     def test_a_guardian_that_is_gone_is_noticed(self):
-        for blow in (signal.SIGKILL, signal.SIGSTOP):
-            victim = Victim("nothing")
+        victim = Victim("nothing")
+        try:
+            victim.press()
+            os.kill(victim.guardian, signal.SIGKILL)
+            self.ends_without_force(victim, 2.0)
+            self.assertIsNone(victim.program.poll())
+        finally:
+            victim.close()
+
+    def test_a_guardian_that_is_stopped_still_watches(self):
+        victim = Victim("nothing")
+        try:
+            victim.press()
+            os.kill(victim.guardian, signal.SIGSTOP)
+            victim.program.send_signal(signal.SIGSTOP)
+            self.ends_without_force(victim, 0.3)
+        finally:
+            victim.close()
+
+    def test_what_was_on_its_way_when_it_stopped_is_taken_off_again(self):
+        # A write that takes 40 ms, and a next one that does not come back.
+        victim = Victim("slow")
+        try:
+            victim.press()
+            victim.program.stdin.write(b"now\n")
+            victim.program.stdin.flush()
+            self.ends_without_force(victim, 0.4)
+        finally:
+            victim.close()
+
+    def test_a_program_that_goes_on_has_no_force(self):
+        victim = Victim("nothing")
+        try:
+            victim.press()
+            victim.program.send_signal(signal.SIGSTOP)
+            victim.listen(0.3)
+            victim.program.send_signal(signal.SIGCONT)
+            self.ends_without_force(victim, 0.6)
+            self.assertIsNone(victim.program.poll())
+        finally:
+            victim.close()
+
+    def test_a_device_that_does_not_answer_holds_up_no_other(self):
+        for kill in (True, False):
+            victim = Victim("blocked")
             try:
                 victim.press()
-                os.kill(victim.guardian, blow)
-                victim.listen(2.0)
-                self.assertIsNone(victim.program.poll())
-                self.assertEqual(victim.seen[-1][1], 0.0)
+                victim.program.send_signal(signal.SIGKILL if kill else signal.SIGSTOP)
+                self.ends_without_force(victim, 0.3)
             finally:
                 victim.close()
+
+    def test_a_zero_that_finds_no_room_is_tried_again(self):
+        # Nobody reads for a while: the device's queue is full of forces when the program dies.
+        victim = Victim("fast")
+        try:
+            victim.press()
+            time.sleep(0.5)
+            victim.program.kill()
+            victim.listen(0.5)
+            self.assertEqual(victim.seen[-1][1], 0.0)
+        finally:
+            victim.close()
 
     def test_without_a_guardian_a_killed_program_leaves_its_force(self):
         # So that the table means something.

@@ -29,6 +29,7 @@ namespace {
 using namespace palpate;
 
 std::atomic<bool> hang{false};
+std::atomic<bool> slow{false};  // the next write takes 40 ms, the one after for ever
 
 int connectTo(const std::string& path) {
   const int descriptor = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
@@ -60,11 +61,19 @@ class SocketDevice final : public Device {
     return hand;
   }
   void write(const Vec3& force) noexcept override {
+    if (slow) std::this_thread::sleep_for(std::chrono::milliseconds(stuck_ ? 100000000 : 40));
+    stuck_ = slow;
     (void)!::write(descriptor_, force.data(), sizeof(double) * 3);
+    pressed_ = pressed_ || force.norm() > 1.0;
   }
+
+  /// It has been, once.
+  [[nodiscard]] bool pressed() const { return pressed_; }
 
  private:
   int descriptor_;
+  bool stuck_ = false;
+  std::atomic<bool> pressed_{false};
   DeviceInfo info_;
   long ticks_ = 0;
 };
@@ -74,6 +83,15 @@ int run(const std::string& path, const std::string& action) {
   const int descriptor = connectTo(path);
   const std::array<double, 3> none{};
   LoopParams params;
+  if (action == "fast") params.rate = 10000.0;
+  if (action == "blocked") {
+    // Another device, whose queue is full, and whose writes wait.
+    std::array<int, 2> ends{};
+    if (socketpair(AF_UNIX, SOCK_DGRAM, 0, ends.data()) != 0) return 3;
+    while (send(ends[0], none.data(), sizeof(none), MSG_DONTWAIT) > 0) {
+    }
+    (void)guardian.watch({ends[0], std::as_bytes(std::span(none))});
+  }
   params.watch = guardian.watch({descriptor, std::as_bytes(std::span(none))});
   guardian.catchSignals();
   SocketDevice device(descriptor);
@@ -81,6 +99,11 @@ int run(const std::string& path, const std::string& action) {
   hand.publish(test::ballScene(test::ballField()));
   std::printf("ready %d\n", guardian.child());
   std::fflush(stdout);
+  // On a machine that runs tests it may be late, and cut, before it is pressed.
+  while (!device.pressed()) {
+    if (hand.latest().fault != Fault::kNone) hand.clear();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
   // Until it is told.
   char line[16];
   if (std::fgets(line, sizeof(line), stdin) == nullptr) return 3;
@@ -88,6 +111,7 @@ int run(const std::string& path, const std::string& action) {
   if (action == "exit") std::exit(0);
   if (action == "return") return 0;
   if (action == "hang") hang = true;
+  if (action == "slow") slow = true;
   for (;;) std::this_thread::sleep_for(std::chrono::seconds(1));
 }
 

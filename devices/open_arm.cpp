@@ -1,0 +1,194 @@
+#include "devices/open_arm.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <system_error>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+using Json = nlohmann::json;
+
+bool matches(const HidMatch& match, const HidDeviceName& device) {
+  return match.vendor == device.vendor && match.product == device.product &&
+         (!match.usage_page || *match.usage_page == device.usage_page) &&
+         (!match.usage || *match.usage == device.usage);
+}
+
+std::string words(const FoundArm& arm, const HidProfile& profile) {
+  return "hid:" + profile.name + (arm.serial().empty() ? "" : "@" + arm.serial());
+}
+
+/// What has been tested, as the file has it; empty where there is none, or none that can be read:
+/// then nothing has been.
+Json tested() {
+  std::ifstream in(testedArmsFile());
+  Json json = Json::parse(in, nullptr, false);
+  return json.is_object() ? json : Json::object();
+}
+
+std::string keyFor(const HidProfile& profile, const std::string& serial) {
+  return profile.name + "@" + serial;
+}
+
+}  // namespace
+
+std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
+  std::vector<FoundArm> arms;
+  for (const HidDeviceName& device : listHid()) {
+    FoundArm arm;
+    arm.device = device;
+    for (const HidProfile& profile : profiles) {
+      if (std::any_of(profile.match.begin(), profile.match.end(),
+                      [&](const HidMatch& m) { return matches(m, device); })) {
+        arm.profiles.push_back(profile);
+      }
+    }
+    if (arm.profiles.empty()) continue;
+    arm.may_open = access(device.path.c_str(), R_OK | W_OK) == 0;
+    arms.push_back(std::move(arm));
+  }
+  return arms;
+}
+
+std::unique_ptr<HidDevice> openArm(const std::string& name,
+                                   const std::function<void(const std::string&)>& say) {
+  // hid[:PROFILE[@SERIAL]]
+  std::string wanted = name.size() > 4 ? name.substr(4) : "";
+  std::string serial;
+  if (const auto at = wanted.rfind('@'); at != std::string::npos) {
+    serial = wanted.substr(at + 1);
+    wanted.erase(at);
+  }
+  std::vector<std::string> notes;
+  std::vector<HidProfile> profiles;
+  if (wanted.size() > 5 && wanted.rfind(".json") == wanted.size() - 5) {
+    profiles.push_back(readHidProfile(wanted));
+    wanted = profiles.back().name;
+  } else {
+    profiles = hidProfiles(hidProfileFolder(), notes);
+    std::vector<std::string> names;
+    for (const HidProfile& profile : profiles) names.push_back(profile.name);
+    if (!wanted.empty() && std::find(names.begin(), names.end(), wanted) == names.end()) {
+      const std::string near = nearestName(wanted, names);
+      throw DeviceError(name, "there is no profile \"" + wanted + "\"",
+                        near.empty() ? "palpate devices lists them; a file ends in .json"
+                                     : "did you mean \"" + near + "\"?");
+    }
+  }
+  if (say) {
+    for (const std::string& note : notes) say(note);
+  }
+
+  std::vector<std::pair<const FoundArm*, const HidProfile*>> choices;
+  const std::vector<FoundArm> arms = findArms(profiles);
+  for (const FoundArm& arm : arms) {
+    if (!serial.empty() && arm.serial() != serial) continue;
+    for (const HidProfile& profile : arm.profiles) {
+      if (wanted.empty() || profile.name == wanted) choices.emplace_back(&arm, &profile);
+    }
+  }
+  if (choices.empty()) {
+    std::string there;
+    for (const FoundArm& arm : arms)
+      there += (there.empty() ? "" : ", ") + words(arm, arm.profiles[0]);
+    throw DeviceError(
+        name, "no such arm is plugged in",
+        there.empty() ? "plug it in; palpate devices shows what is there" : "there is " + there);
+  }
+  if (choices.size() > 1) {
+    std::string which;
+    for (const auto& [arm, profile] : choices)
+      which += (which.empty() ? "" : ", ") + words(*arm, *profile);
+    throw DeviceError(name, "that may be several", "name one of " + which);
+  }
+  const HidDeviceName device = choices[0].first->device;
+  const HidProfile profile = *choices[0].second;
+  if (const auto others = whoHas(device.path); !others.empty() && say) {
+    say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
+  }
+  // Its path is another one when it comes back.
+  const auto find = [device, profile]() -> std::unique_ptr<ReportPort> {
+    for (const FoundArm& arm : findArms({profile})) {
+      if (arm.device.vendor == device.vendor && arm.device.product == device.product &&
+          arm.device.serial == device.serial) {
+        return openHid(arm.device.path);
+      }
+    }
+    return nullptr;
+  };
+  const bool good = isTested(profile, device.serial);
+  auto arm = std::make_unique<HidDevice>(profile, openHid(device.path), good, find, say);
+  if (say && !good && profile.output) {
+    say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}", arm->info().name,
+                    kUntestedForce, kUntestedStiffness, words(*choices[0].first, profile)));
+  }
+  return arm;
+}
+
+std::filesystem::path testedArmsFile() {
+  const char* state = std::getenv("XDG_STATE_HOME");
+  const char* home = std::getenv("HOME");
+  if (state != nullptr && *state != '\0') return std::filesystem::path(state) / "palpate/arms.json";
+  return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
+}
+
+bool isTested(const HidProfile& profile, const std::string& serial) {
+  if (serial.empty()) return false;
+  const Json json = tested();
+  const auto arm = json.find(keyFor(profile, serial));
+  if (arm == json.end() || !arm->is_object()) return false;
+  const auto print = arm->find("profile");
+  return print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
+}
+
+void rememberTest(const HidProfile& profile, const std::string& serial,
+                  const SelfTestResult& result) {
+  const std::filesystem::path file = testedArmsFile();
+  Json json = tested();
+  Json& arm = json[keyFor(profile, serial)];
+  arm = Json::object();
+  arm["profile"] = fmt::format("{:016x}", profile.fingerprint);
+  const auto now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
+  std::array<char, 32> date{};
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  (void)std::strftime(date.data(), date.size(), "%Y-%m-%d", &utc);
+  arm["date"] = date.data();
+  for (const char* key : {"viscous", "coulomb", "mass"}) arm[key] = Json::array();
+  for (const AxisResult& axis : result.axes) {
+    arm["viscous"].push_back(axis.viscous);
+    arm["coulomb"].push_back(axis.coulomb);
+    arm["mass"].push_back(axis.mass);
+  }
+  // Whole or not at all.
+  std::error_code error;
+  std::filesystem::create_directories(file.parent_path(), error);
+  const std::filesystem::path partial = file.string() + fmt::format(".{}", getpid());
+  {
+    std::ofstream out(partial);
+    out << json.dump(2) << "\n";
+    out.flush();
+    if (!out) {
+      std::filesystem::remove(partial, error);
+      throw DeviceError(file.string(), "it cannot be written", "make its folder writable");
+    }
+  }
+  std::filesystem::rename(partial, file, error);
+  if (error) {
+    const std::string why = error.message();
+    std::filesystem::remove(partial, error);
+    throw DeviceError(file.string(), why, "make its folder writable");
+  }
+}
+
+}  // namespace palpate

@@ -1,0 +1,331 @@
+/// palpate devices: what is plugged in, what it may be asked for, and whether that is true.
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "devices/guardian.h"
+#include "devices/open_arm.h"
+#include "devices/self_test.h"
+#include "engine/error.h"
+#include "engine/limit_force.h"
+#include "engine/realtime.h"
+#include "scenes/cli/common.h"
+
+namespace palpate::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+constexpr double kRate = 1000.0;
+constexpr double kSlew = 100.0;  // [N/s]: nothing of a test is sudden
+// A Teensy that waits for its program.
+constexpr std::uint16_t kTeensyMaker = 0x16C0;
+constexpr std::uint16_t kTeensyBoot = 0x0478;
+
+struct Options {
+  std::string test;
+  double force = 0.5;
+  bool json = false;
+};
+
+std::string nameOf(const FoundArm& arm, const HidProfile& profile) {
+  return "hid:" + profile.name + (arm.serial().empty() ? "" : "@" + arm.serial());
+}
+
+OrderedJson limitsOf(const HidProfile& profile) {
+  const HidLimits& l = profile.limits;
+  OrderedJson json;
+  json["force"] = profile.output ? OrderedJson(l.force) : OrderedJson();
+  json["stiffness"] = profile.output ? OrderedJson(l.stiffness) : OrderedJson();
+  json["damping"] = profile.output ? OrderedJson(l.damping) : OrderedJson();
+  json["slew"] = l.slew;
+  json["workspace_radius"] = l.workspace_radius;
+  json["input_rate"] = profile.input_rate;
+  json["output_rate"] = profile.output_rate;
+  return json;
+}
+
+/// Why it cannot be felt as it is, with a remedy; empty: it can.
+std::string trouble(const FoundArm& arm) {
+  if (!arm.may_open) {
+    return "you may not open it: install 70-palpate-arms.rules in /etc/udev/rules.d, then udevadm "
+           "control --reload, and plug it in again";
+  }
+  if (const auto others = whoHas(arm.device.path); !others.empty()) {
+    return "another program has it: " + others[0] + ": end that first";
+  }
+  if (arm.profiles.size() > 1) {
+    std::string names;
+    for (const HidProfile& p : arm.profiles) names += (names.empty() ? "" : ", ") + p.name;
+    return "its numbers fit several profiles: name one of " + names;
+  }
+  return {};
+}
+
+int list(const Options& options) {
+  std::vector<std::string> notes;
+  const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
+  for (const std::string& note : notes) complain(note);
+  const std::vector<FoundArm> arms = findArms(profiles);
+  std::vector<std::string> others;
+  for (const HidDeviceName& device : listHid()) {
+    if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
+    others.push_back(device.path + ": a Teensy without a program: load its firmware");
+  }
+  if (options.json) {
+    OrderedJson out;
+    out["arms"] = OrderedJson::array();
+    for (const FoundArm& arm : arms) {
+      for (const HidProfile& profile : arm.profiles) {
+        OrderedJson json;
+        json["device"] = nameOf(arm, profile);
+        json["path"] = arm.device.path;
+        json["description"] = profile.description;
+        json["firmware"] = profile.firmware;
+        json["tested"] = isTested(profile, arm.serial());
+        const std::string what = trouble(arm);
+        json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
+        json["limits"] = limitsOf(profile);
+        json["sources"] = profile.sources;
+        out["arms"].push_back(json);
+      }
+    }
+    out["profiles"] = OrderedJson::array();
+    for (const HidProfile& profile : profiles) {
+      out["profiles"].push_back({{"name", profile.name},
+                                 {"description", profile.description},
+                                 {"file", profile.source},
+                                 {"limits", limitsOf(profile)},
+                                 {"sources", profile.sources}});
+    }
+    out["known"] = OrderedJson::array();
+    for (const KnownArm& arm : knownArms()) {
+      out["known"].push_back({{"name", arm.name},
+                              {"force", arm.force},
+                              {"stiffness", arm.stiffness},
+                              {"damping", arm.damping},
+                              {"workspace_radius", arm.workspace_radius},
+                              {"transport", arm.transport},
+                              {"source", arm.source}});
+    }
+    fmt::print("{}\n", dump(out, 2));
+    return kDone;
+  }
+  if (arms.empty()) fmt::print("no arm is plugged in that a profile knows\n");
+  for (const FoundArm& arm : arms) {
+    for (const HidProfile& profile : arm.profiles) {
+      fmt::print("{}\n  {}, {} ({})\n", nameOf(arm, profile), profile.description, arm.device.path,
+                 arm.device.product_name);
+      if (profile.output) {
+        fmt::print("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+                   rounded(profile.limits.force), rounded(profile.limits.stiffness),
+                   rounded(profile.limits.damping), rounded(profile.input_rate),
+                   rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
+        if (!isTested(profile, arm.serial())) {
+          fmt::print("  untested: held to {} N and {} N/m: palpate devices --test {}\n",
+                     kUntestedForce, kUntestedStiffness, nameOf(arm, profile));
+        }
+      } else {
+        fmt::print("  moves the hand, gives no force\n");
+      }
+      for (const auto& [pointer, source] : profile.sources) {
+        fmt::print("    {}: {}\n", pointer, source);
+      }
+    }
+    if (const std::string what = trouble(arm); !what.empty()) fmt::print("  {}\n", what);
+  }
+  for (const std::string& other : others) fmt::print("{}\n", other);
+  fmt::print("\nprofiles: ");
+  for (const HidProfile& p : profiles) fmt::print("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
+  fmt::print("; your own in {}\n\nlimits of known arms, by their sources:\n",
+             hidProfileFolder().string());
+  for (const KnownArm& arm : knownArms()) {
+    fmt::print("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name,
+               rounded(arm.force), rounded(arm.stiffness), rounded(arm.damping),
+               rounded(arm.workspace_radius), arm.transport, arm.source);
+  }
+  return kDone;
+}
+
+struct Tested {
+  SelfTestResult result;
+  Fault fault = Fault::kNone;
+  std::int64_t late = 0;
+};
+
+/// The test on time, the gate between, the guardian beside.
+Tested run(HidDevice& arm, Guardian& guardian, double force) {
+  LoopWatch watch;
+  if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
+  guardian.catchSignals(&interrupted);
+  const StayAwake awake(true);
+  (void)becomeRealtime({}, awake);
+  SelfTestParams params;
+  params.force = force;
+  SelfTest test(params);
+  ForceLimits limits = arm.info().limits;
+  limits.peak = std::min(limits.peak, force);
+  limits.slew = std::min(limits.slew, kSlew);
+  LimiterState limiter;
+  HandWatch hand_watch(arm.info().watch);
+  Tested out;
+  constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
+  const std::int64_t begin = nowNs();
+  std::int64_t last = begin - kPeriod;
+  for (std::int64_t i = 0; !test.done() && interrupted == 0; ++i) {
+    sleepUntil(begin + i * kPeriod);
+    const std::int64_t now = nowNs();
+    const double t = 1e-9 * static_cast<double>(now - begin);
+    const double dt = 1e-9 * static_cast<double>(now - last);
+    last = now;
+    if (dt > 2.0 / kRate) {
+      ++out.late;
+      i = (now - begin) / kPeriod;
+    }
+    HandState hand = arm.read();
+    out.fault = hand_watch.look(hand, t);
+    if (dt > arm.info().watch.late) out.fault = Fault::kLate;
+    if (out.fault == Fault::kNone && !hand.ready) out.fault = Fault::kSwitch;
+    if (out.fault != Fault::kNone) break;
+    const Vec3 wanted = test.next(hand, t, limiter.sent);
+    arm.write(limitForce(wanted, dt, limits, limiter).force);
+    if (watch.heart != nullptr) watch.heart->fetch_add(1);
+  }
+  arm.write(Vec3::Zero());
+  out.result = test.result();
+  return out;
+}
+
+OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
+  const SelfTestResult& r = tested.result;
+  OrderedJson json;
+  json["device"] = arm.info().name;
+  json["passed"] = passed;
+  json["problems"] = r.problems;
+  json["fault"] = wordFor(tested.fault);
+  json["input_rate"] = r.seconds > 0.0 ? static_cast<double>(r.positions) / r.seconds : 0.0;
+  json["longest_pause"] = r.slowest;
+  json["reports_dropped"] = arm.reads().dropped;
+  json["writes"] = arm.writes().count;
+  json["longest_write"] = 1e-9 * static_cast<double>(arm.writes().longest_ns);
+  json["noise"] = r.noise;
+  json["resolution"] = OrderedJson::array();
+  for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) {
+    json["resolution"].push_back(arm.resolution()[i]);
+  }
+  json["axes"] = OrderedJson::array();
+  for (const AxisResult& axis : r.axes) {
+    OrderedJson one;
+    one["moved"] = axis.moved;
+    one["breakaway"] = axis.breakaway;
+    one["along"] = axis.along;
+    const auto number = [&](double value) {
+      return axis.fitted ? OrderedJson(value) : OrderedJson();
+    };
+    one["viscous"] = number(axis.viscous);
+    one["viscous_error"] = number(axis.viscous_error);
+    one["coulomb"] = number(axis.coulomb);
+    one["coulomb_error"] = number(axis.coulomb_error);
+    one["mass"] = number(axis.mass);
+    one["bias"] = number(axis.bias);
+    one["delay"] = number(axis.delay);
+    json["axes"].push_back(one);
+  }
+  return json;
+}
+
+int test(const Options& options) {
+  if (!(options.force > 0.0 && options.force <= 3.0)) {
+    throw Error("--force", fmt::format("{} N is not above 0 and at most 3", options.force),
+                "0.5 suffices for most arms");
+  }
+  if (options.test.rfind("hid", 0) != 0) {
+    throw Error("--test", "\"" + options.test + "\" is no arm", "name one as hid:PROFILE");
+  }
+  Guardian guardian;
+  // Its serial number, once more: the name may have left it out.
+  const std::unique_ptr<HidDevice> arm =
+      openArm(options.test, [](const std::string& words) { complain("devices: " + words); });
+  if (!arm->profile().output) {
+    throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
+  }
+  std::string serial;
+  for (const FoundArm& found : findArms({arm->profile()})) {
+    const auto at = options.test.rfind('@');
+    if (at == std::string::npos || options.test.substr(at + 1) == found.serial()) {
+      serial = found.serial();
+    }
+  }
+  complain(
+      fmt::format("devices: let go of the arm: it is pushed with at most {} N, a few "
+                  "centimetres, for 25 s; Ctrl-C ends it",
+                  options.force));
+  const Tested tested = run(*arm, guardian, options.force);
+  bool passed = tested.fault == Fault::kNone && tested.result.problems.empty() && interrupted == 0;
+  const SelfTestResult& r = tested.result;
+  if (options.json) {
+    fmt::print("{}\n", dump(describe(tested, *arm, passed), 2));
+  } else {
+    fmt::print(
+        "input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
+        rounded(static_cast<double>(r.positions) / std::max(r.seconds, 1e-9)),
+        rounded(1e3 * r.slowest), arm->reads().dropped);
+    fmt::print("output     {} writes, the longest {} ms\n", arm->writes().count,
+               rounded(1e-6 * static_cast<double>(arm->writes().longest_ns)));
+    fmt::print("position   steps of ");
+    for (std::size_t i = 0; i < arm->profile().joints.size(); ++i) {
+      fmt::print("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
+    }
+    fmt::print(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
+    for (std::size_t a = 0; a < 3; ++a) {
+      const AxisResult& axis = r.axes[a];
+      if (!axis.fitted) {
+        fmt::print("{}          not measured\n", "xyz"[a]);
+        continue;
+      }
+      fmt::print(
+          "{}          goes where it is pushed (cosine {}); begins to move at {} N; friction "
+          "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself\n",
+          "xyz"[a], rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
+          rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
+          rounded(axis.mass), rounded(axis.bias));
+    }
+  }
+  for (const std::string& problem : r.problems) complain("devices: " + problem);
+  if (tested.fault != Fault::kNone) {
+    complain(fmt::format("devices: the test was cut off: {}: {}", wordsFor(tested.fault),
+                         remedyFor(tested.fault)));
+  }
+  if (interrupted != 0) return kInterrupted;
+  if (!passed) return kEndedEarly;
+  if (serial.empty()) {
+    complain(
+        fmt::format("devices: it has passed, but has no serial number to be remembered by: it "
+                    "stays held to {} N and {} N/m",
+                    kUntestedForce, kUntestedStiffness));
+    return kDone;
+  }
+  rememberTest(arm->profile(), serial, r);
+  if (!options.json) fmt::print("passed     remembered in {}\n", testedArmsFile().string());
+  return kDone;
+}
+
+}  // namespace
+
+void addDevices(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "devices", "What arms are plugged in, their limits and where those come from; tests one");
+  auto options = std::make_shared<Options>();
+  verb->add_option("--test", options->test,
+                   "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
+  verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
+  verb->add_flag("--json", options->json, "Print JSON");
+  verb->footer("Example:\n  palpate devices --test hid:polhem");
+  verb->callback([=, &body] {
+    body = [=] { return options->test.empty() ? list(*options) : test(*options); };
+  });
+}
+
+}  // namespace palpate::cli
