@@ -243,7 +243,7 @@ void HidDevice::follow(double dt) noexcept {
     joints_[i] = (field.scale * raw + field.offset) / joint.ratio + joint.home;
   }
   pose_ = profile_.kinematics->at(joints_);
-  const Vec3 position_W = profile_.rotation_WD * (pose_.position_D - profile_.origin_D);
+  const Vec3 position_W = profile_.world_from_device * (pose_.position_D - profile_.origin_D);
   if (profile_.rate_control <= 0.0) {
     position_W_ = position_W;
     return;
@@ -264,7 +264,13 @@ HandState HidDevice::read() noexcept {
     if (plugging != plugging_seen_) {
       plugging_seen_ = plugging;
       heard_ = false;
+      heard_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
+    }
+    // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
+    if (dt > profile_.limits.stale) {
+      heard_ = false;
+      heard_at_ = now;
     }
     const Got got = port ? input_.takeNewest(*port) : Got::kGone;
     if (got == Got::kGone) {
@@ -299,7 +305,7 @@ HandState HidDevice::read() noexcept {
 
 void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
   std::copy(zero_.begin(), zero_.end(), report.begin());
-  const Vec3 force_D = profile_.rotation_WD.transpose() * force_W;
+  const Vec3 force_D = profile_.world_from_device.transpose() * force_W;
   // All motors less by the same share where one would be asked for more than it may give: the
   // direction is kept.
   std::array<double, kMostJoints> raw{};

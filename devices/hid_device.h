@@ -70,7 +70,8 @@ struct HidWrites {
 /// newest force, one report a tick, since sending waits for the wire; another finds the device
 /// again when it has been unplugged.
 ///
-/// The kernel keeps the OLDEST 63 reports: where so many wait, all are old, and thrown away.
+/// The kernel keeps the OLDEST 63 reports: where so many wait, all are old, and thrown away. Where
+/// nobody has read for longer than HidLimits::stale the arm is not ready until a fresh one comes.
 ///
 /// A device that is gone is Fault::kGone until it is back, a write that has not come back in 20 ms
 /// Fault::kWrite, an arm that is not homed, not enabled or beyond its own reach is not ready.

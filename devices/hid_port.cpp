@@ -117,7 +117,8 @@ std::vector<std::string> whoHas(const std::string& path) {
       if (fs::read_symlink(descriptor.path(), gone) != path || gone) continue;
       std::string name = "?";
       std::ifstream(process.path() / "comm") >> name;
-      programs.push_back(name + " (" + pid + ")");
+      name.append(" (").append(pid).append(")");
+      programs.push_back(name);
       break;
     }
   }

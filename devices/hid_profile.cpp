@@ -169,11 +169,11 @@ std::shared_ptr<const Kinematics> readModel(const Node& node) {
   const std::string model = node.need("model").text();
   const auto common = [&](std::initializer_list<const char*> own) {
     std::vector<const char*> keys(own);
-    for (const auto& [key, value] : node.json().items()) {
-      const bool known = std::find_if(keys.begin(), keys.end(),
-                                      [&](const char* k) { return key == k; }) != keys.end() ||
-                         key == "model" || key == "joints" || key == "home_at_open" ||
-                         key == "home_words" || key == "rate_control";
+    keys.insert(keys.end(), {"model", "joints", "home_at_open", "home_words", "rate_control"});
+    for (const auto& item : node.json().items()) {
+      const std::string& key = item.key();
+      const bool known =
+          std::any_of(keys.begin(), keys.end(), [&](const char* k) { return key == k; });
       if (!known) node.child(key).fail("model " + model + " has no such key", "remove it");
     }
   };
@@ -383,7 +383,7 @@ HidProfile readProfile(const Node& root) {
       if (!(turn.norm() > 1e-6)) {
         mount.child("rotation_wxyz").fail("it is no rotation", "give w, x, y, z, as [1, 0, 0, 0]");
       }
-      profile.rotation_WD = turn.normalized().toRotationMatrix();
+      profile.world_from_device = turn.normalized().toRotationMatrix();
     }
   }
   if (root.has("open")) profile.open = readSequence(root.child("open"), fields, profile);

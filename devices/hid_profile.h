@@ -105,8 +105,8 @@ struct HidProfile {
   bool home_at_open = false;  ///< The arm is in its home pose, `home` of every joint, when opened.
   std::string home_words;     ///< What that pose is.
   double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: it is not.
-  Mat3 rotation_WD = Mat3::Identity();  ///< Of the arm in the hand's world:
-  Vec3 origin_D = Vec3::Zero();         ///< p_W = rotation_WD (p_D - origin_D).
+  Mat3 world_from_device = Mat3::Identity();  ///< Of the arm in the hand's world:
+  Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
   std::vector<HidStep> open, home, close;
   HidLimits limits;
   std::map<std::string, std::string> sources;  ///< By JSON pointer: where numbers come from.

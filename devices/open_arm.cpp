@@ -77,6 +77,7 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
   } else {
     profiles = hidProfiles(hidProfileFolder(), notes);
     std::vector<std::string> names;
+    names.reserve(profiles.size());
     for (const HidProfile& profile : profiles) names.push_back(profile.name);
     if (!wanted.empty() && std::find(names.begin(), names.end(), wanted) == names.end()) {
       const std::string near = nearestName(wanted, names);

@@ -226,7 +226,7 @@ SelfTestResult SelfTest::result() const {
   }
   for (int a = 0; a < 3; ++a) {
     AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
-    const auto plus = static_cast<std::size_t>(2 * a);
+    const std::size_t plus = 2 * static_cast<std::size_t>(a);
     axis.moved = went_[plus] && went_[plus + 1];
     axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
     axis.along = std::min(along_[plus], along_[plus + 1]);

@@ -56,6 +56,7 @@ class SelfTest {
   /// `sent`: what has acted since the call before, limitForce having passed it [N].
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
+  [[nodiscard]] bool begun() const noexcept { return started_; }
   /// When it is done.
   [[nodiscard]] SelfTestResult result() const;
 

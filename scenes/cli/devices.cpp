@@ -19,7 +19,8 @@ namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
 constexpr double kRate = 1000.0;
-constexpr double kSlew = 100.0;  // [N/s]: nothing of a test is sudden
+constexpr double kSlew = 100.0;    // [N/s]: nothing of a test is sudden
+constexpr double kPatience = 5.0;  // [s] for the arm to be ready
 // A Teensy that waits for its program.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
@@ -187,8 +188,17 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
     HandState hand = arm.read();
     out.fault = hand_watch.look(hand, t);
     if (dt > arm.info().watch.late) out.fault = Fault::kLate;
-    if (out.fault == Fault::kNone && !hand.ready) out.fault = Fault::kSwitch;
     if (out.fault != Fault::kNone) break;
+    // Until it has spoken, is homed, is held.
+    if (!hand.ready) {
+      arm.write(Vec3::Zero());
+      if (test.begun() || t > kPatience) {
+        out.fault = Fault::kSwitch;
+        break;
+      }
+      hand_watch.forget();
+      continue;
+    }
     const Vec3 wanted = test.next(hand, t, limiter.sent);
     arm.write(limitForce(wanted, dt, limits, limiter).force);
     if (watch.heart != nullptr) watch.heart->fetch_add(1);

@@ -167,7 +167,7 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   FakeArm arm;
   HidProfile profile = slides();
   profile.origin_D = {0.01, 0, 0};
-  profile.rotation_WD << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // x of the arm is y of the world
+  profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;  // x of the arm is y of the world
   const auto device = open(arm, profile);
   arm.giveCounts(3000, -2000, 1000);
   const HandState hand = device->read();
@@ -198,11 +198,26 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
   CHECK(stalled.age >= 0.02);
+  CHECK(stalled.ready);
   CHECK(device->reads().dropped == kRing);
   arm.giveCounts(1500, 0, 0);
   const HandState fresh = device->read();
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age < 0.01);
+  // Where nobody has looked for longer than a position may be old, the arm is not ready until it
+  // has spoken; and it is stale where it does not.
+  std::this_thread::sleep_for(60ms);
+  for (int i = 0; i < 100; ++i) arm.giveCounts(9 * i, 0, 0);
+  const HandState back = device->read();
+  CHECK_FALSE(back.ready);
+  CHECK(back.position.x() == Approx(0.015));
+  arm.giveCounts(1600, 0, 0);
+  CHECK(device->read().ready);
+  CHECK(device->read().position.x() == Approx(0.016));
+  std::this_thread::sleep_for(60ms);
+  CHECK(device->read().age < 0.01);
+  std::this_thread::sleep_for(40ms);
+  CHECK(device->read().age >= 0.04);
 }
 
 TEST_CASE("encoders are followed beyond the ends of their counters", "[hid]") {
@@ -333,7 +348,7 @@ TEST_CASE("a write that does not come back is a fault", "[hid]") {
   await([&] { return device->read().fault == Fault::kNone; });
 }
 
-TEST_CASE("unplugged it is gone; plugged in again it is there, and its count begins anew",
+TEST_CASE("unplugged it is gone, plugged in again it is there, and its count begins anew",
           "[hid]") {
   FakeArm arm;
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
@@ -430,7 +445,8 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
 
-TEST_CASE("silence at the opening is firmware or power; one that only answers is asked", "[hid]") {
+TEST_CASE("silence at the opening is firmware or power, and one that only answers is asked",
+          "[hid]") {
   HidProfile profile = slides();
   profile.firmware = "version 3";
   FakeArm silent;

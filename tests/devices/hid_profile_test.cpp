@@ -79,7 +79,7 @@ TEST_CASE("a profile with everything is read", "[profile]") {
   CHECK(arm.joints[1].ratio == -1);
   CHECK(arm.limits.continuous == 2);
   CHECK(arm.home[1].words == "let go");
-  CHECK(arm.rotation_WD(1, 0) == Approx(1.0));
+  CHECK(arm.world_from_device(1, 0) == Approx(1.0));
   CHECK(arm.sources.at("/limits") == "measured");
   CHECK(arm.output->fields.size() == 4);
 }

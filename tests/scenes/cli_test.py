@@ -447,7 +447,8 @@ class Feel(Case):
 
     def test_refusals_leave_nothing(self):
         ball = self.dir / "ball.vdb"
-        self.refused("feel", ball, "--device", "hid", says="hid")
+        self.refused("feel", ball, "--device", "hid", says="add --realtime")
+        self.refused("feel", ball, "--device", "pid", says="is not in this version")
         self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
         self.refused("feel", ball, "--device", "path:-", says="empty")
         self.refused("feel", ball, "--rate", 0, says="--rate")
@@ -599,6 +600,40 @@ class Feel(Case):
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         os.remove(picture)
+
+
+class Devices(Case):
+    """Where no arm is plugged in; tests/devices/vm has one."""
+    def test_profiles_and_known_arms_are_listed_with_their_sources(self):
+        words = run("devices").stdout
+        for name in ("woodenhaptics", "polhem", "teensy-arm", "spacemouse", "Novint Falcon", "HAPI"):
+            self.assertIn(name, words)
+        listed = json.loads(run("devices", "--json").stdout)
+        for profile in listed["profiles"]:
+            self.assertTrue(profile["sources"]["/limits"])
+        self.assertGreaterEqual(len(listed["known"]), 8)
+
+    def test_arms_that_are_not_there_are_refused(self):
+        ball = self.dir / "ball.vdb"
+        self.refused("feel", ball, "--realtime", "--device", "hid:polhem",
+                     says="no such arm is plugged in")
+        self.refused("feel", ball, "--realtime", "--device", "hid:polhm",
+                     says='did you mean "polhem"?')
+        self.refused("feel", ball, "--realtime", "--device", "hid:/nowhere.json",
+                     says="it cannot be read")
+        self.refused("devices", "--test", "simulated", says="is no arm")
+        self.refused("devices", "--test", "hid:polhem", "--force", 9, says="at most 3")
+        self.refused("devices", "--test", "hid:polhem", says="no such arm is plugged in")
+
+    def test_a_broken_profile_of_ones_own_is_told(self):
+        with tempfile.TemporaryDirectory() as folder:
+            arms = Path(folder) / "palpate/arms"
+            arms.mkdir(parents=True)
+            (arms / "mine.json").write_text('{"palpate_arm": 1, "name": "mine"}')
+            result = subprocess.run([PALPATE, "devices"], capture_output=True, text=True,
+                                    env={**os.environ, "XDG_CONFIG_HOME": folder}, timeout=60)
+            self.assertEqual(result.returncode, 0)
+            self.assertIn('mine.json: /: "match" is missing: add it', result.stderr)
 
 
 class Examples(Case):

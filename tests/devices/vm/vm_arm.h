@@ -1,0 +1,74 @@
+/// The arm in the virtual machine: what it and its host agree on.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+
+#include "devices/simulated_device.h"
+
+namespace palpate::vm {
+
+inline constexpr std::uint16_t kVendor = 0x1209;  // pid.codes
+inline constexpr std::uint16_t kProduct = 0x0001;
+inline constexpr const char* kSerial = "ARM0001";
+inline constexpr double kStep = 1e-5;   // [m], of an encoder
+inline constexpr double kForce = 1e-6;  // [N], of a count that is sent
+inline constexpr std::size_t kInBytes = 40;
+inline constexpr std::size_t kOutBytes = 24;
+
+// Vendor page FF00, usage 1; in: report 1, out: report 2.
+inline constexpr std::array<std::uint8_t, 42> kDescriptor{
+    0x06, 0x00,      0xFF, 0x09, 0x01, 0xA1, 0x01,     0x15, 0x00, 0x26, 0xFF, 0x00, 0x75,
+    0x08, 0x85,      0x01, 0x09, 0x02, 0x95, kInBytes, 0x81, 0x02, 0x85, 0x02, 0x09, 0x03,
+    0x95, kOutBytes, 0x91, 0x02, 0x85, 0x03, 0x09,     0x04, 0x95, 0x08, 0xB1, 0x02, 0xC0};
+
+enum Command : std::uint32_t {
+  kNothing = 0,
+  kUnplug = 1,  ///< It leaves, and comes back after 200 ms.
+  kGo = 2,      ///< The hand begins its path; every step is logged.
+  kFree = 3,    ///< The hand lets go.
+  kEnd = 4,     ///< It leaves for good.
+};
+
+#pragma pack(push, 1)
+struct In {
+  std::uint8_t id = 1;
+  std::uint32_t count = 0;     ///< Of reports, one a millisecond.
+  std::uint32_t received = 0;  ///< Of forces.
+  std::array<std::int32_t, 3> position{};
+  std::uint32_t step = 0;  ///< Of the hand's path; 0 before it.
+  std::array<std::uint8_t, 16> rest{};
+};
+struct Out {
+  std::uint8_t id = 2;
+  std::uint32_t command = kNothing;
+  std::array<std::int32_t, 3> force{};
+  std::array<std::uint8_t, 8> rest{};
+};
+#pragma pack(pop)
+static_assert(sizeof(In) == kInBytes + 1);
+static_assert(sizeof(Out) == kOutBytes + 1);
+
+inline ArmParams armParams() {
+  ArmParams arm;
+  arm.mass = 0.1;
+  arm.viscous = 0.5;
+  arm.coulomb = 0.05;
+  arm.encoder = kStep;
+  arm.delay = 1e-3;
+  return arm;
+}
+
+/// Onto a ball of 3 cm from above, in by some millimetres, along it, and out again.
+inline HandTarget handPath() {
+  constexpr double kSeconds = 4.0;
+  return {[](double t) -> Vec3 {
+            const double u = std::fmin(t / kSeconds, 1.0);
+            const double in = std::sin(M_PI * u);
+            return {0.012 * std::sin(2.0 * M_PI * u), 0.004 * u, 0.042 - 0.018 * in * in};
+          },
+          kSeconds};
+}
+
+}  // namespace palpate::vm

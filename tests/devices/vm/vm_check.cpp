@@ -1,0 +1,433 @@
+/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|free|chain VOLUME PROFILE.
+/// Runs in a virtual machine whose time counts instructions, so that limits may be tight.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <fcntl.h>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <string>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <vector>
+
+#include "devices/guardian.h"
+#include "devices/open_arm.h"
+#include "devices/simulated_device.h"
+#include "engine/error.h"
+#include "engine/haptic_thread.h"
+#include "engine/realtime.h"
+#include "scenes/build_scene.h"
+#include "tests/devices/vm/vm_arm.h"
+
+using namespace palpate;
+using namespace palpate::vm;
+
+namespace {
+
+int failures = 0;
+
+void check(bool good, const std::string& claim) {
+  std::printf("%s %s\n", good ? "ok  " : "FAIL", claim.c_str());
+  std::fflush(stdout);
+  failures += good ? 0 : 1;
+}
+
+std::string text(double value) {
+  std::array<char, 32> out{};
+  std::snprintf(out.data(), out.size(), "%.6g", value);
+  return out.data();
+}
+
+double quantile(std::vector<double> values, double q) {
+  std::sort(values.begin(), values.end());
+  return values[std::min(values.size() - 1,
+                         static_cast<std::size_t>(q * static_cast<double>(values.size())))];
+}
+
+/// A second way to the arm: its own numbers, and commands.
+class Aside {
+ public:
+  Aside(const HidProfile& profile, const std::string& path)
+      : profile_(profile), port_(openHid(path)), input_(profile_) {}
+  void command(Command what) {
+    Out out;
+    out.command = what;
+    (void)port_->write(std::as_bytes(std::span(&out, 1)));
+  }
+  /// The newest of a field.
+  double ask(std::size_t field) {
+    // What has waited may be old.
+    while (input_.takeNewest(*port_) != Got::kReport || drops_ != input_.counts().dropped) {
+      drops_ = input_.counts().dropped;
+      usleep(200);
+    }
+    return input_.raw({0, field});
+  }
+
+ private:
+  const HidProfile& profile_;
+  std::unique_ptr<ReportPort> port_;
+  HidInput input_;
+  std::int64_t drops_ = -1;
+};
+
+// Fields by the order of their names in the profile (JSON objects are sorted).
+enum Field : std::size_t { kCount, kReceived, kStepField, kX, kY, kZ };
+
+std::string pathOfArm() {
+  for (int tries = 0; tries < 300; ++tries) {
+    for (const HidDeviceName& device : listHid()) {
+      if (device.vendor == kVendor && device.product == kProduct) return device.path;
+    }
+    usleep(10000);
+  }
+  throw DeviceError("arm", "it never came", "see the log");
+}
+
+template <class What>
+std::string refusal(What what) {
+  try {
+    what();
+  } catch (const DeviceError& e) {
+    return e.what();
+  }
+  return "none";
+}
+
+bool contains(const std::string& all, const std::string& part) {
+  return all.find(part) != std::string::npos;
+}
+
+void checkNames(const HidProfile& profile, const std::string& file) {
+  (void)pathOfArm();
+  const auto arms = findArms({profile});
+  check(arms.size() == 1 && arms[0].device.serial == kSerial &&
+            arms[0].device.usage_page == 0xFF00 && arms[0].device.usage == 1 && arms[0].may_open,
+        "it is found by its numbers, usage and serial number");
+  check(contains(refusal([] { (void)openHid("/dev/null"); }), "not a HID device"),
+        "another device's file is refused");
+  check(contains(refusal([] { (void)openHid("/dev/hidraw77"); }), "no such device"),
+        "a device that is not there is refused");
+  check(contains(refusal([] { (void)openHid("/init"); }), "not a HID device"),
+        "an ordinary file is refused");
+  check(
+      contains(refusal([] { (void)openArm("hid:polhem", nullptr); }), "no such arm is plugged in"),
+      "an arm of other numbers is refused");
+  check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", nullptr); }),
+                 "there is hid:virtual@ARM0001"),
+        "another serial number is refused, and told which is there");
+  const std::string path = pathOfArm();
+  const pid_t child = fork();
+  if (child == 0) {
+    if (setuid(12345) != 0) _exit(2);
+    _exit(contains(refusal([&] { (void)openHid(path); }), "udev rules") ? 0 : 1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  check(WIFEXITED(status) && WEXITSTATUS(status) == 0, "without permission it says which rule");
+  const int other = open(path.c_str(), O_RDWR);
+  const pid_t holder = fork();
+  if (holder == 0) {
+    pause();
+    _exit(0);
+  }
+  check(!whoHas(path).empty(),
+        "a program that has it open is named: " + (whoHas(path).empty() ? "-" : whoHas(path)[0]));
+  kill(holder, SIGKILL);
+  waitpid(holder, nullptr, 0);
+  close(other);
+}
+
+/// So many seconds of reading and writing, once a millisecond.
+void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
+  std::vector<double> periods;
+  std::vector<double> reads;
+  std::vector<double> writes;
+  const auto ticks = static_cast<int>(1000.0 * seconds);
+  periods.reserve(static_cast<std::size_t>(ticks));
+  reads.reserve(periods.capacity());
+  writes.reserve(periods.capacity());
+  (void)arm.read();
+  usleep(3000);
+  (void)arm.read();
+  const double count = aside.ask(kCount);
+  const double received = aside.ask(kReceived);
+  (void)arm.read();
+  const HidInput::Counts before = arm.reads();
+  const std::int64_t sent = arm.writes().count;
+  const std::int64_t begin = nowNs();
+  std::int64_t fresh = begin;
+  std::int64_t used = before.reports;
+  int late = 0;
+  for (int i = 0; i < ticks; ++i) {
+    const std::int64_t due = begin + (i + 1) * std::int64_t{1000000};
+    sleepUntil(due);
+    const std::int64_t start = nowNs();
+    if (start - due > 1000000) ++late;
+    const HandState hand = arm.read();
+    const std::int64_t middle = nowNs();
+    if (hand.fault != Fault::kNone) {
+      check(false, std::string("no fault in the loop: ") + wordFor(hand.fault));
+      return;
+    }
+    arm.write({0.0, 0.0, 1e-3 * (i % 7)});
+    const std::int64_t end = nowNs();
+    reads.push_back(1e-3 * static_cast<double>(middle - start));
+    writes.push_back(1e-3 * static_cast<double>(end - middle));
+    if (arm.reads().reports != used) {
+      used = arm.reads().reports;
+      periods.push_back(1e-3 * static_cast<double>(middle - fresh));
+      fresh = middle;
+    }
+  }
+  usleep(20000);
+  (void)arm.read();
+  const HidInput::Counts after = arm.reads();
+  const double passed = aside.ask(kCount) - count;
+  const double arrived = aside.ask(kReceived) - received;
+  const double taken =
+      static_cast<double>(after.reports + after.passed_by - before.reports - before.passed_by);
+  const double gone = static_cast<double>(arm.writes().count - sent);
+  check(after.dropped == before.dropped && std::abs(taken - passed) <= 3.0,
+        "no report lost: " + text(taken) + " of " + text(passed) + " the arm has counted");
+  check(quantile(periods, 0.99) <= 1050.0,
+        "a new position every period: p50 " + text(quantile(periods, 0.5)) + " us, p99 " +
+            text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
+  check(gone == ticks && arrived == ticks, "one write a tick: " + text(gone) + " sent, " +
+                                               text(arrived) + " arrived in " + text(ticks) +
+                                               " ticks");
+  check(late == 0, "no tick late");
+  check(quantile(writes, 1.0) < 200.0,
+        "the loop is never held up by a write: at most " + text(quantile(writes, 1.0)) +
+            " us, while the wire takes " +
+            text(1e-3 * static_cast<double>(arm.writes().longest_ns)) + " us; a read at most " +
+            text(quantile(reads, 1.0)) + " us");
+  if (usb) {
+    check(arm.writes().longest_ns > 300000,
+          "the wire does hold writes up, so that this means something");
+  }
+}
+
+void checkStall(HidDevice& arm, Aside& aside) {
+  aside.command(kGo);  // positions move, so that old ones can be told
+  usleep(500000);
+  (void)arm.read();
+  const Vec3 before = arm.read().position;
+  const std::int64_t dropped = arm.reads().dropped;
+  usleep(300000);
+  const HandState stalled = arm.read();
+  check(arm.reads().dropped - dropped >= 60 && !stalled.ready && stalled.position == before,
+        "after a stall of 300 ms nothing old is taken for new: " +
+            text(static_cast<double>(arm.reads().dropped - dropped)) +
+            " reports thrown away, the arm is not ready");
+  usleep(2000);
+  const HandState fresh = arm.read();
+  const double now = kStep * static_cast<std::int32_t>(static_cast<std::uint32_t>(
+                                 static_cast<std::int64_t>(aside.ask(kZ))));
+  check(fresh.ready && fresh.age < 0.0021 && std::abs(fresh.position.z() - now) < 5e-4,
+        "and the next position is where the arm is: off by " +
+            text(1e6 * (fresh.position.z() - now)) + " um");
+}
+
+/// The real loop: unplugged, cut; plugged in, back, and off until somebody says so.
+void checkPlugging(HidDevice& arm, Aside& aside, Guardian& guardian) {
+  LoopParams params;
+  const ZeroForce zero = arm.zeroForce();
+  params.watch = guardian.watch(zero);
+  HapticThread hand(arm, params);
+  usleep(100000);
+  const std::int64_t ordered = nowNs();
+  aside.command(kUnplug);
+  std::int64_t known = 0;
+  while (nowNs() - ordered < 1000000000) {
+    if (hand.latest().fault == Fault::kGone) {
+      known = nowNs();
+      break;
+    }
+    usleep(50);
+  }
+  check(known != 0 && known - ordered < 4000000,
+        "unplugged, its force is cut with its cause " +
+            text(1e-6 * static_cast<double>(known - ordered)) +
+            " ms after the order to leave was begun (one period, and what leaving takes)");
+  check(hand.latest().report.force == Vec3::Zero(), "no force then");
+  while (arm.pluggings() < 2 && nowNs() - ordered < 5000000000) usleep(1000);
+  const double back = 1e-9 * static_cast<double>(nowNs() - ordered);
+  check(arm.pluggings() == 2 && back < 3.0,
+        "plugged in again it is back after " + text(back) + " s, of which it was away 0.2 s");
+  check(hand.latest().fault == Fault::kGone, "and stays off until somebody says so");
+  const ZeroForce renewed = arm.zeroForce();
+  check(renewed.version != zero.version, "its guardian can be told");
+  guardian.renew(params.watch, renewed);
+  usleep(100000);  // its watcher is a new process, on the only core there is
+  hand.clear();
+  usleep(50000);
+  check(hand.latest().fault == Fault::kNone,
+        std::string("then it goes on: fault ") + wordFor(hand.latest().fault));
+  hand.stop();
+  guardian.forget(params.watch);
+}
+
+struct Felt {
+  std::array<std::int32_t, 3> position{};
+  std::array<std::int32_t, 3> force{};
+};
+
+/// A volume from a file, the engine, hidapi, the kernel, an arm with its own dynamics; and the same
+/// in virtual time.
+void checkChain(const std::string& volume, const std::string& profile_file) {
+  SceneSpec spec;
+  spec.coupling.stiffness = 500.0;
+  VolumeSpec ball;
+  ball.file = volume;
+  ball.place.kind = PlaceSpec::Kind::kMap;
+  ball.place.scale = 0.015;  // of 2 units: 3 cm
+  spec.volumes["ball"] = ball;
+  ModeSpec mode;
+  mode.kind = ModeKind::kIsosurface;
+  mode.of = "ball";
+  mode.solid = Solid::kBelow;
+  mode.strength = 4.0;
+  mode.friction = TransferSpec(TransferFunction(0.2));
+  spec.graph.modes.push_back(mode);
+  const BuiltScene built = buildScene(spec);
+
+  std::vector<std::string> said;
+  auto arm =
+      openArm("hid:" + profile_file, [&](const std::string& words) { said.push_back(words); });
+  check(arm->info().limits.peak == 5.0, "the arm that has passed its test has its own limits");
+  {
+    Aside aside(arm->profile(), pathOfArm());
+    HapticThread hand(*arm);
+    hand.publish(built.scene);
+    usleep(2000000);
+    check(hand.latest().fault == Fault::kNone, "no fault before");
+    aside.command(kGo);
+    usleep(4300000);
+    check(hand.latest().fault == Fault::kNone,
+          std::string("no fault: ") + wordFor(hand.latest().fault));
+    check(hand.latest().late_ticks == 0, "no tick late");
+    hand.stop();
+    aside.command(kEnd);
+  }
+  arm.reset();
+  usleep(300000);
+
+  std::vector<Felt> real;
+  std::ifstream log("/tmp/arm.log");
+  for (std::size_t n = 0; log >> n;) {
+    Felt felt;
+    for (auto* triple : {&felt.position, &felt.force}) {
+      for (auto& v : *triple) log >> v;
+    }
+    real.push_back(felt);
+  }
+  check(real.size() > 4000,
+        "the arm has logged " + text(static_cast<double>(real.size())) + " steps");
+
+  // In virtual time, an arm of the same limits.
+  HandTarget path = handPath();
+  path.seconds = 1e9;
+  SimulatedDevice simulated(armParams(), GripParams{}, path, 1000.0);
+  struct Limited final : public Device {
+    SimulatedDevice& inner;
+    DeviceInfo info_;
+    Vec3 sent = Vec3::Zero();
+    Limited(SimulatedDevice& d, const DeviceInfo& info) : inner(d), info_(info) {
+      info_.hand = false;
+    }
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+    [[nodiscard]] HandState read() noexcept override { return inner.read(); }
+    void write(const Vec3& force) noexcept override {
+      sent = force;
+      inner.write(force);
+    }
+  } limited(simulated, simulated.info());
+  limited.info_.limits = {5.0, 2000.0};
+  HapticLoop loop(limited, 1000.0);
+  loop.publish(built.scene);
+  TickTime time;
+  double worst = 0.0;
+  double farthest = 0.0;
+  double largest = 0.0;
+  std::size_t worst_at = 0;
+  const std::size_t steps = std::min<std::size_t>(real.size(), 4200);
+  for (std::size_t n = 0; n < steps; ++n) {
+    const Vec3 at = limited.read().position;
+    time.now = 1e-3 * static_cast<double>(n);
+    loop.tick(time);
+    Vec3 felt;
+    Vec3 stood;
+    for (int a = 0; a < 3; ++a) {
+      felt[a] = kForce * real[n].force[static_cast<std::size_t>(a)];
+      stood[a] = kStep * real[n].position[static_cast<std::size_t>(a)];
+    }
+    const double off = (felt - limited.sent).norm();
+    if (std::getenv("VM_SHOW") != nullptr && (n < 20 || n % 100 == 0)) {
+      std::printf(
+          "%zu: arm %.5f %.5f %.5f felt %.4f %.4f %.4f, virtual %.5f %.5f %.5f %.4f %.4f %.4f\n", n,
+          stood.x(), stood.y(), stood.z(), felt.x(), felt.y(), felt.z(), at.x(), at.y(), at.z(),
+          limited.sent.x(), limited.sent.y(), limited.sent.z());
+    }
+    if (off > worst) {
+      worst = off;
+      worst_at = n;
+    }
+    farthest = std::max(farthest, (stood - at).norm());
+    largest = std::max(largest, limited.sent.norm());
+  }
+  const double allowed = spec.coupling.stiffness * kStep;
+  check(largest > 1.0, "the ball is felt: " + text(largest) + " N");
+  check(worst <= allowed, "the forces are those of virtual time within " + text(allowed) +
+                              " N, stiffness times an encoder's step: at most " + text(worst) +
+                              " N off, at step " + text(static_cast<double>(worst_at)) +
+                              "; positions at most " + text(1e6 * farthest) + " um");
+}
+
+int run(const std::string& what, const std::string& volume, const std::string& profile_file) {
+  if (what == "chain") {
+    checkChain(volume, profile_file);
+    return failures;
+  }
+  if (what == "free") {
+    const HidProfile arm = readHidProfile(profile_file);
+    Aside(arm, pathOfArm()).command(kFree);
+    return 0;
+  }
+  Guardian guardian;
+  const HidProfile profile = readHidProfile(profile_file);
+  checkNames(profile, profile_file);
+  std::vector<std::string> said;
+  const auto arm =
+      openArm("hid:" + profile_file, [&](const std::string& words) { said.push_back(words); });
+  check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
+            contains(said.back(), "palpate devices --test hid:virtual@ARM0001"),
+        "untested it is held to 1 N, and says what to do");
+  const StayAwake awake(false);
+  (void)becomeRealtime({}, awake);
+  Aside aside(arm->profile(), pathOfArm());
+  checkLoop(*arm, aside, what == "usb" ? 5.0 : 10.0, what == "usb");
+  checkStall(*arm, aside);
+  checkPlugging(*arm, aside, guardian);
+  return failures;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 4) return 2;
+  try {
+    const int bad = run(argv[1], argv[2], argv[3]);
+    std::printf("%s: %d failures\n", argv[1], bad);
+    return bad == 0 ? 0 : 1;
+  } catch (const std::exception& e) {
+    std::printf("FAIL %s\n", e.what());
+    return 1;
+  }
+}
