@@ -1,4 +1,5 @@
 /// palpate feel: runs a scene under a hand, in virtual time or on time.
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -10,11 +11,13 @@
 #include <optional>
 #include <poll.h>
 #include <readerwriterqueue.h>
+#include <string>
 #include <system_error>
 #include <termios.h>
 #include <thread>
 #include <unistd.h>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -40,7 +43,7 @@ constexpr double kDefaultSeconds = 10.0;
 
 struct Options {
   std::string scene;
-  std::string device = "simulated";
+  std::vector<std::string> devices{"simulated"};
   std::optional<double> seconds;
   double rate = 1000.0;
   bool realtime = false;
@@ -51,8 +54,8 @@ struct Options {
   bool json = false;
 };
 
-std::unique_ptr<Device> makeDevice(const Options& options, const Box& bounds) {
-  const std::string& name = options.device;
+std::unique_ptr<Device> makeDevice(const Options& options, const std::string& name,
+                                   const Box& bounds) {
   if (name == "simulated") {
     const auto target = explore(bounds, options.seconds.value_or(kDefaultSeconds));
     // On time all is as at a hand that a force could hurt.
@@ -173,9 +176,19 @@ std::string timeWords(const OrderedJson& summary) {
       got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked");
 }
 
+/// The trace of one hand of several: T.csv, T.2.csv, ...
+std::string traceOf(const Options& options, std::size_t hand) {
+  if (options.trace.empty() || hand == 0) return options.trace;
+  std::filesystem::path place(options.trace);
+  const std::string end = place.extension().string();
+  place.replace_extension();
+  return place.string() + "." + std::to_string(hand + 1) + end;
+}
+
 /// No two outputs may go to one place, and none to what is read.
 void checkOutputs(const Options& options, const SceneSpec& spec) {
-  std::vector<std::string> places{options.trace, options.summary, options.picture};
+  std::vector<std::string> places{options.summary, options.picture};
+  for (std::size_t i = 0; i < options.devices.size(); ++i) places.push_back(traceOf(options, i));
   if (options.json) places.emplace_back("-");
   for (std::size_t i = 0; i < places.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
@@ -185,7 +198,9 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
     }
   }
   std::vector<std::filesystem::path> inputs{options.scene};
-  if (options.device.rfind("path:", 0) == 0) inputs.emplace_back(options.device.substr(5));
+  for (const std::string& device : options.devices) {
+    if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
+  }
   for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
   for (const std::string& place : places) {
     for (const std::filesystem::path& input : inputs) {
@@ -231,8 +246,8 @@ class Log final : public TickSink {
 /// The terminal is left alone while it is another program's.
 class Keys {
  public:
-  explicit Keys(HapticThread& hand)
-      : hand_(hand), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+  explicit Keys(const std::vector<HapticThread*>& hands)
+      : hands_(hands), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
     if (!shown_) return;
     fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
     thread_ = std::thread([this] { run(); });
@@ -271,14 +286,16 @@ class Keys {
     constexpr char kEscape = 27;
     char key = 0;
     while (raw_ && read(0, &key, 1) == 1) {
-      if (key == kEscape) hand_.cut();
-      if (key == '\n' || key == '\r') hand_.clear();
+      for (HapticThread* hand : hands_) {
+        if (key == kEscape) hand->cut();
+        if (key == '\n' || key == '\r') hand->clear();
+      }
     }
   }
   /// In the background its settings are not to be touched, nor may it be read.
   static bool ours() { return tcgetpgrp(0) == getpgrp(); }
 
-  HapticThread& hand_;
+  std::vector<HapticThread*> hands_;
   termios usual_{};
   bool shown_;
   bool raw_ = false;  ///< It gives every key at once.
@@ -299,8 +316,8 @@ class Watcher {
  public:
   /// `seen`: when the scene that runs was written.
   Watcher(std::string file, std::optional<std::filesystem::file_time_type> seen,
-          const Device& device, SceneCache& cache)
-      : file_(std::move(file)), device_(device), cache_(cache), seen_(seen) {}
+          std::vector<const Device*> devices, SceneCache& cache)
+      : file_(std::move(file)), devices_(std::move(devices)), cache_(cache), seen_(seen) {}
 
   /// The new scene; none where there is none yet.
   std::optional<BuiltScene> look() {
@@ -330,7 +347,7 @@ class Watcher {
     }
     made_ = std::async(std::launch::async, [this] {
       const SceneSpec spec = openScene(file_, {});
-      checkDevice(spec, device_.info());
+      for (const Device* device : devices_) checkDevice(spec, device->info());
       BuiltScene built = buildScene(spec, {}, &cache_);
       for (const std::string& note : spec.notes) complain(note);
       for (const std::string& note : built.notes) complain(note);
@@ -341,94 +358,170 @@ class Watcher {
 
  private:
   std::string file_;
-  const Device& device_;
+  std::vector<const Device*> devices_;
   SceneCache& cache_;
   std::optional<std::filesystem::file_time_type> seen_;
   std::future<BuiltScene> made_;
 };
 
+/// One hand: where it is, what it has felt, and where that is written.
+struct Hand {
+  std::unique_ptr<Device> device;
+  Log log;
+  Trace trace;
+  Picture* picture = nullptr;  ///< The first one's.
+  OrderedJson granted;
+
+  Hand(std::unique_ptr<Device> d, const Scene& scene, const Options& options,
+       const std::string& trace_place, Picture* drawn)
+      : device(std::move(d)),
+        log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
+        trace(trace_place),
+        picture(drawn) {}
+  void drain() {
+    log.drain([this](const Telemetry& tick) {
+      trace.add(tick);
+      if (picture != nullptr) picture->add(tick);
+    });
+  }
+};
+using Hands = std::vector<std::unique_ptr<Hand>>;
+
 /// What a run asks for, once it is known to be good.
 struct Run {
   const Options& options;
-  Device& device;
+  Hands& hands;
   std::shared_ptr<const Scene> scene;
   std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
   SceneCache& cache;
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
+
+  /// Before a message about one of several.
+  [[nodiscard]] std::string nameOf(std::size_t hand) const {
+    return hands.size() == 1 ? "feel" : fmt::format("feel: hand {}", hand + 1);
+  }
 };
 
 /// As fast as it goes; the same every time.
-template <class Row>
-void runInVirtualTime(const Run& run, Log& log, const Row& row) {
-  HapticLoop loop(run.device, run.options.rate, &log);
-  loop.publish(run.scene);
+void runInVirtualTime(const Run& run) {
+  std::vector<std::unique_ptr<HapticLoop>> loops;
+  for (const auto& hand : run.hands) {
+    loops.push_back(std::make_unique<HapticLoop>(*hand->device, run.options.rate, &hand->log));
+    loops.back()->publish(run.scene);
+  }
   Progress progress(run.whole_path ? 0 : run.ticks);
   TickTime time;
   time.dt = 1.0 / run.options.rate;
-  for (std::int64_t i = 0; i < run.ticks && !run.device.ended() && interrupted == 0; ++i) {
+  bool feeling = true;
+  for (std::int64_t i = 0; i < run.ticks && feeling && interrupted == 0; ++i) {
     time.now = static_cast<double>(i) / run.options.rate;
-    loop.tick(time);
-    log.drain(row);
+    feeling = false;
+    for (std::size_t h = 0; h < loops.size(); ++h) {
+      Hand& hand = *run.hands[h];
+      if (hand.device->ended()) continue;
+      loops[h]->tick(time);
+      hand.drain();
+      feeling = true;
+    }
     progress.at(i);
   }
 }
 
-/// With a clock, in a thread of its own; what it was granted, for the summary.
-template <class Row>
-OrderedJson runOnTime(const Run& run, Guardian& guardian, Log& log, const Row& row) {
-  LoopParams params;
-  params.rate = run.options.rate;
-  const ZeroForce zero = run.device.zeroForce();
-  if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
-  std::uint32_t plugging = zero.version;
-  std::optional<Watcher> watcher;
-  if (run.options.watch) watcher.emplace(run.options.scene, run.written, run.device, run.cache);
-  HapticThread hand(run.device, params, &log);
-  if (!hand.realtime().refused.empty()) {
-    fmt::print(stderr, "feel: {}: the loop runs without it\n", hand.realtime().refused);
+/// A hand's loop on time, and what its owner keeps an eye on.
+class OnTime {
+ public:
+  OnTime(const Run& run, std::size_t number, Guardian& guardian)
+      : run_(run), hand_(*run.hands[number]), name_(run.nameOf(number)), guardian_(guardian) {
+    LoopParams params;
+    params.rate = run.options.rate;
+    const ZeroForce zero = hand_.device->zeroForce();
+    if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
+    watch_ = params.watch;
+    plugging_ = zero.version;
+    thread_.emplace(*hand_.device, params, &hand_.log);
+    if (!thread_->realtime().refused.empty()) {
+      fmt::print(stderr, "{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
+    }
   }
-  const Keys keys(hand);
-  hand.publish(run.scene);
+  [[nodiscard]] HapticThread& thread() { return *thread_; }
+  /// False once it has nothing more to do.
+  bool look() {
+    hand_.drain();
+    const Telemetry& now = thread_->latest();
+    if (now.fault != told_ && now.fault != Fault::kNone) {
+      complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
+                           remedyFor(now.fault)));
+    }
+    told_ = now.fault;
+    if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
+      plugging_ = another.version;
+      guardian_.renew(watch_, another);
+      complain(name_ + ": the arm is back: Enter when the hand is ready");
+    }
+    return thread_->running() && now.tick < run_.ticks;
+  }
+  void feel(const std::shared_ptr<const Scene>& scene) {
+    hand_.log.felt.expect(*scene);
+    thread_->publish(scene);
+  }
+  void end() {
+    thread_->stop();
+    hand_.drain();
+    const std::int64_t lost = hand_.log.lost();
+    if (lost > 0) {
+      complain(
+          fmt::format("{}: {} rows of the trace came too fast to be written: use a lower rate "
+                      "or a faster place",
+                      name_, lost));
+    }
+    const RealtimeReport& got = thread_->realtime();
+    hand_.granted = {{"priority", got.priority},
+                     {"memory_locked", got.memory},
+                     {"cores_awake", got.awake},
+                     {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
+                     {"page_faults", thread_->pageFaultsSinceStart()},
+                     {"rows_lost", lost}};
+  }
+
+ private:
+  const Run& run_;
+  Hand& hand_;
+  std::string name_;
+  Guardian& guardian_;
+  LoopWatch watch_;
+  std::uint32_t plugging_ = 1;
+  Fault told_ = Fault::kNone;
+  std::optional<HapticThread> thread_;
+};
+
+/// With a clock, in a thread each.
+void runOnTime(const Run& run, Guardian& guardian) {
+  std::vector<const Device*> devices;
+  for (const auto& hand : run.hands) devices.push_back(hand->device.get());
+  std::optional<Watcher> watcher;
+  if (run.options.watch) watcher.emplace(run.options.scene, run.written, devices, run.cache);
+  std::vector<std::unique_ptr<OnTime>> hands;
+  std::vector<HapticThread*> threads;
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    hands.push_back(std::make_unique<OnTime>(run, h, guardian));
+    threads.push_back(&hands.back()->thread());
+  }
+  const Keys keys(threads);
+  for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
-  Fault told = Fault::kNone;
-  for (int looks = 0; hand.running() && interrupted == 0; ++looks) {
+  bool feeling = true;
+  for (int looks = 0; feeling && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
-    log.drain(row);
-    const Telemetry& now = hand.latest();
-    if (now.fault != told && now.fault != Fault::kNone) {
-      complain(
-          fmt::format("feel: the force is cut: {}: {}", wordsFor(now.fault), remedyFor(now.fault)));
-    }
-    told = now.fault;
-    if (const ZeroForce another = run.device.zeroForce(); another.version != plugging) {
-      plugging = another.version;
-      guardian.renew(params.watch, another);
-      complain("feel: the arm is back: Enter when the hand is ready");
-    }
-    if (now.tick >= run.ticks) break;
+    feeling = false;
+    for (const auto& hand : hands) feeling = hand->look() || feeling;
     if (!watcher || looks % kWatch != 0) continue;
-    if (auto built = watcher->look()) {
-      log.felt.expect(*built->scene);
-      hand.publish(built->scene);
+    if (const auto built = watcher->look()) {
+      for (const auto& hand : hands) hand->feel(built->scene);
     }
   }
-  hand.stop();
-  log.drain(row);
-  if (log.lost() > 0) {
-    complain(
-        fmt::format("feel: {} rows of the trace came too fast to be written: use a lower rate "
-                    "or a faster place",
-                    log.lost()));
-  }
-  const RealtimeReport& got = hand.realtime();
-  return {{"priority", got.priority},
-          {"memory_locked", got.memory},
-          {"cores_awake", got.awake},
-          {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
-          {"page_faults", hand.pageFaultsSinceStart()},
-          {"rows_lost", log.lost()}};
+  for (const auto& hand : hands) hand->end();
 }
 
 void checkOptions(const Options& options) {
@@ -443,9 +536,41 @@ void checkOptions(const Options& options) {
                 fmt::format("{} is not more than 0 and at most 1000000", *options.seconds),
                 "use 10");
   }
+  constexpr std::size_t kMostHands = 4;
+  if (options.devices.empty() || options.devices.size() > kMostHands) {
+    throw Error("--device", fmt::format("{} hands", options.devices.size()), "give one to four");
+  }
+  if (options.devices.size() > 1 && options.trace == "-") {
+    throw Error("--trace", "the rows of several hands would be mixed", "give a file");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
+}
+
+OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec& spec) {
+  OrderedJson summary;
+  summary["version"] = kVersion;
+  summary["scene"] = spec.source;
+  summary["device"] = hand.device->info().name;
+  summary["clock"] = options.realtime ? "real" : "virtual";
+  const OrderedJson counted = hand.log.felt.summary();
+  for (const auto& [key, value] : counted.items()) summary[key] = value;
+  if (options.realtime) {
+    summary["realtime"] = hand.granted;
+  } else {
+    // In virtual time no tick is late, and the rate is kept by definition: there is no clock.
+    for (const char* key : {"rate_kept", "late_ticks", "wake_ns"}) summary[key] = nullptr;
+  }
+  return summary;
+}
+
+void tell(const Options& options, const Hand& hand, const OrderedJson& summary) {
+  fmt::print("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
+             rounded(summary["seconds"].get<double>()), rounded(options.rate),
+             options.realtime ? "on time" : "in virtual time", hand.device->info().name,
+             summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
+  if (options.realtime) fmt::print("{}", timeWords(summary));
 }
 
 int feel(const Options& options) {
@@ -466,48 +591,43 @@ int feel(const Options& options) {
   SceneCache cache;
   const BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
-  const std::unique_ptr<Device> device = makeDevice(options, built.bounds);
-  checkDevice(spec, device->info());
+  std::vector<std::unique_ptr<Device>> devices;
+  for (const std::string& name : options.devices) {
+    devices.push_back(makeDevice(options, name, built.bounds));
+    checkDevice(spec, devices.back()->info());
+  }
   std::optional<Picture> picture;
   if (!options.picture.empty()) picture.emplace(options.picture);
-  Trace trace(options.trace);
   std::optional<WholeFile> summary_file;
   if (!options.summary.empty()) summary_file.emplace(options.summary);
+  Hands hands;
+  for (std::size_t h = 0; h < devices.size(); ++h) {
+    hands.push_back(std::make_unique<Hand>(std::move(devices[h]), *built.scene, options,
+                                           traceOf(options, h),
+                                           picture && h == 0 ? &*picture : nullptr));
+  }
 
-  Run run{options, *device, built.scene, written, cache};
-  run.whole_path = !options.seconds && options.device.rfind("path:", 0) == 0;
+  Run run{options, hands, built.scene, written, cache};
+  run.whole_path = !options.seconds &&
+                   std::all_of(options.devices.begin(), options.devices.end(),
+                               [](const std::string& d) { return d.rfind("path:", 0) == 0; });
   run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
                              : static_cast<std::int64_t>(std::llround(
                                    options.seconds.value_or(kDefaultSeconds) * options.rate));
-  Log log(*run.scene, options.rate, !options.trace.empty() || picture);
-  const auto row = [&](const Telemetry& tick) {
-    trace.add(tick);
-    if (picture) picture->add(tick);
-  };
-  OrderedJson granted;
   if (options.realtime) {
     guardian->catchSignals(&interrupted);
-    granted = runOnTime(run, *guardian, log, row);
+    runOnTime(run, *guardian);
   } else {
-    runInVirtualTime(run, log, row);
+    runInVirtualTime(run);
   }
 
-  const Felt& felt = log.felt;
-  OrderedJson summary;
-  summary["version"] = kVersion;
-  summary["scene"] = spec.source;
-  summary["device"] = device->info().name;
-  summary["clock"] = options.realtime ? "real" : "virtual";
-  const OrderedJson counted = felt.summary();
-  for (const auto& [key, value] : counted.items()) summary[key] = value;
-  if (options.realtime) {
-    summary["realtime"] = granted;
-  } else {
-    // In virtual time no tick is late, and the rate is kept by definition: there is no clock.
-    for (const char* key : {"rate_kept", "late_ticks", "wake_ns"}) summary[key] = nullptr;
+  OrderedJson summary = summaryOf(options, *hands[0], spec);
+  if (hands.size() > 1) {
+    summary["hands"] = OrderedJson::array();
+    for (const auto& hand : hands) summary["hands"].push_back(summaryOf(options, *hand, spec));
   }
   summary["machine"] = machine();
-  trace.commit();
+  for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
     summary_file->write(dump(summary, 2) + "\n");
     summary_file->commit();
@@ -516,22 +636,24 @@ int feel(const Options& options) {
   if (options.json) {
     fmt::print("{}\n", dump(summary, 2));
   } else if (options.trace != "-" && options.summary != "-") {
-    fmt::print("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
-               rounded(summary["seconds"].get<double>()), rounded(options.rate),
-               options.realtime ? "on time" : "in virtual time", device->info().name,
-               summary["ticks"].get<std::int64_t>(), felt.words());
-    if (options.realtime) fmt::print("{}", timeWords(summary));
+    for (const auto& hand : hands) tell(options, *hand, summaryOf(options, *hand, spec));
   }
-  if (!felt.anything()) {
+  if (std::none_of(hands.begin(), hands.end(),
+                   [](const auto& hand) { return hand->log.felt.anything(); })) {
     complain(
         "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
         "volumes are");
   }
   if (interrupted != 0) return kInterrupted;
-  if (felt.fault() == Fault::kNone) return kDone;
-  complain(fmt::format("feel: the force was cut: {}: {}", wordsFor(felt.fault()),
-                       remedyFor(felt.fault())));
-  return kEndedEarly;
+  int status = kDone;
+  for (std::size_t h = 0; h < hands.size(); ++h) {
+    const Fault fault = hands[h]->log.felt.fault();
+    if (fault == Fault::kNone) continue;
+    complain(fmt::format("{}: the force was cut: {}: {}", run.nameOf(h), wordsFor(fault),
+                         remedyFor(fault)));
+    status = kEndedEarly;
+  }
+  return status;
 }
 
 }  // namespace
@@ -540,9 +662,11 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("feel", "Feels a scene and says what was felt, and how well");
   auto options = std::make_shared<Options>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
-  verb->add_option("--device", options->device,
+  verb->add_option("--device", options->devices,
                    "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), or "
-                   "hid[:PROFILE[@SERIAL]] (palpate devices)");
+                   "hid[:PROFILE[@SERIAL]] (palpate devices); again for another hand")
+      ->take_all()
+      ->type_name("D");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
