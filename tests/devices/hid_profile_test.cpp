@@ -1,6 +1,8 @@
 /// Files that describe arms.
 #include "devices/hid_profile.h"
 
+#include <array>
+#include <cstdlib>
 #include <fstream>
 #include <set>
 #include <string>
@@ -13,6 +15,7 @@
 #include <valijson/schema_parser.hpp>
 #include <valijson/validator.hpp>
 
+#include "devices/open_arm.h"
 #include "engine/error.h"
 #include "tests/support/vdb_files.h"
 
@@ -147,6 +150,70 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
   Json motorless = full();
   motorless.erase("output");
   CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
+}
+
+TEST_CASE("every geometry is read from a profile", "[profile]") {
+  const auto with = [](const char* kinematics, std::size_t joints) {
+    Json json = full();
+    Json& model = json["kinematics"];
+    model = Json::parse(kinematics);
+    const std::array from{"a", "b", "c", "a", "b", "c"};
+    for (std::size_t i = 0; i < joints; ++i) {
+      Json joint{{"from", from[i]}};
+      if (i < 3) {
+        joint["motor"] = std::array{"fa", "fb", "fc"}[i];
+        joint["torque_constant"] = 0.05;
+      }
+      model["joints"].push_back(joint);
+    }
+    CAPTURE(json["kinematics"].dump());
+    CHECK(schemaAccepts(json));
+    const HidProfile profile = parseHidProfile(json.dump(), "arm.json");
+    CHECK(profile.joints.size() == joints);
+    return profile.kinematics->at({0.3, 0.3, 0.3, 0.1, 0.2, 0.3}).position_D;
+  };
+  CHECK((with(R"({"model": "capstan-arm", "a": 0.08, "b": 0.2, "c": 0.25})", 3) -
+         makeCapstanArm(0.08, 0.2, 0.25)->at({0.3, 0.3, 0.3}).position_D)
+            .norm() == 0.0);
+  CHECK(
+      (with(R"({"model": "delta", "base": 0.08, "plate": 0.03, "upper": 0.06, "fore": 0.12})", 3) -
+       makeDelta(0.08, 0.03, 0.06, 0.12)->at({0.3, 0.3, 0.3}).position_D)
+          .norm() == 0.0);
+  CHECK((with(R"({"model": "pantograph", "lengths": [0.08, 0.1, 0.1, 0.08], "base": 0.05})", 2) -
+         makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05)->at({0.3, 0.3}).position_D)
+            .norm() == 0.0);
+  const std::vector<ChainLink> links{
+      {0, 0.1, 0, 1.5}, {0.2, 0, 0.2, 0}, {0, 0, 0.15, 0}, {0, 0.02, 0, 0}};
+  CHECK((with(R"({"model": "chain", "tip": [0.01, 0, 0], "links": [{"along": 0.1, "twist": 1.5},
+               {"turn": 0.2, "across": 0.2}, {"across": 0.15}, {"along": 0.02}]})",
+              4) -
+         makeChain(links, {0.01, 0, 0})->at({0.3, 0.3, 0.3, 0.1}).position_D)
+            .norm() == 0.0);
+}
+
+TEST_CASE("what was tested is remembered by serial number and profile", "[profile]") {
+  const test::TemporaryFolder folder;
+  setenv("XDG_STATE_HOME", folder.path().c_str(), 1);
+  const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
+  CHECK_FALSE(isTested(arm, "S1"));
+  rememberTest(arm, "S1", {});
+  CHECK(isTested(arm, "S1"));
+  CHECK_FALSE(isTested(arm, "S2"));
+  CHECK_FALSE(isTested(arm, ""));
+  // A changed sign is another profile.
+  Json other = full();
+  other["kinematics"]["joints"][0]["ratio"] = -1;
+  CHECK_FALSE(isTested(parseHidProfile(other.dump(), "arm.json"), "S1"));
+  rememberTest(parseHidProfile(other.dump(), "arm.json"), "S2", {});
+  CHECK(isTested(arm, "S1"));
+  // Rubbish in the file is no test, and no trouble.
+  for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
+    std::ofstream(testedArmsFile()) << text;
+    CHECK_FALSE(isTested(arm, "S1"));
+  }
+  rememberTest(arm, "S1", {});
+  CHECK(isTested(arm, "S1"));
+  unsetenv("XDG_STATE_HOME");
 }
 
 TEST_CASE("an arm that drives motors has limits", "[profile]") {
