@@ -59,6 +59,9 @@ HidInput::HidInput(const HidProfile& profile) : profile_(profile) {
     if (report.id) head_ = 1;
   }
   values_.assign(fields, 0.0);
+  joints_in_.assign(profile.input.size(), false);
+  for (const HidJoint& joint : profile.joints) joints_in_[joint.from.report] = true;
+  fresh_.assign(profile.input.size(), false);
 }
 
 bool HidInput::take(std::span<const std::byte> report) noexcept {
@@ -72,6 +75,7 @@ bool HidInput::take(std::span<const std::byte> report) noexcept {
     for (std::size_t f = 0; f < spec.fields.size(); ++f) {
       values_[first_[r] + f] = rawOf(body, spec.fields[f]);
     }
+    fresh_[r] = true;
     return true;
   }
   return false;
@@ -93,9 +97,15 @@ Got HidInput::takeNewest(ReportPort& port) noexcept {
   }
   if (count >= kFullRing) {
     counts_.dropped += static_cast<std::int64_t>(count);
+    fresh_.assign(fresh_.size(), false);
     return Got::kNothing;
   }
-  if (good == 0) return Got::kNothing;
+  counts_.taken += good;
+  // What only says how the arm is does not say where it is.
+  for (std::size_t r = 0; r < fresh_.size(); ++r) {
+    if (joints_in_[r] && !fresh_[r]) return Got::kNothing;
+  }
+  fresh_.assign(fresh_.size(), false);
   counts_.passed_by += good - 1;
   ++counts_.reports;
   return Got::kReport;
@@ -127,6 +137,10 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
     }
   }
   guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
+  if (guard_ < 0 && port_->guardDescriptor() >= 0) {
+    throw DeviceError("arm " + profile_.name, "no descriptor is left for its guardian",
+                      "close some files");
+  }
   heard_ = !silent();
   follow(0.0);
   read_at_ = heard_at_ = nowNs();
@@ -213,8 +227,8 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
         break;
       case HidStep::Kind::kWait: {
         if (say && !step.words.empty()) say(name + ": " + step.words);
-        for (Got got = Got::kNothing;
-             got != Got::kReport || input.raw(step.field) != step.equals;) {
+        const std::int64_t taken = input.counts().taken;
+        while (input.counts().taken == taken || input.raw(step.field) != step.equals) {
           if (Clock::now() > end || quit_) {
             const ReportField& field = profile_.input[step.field.report].fields[step.field.field];
             throw DeviceError(
@@ -224,8 +238,7 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
           }
           if (profile_.output) require(port.write(zero_));
           std::this_thread::sleep_for(kAsk);
-          got = input.takeNewest(port);
-          require(got != Got::kGone);
+          require(input.takeNewest(port) != Got::kGone);
         }
         break;
       }
@@ -324,7 +337,11 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     if (!profile_.joints[i].to) continue;
     const ReportField& field = profile_.output->fields[*profile_.joints[i].to];
-    putRaw(report.subspan(1), field, share * raw[i] + field.offset);
+    // Towards no force: rounding adds none.
+    const double wanted = share * raw[i];
+    putRaw(report.subspan(1), field,
+           field.type == ReportField::Type::kFloat ? wanted + field.offset
+                                                   : std::round(field.offset) + std::trunc(wanted));
   }
 }
 

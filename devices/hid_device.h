@@ -25,7 +25,8 @@ class HidInput {
  public:
   explicit HidInput(const HidProfile& profile);
 
-  /// Takes all that waits. kReport: something new; kNothing also where the ring had overflowed, so
+  /// Takes all that waits. kReport: every report that a joint comes from is new; kNothing also
+  /// where the ring had overflowed, so
   /// that all was old. RT: as ReportPort::read.
   [[nodiscard]] Got takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
   /// Raw, as last taken; 0 before. The same for all fields where there are several reports.
@@ -35,6 +36,7 @@ class HidInput {
 
   struct Counts {
     std::int64_t reports = 0;    ///< Used.
+    std::int64_t taken = 0;      ///< Of any kind that the profile knows.
     std::int64_t passed_by = 0;  ///< Not used: a newer one waited.
     std::int64_t dropped = 0;    ///< Of rings that had overflowed.
     std::int64_t strange = 0;    ///< Too short, or of no number that the profile knows.
@@ -48,6 +50,8 @@ class HidInput {
   std::size_t head_ = 0;            ///< Bytes of numbers before a report: 1 where there are any.
   std::vector<std::size_t> first_;  ///< Of a report's fields in values_.
   std::vector<double> values_;
+  std::vector<bool> joints_in_;  ///< A report has a joint's field ...
+  std::vector<bool> fresh_;      ///< ... and has come since the last kReport.
   Counts counts_;
   std::array<std::byte, 2048> buffer_{};
 };

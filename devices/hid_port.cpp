@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <fstream>
 #include <hidapi/hidapi.h>
+#include <mutex>
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
@@ -18,10 +19,18 @@ namespace palpate {
 
 namespace {
 
+/// hidapi has an error text of its own beside those of handles, which listing, opening and closing
+/// free: one at a time, whatever the thread.
+std::mutex& turn() {
+  static std::mutex mutex;
+  return mutex;
+}
+
 /// hidapi frees its error text on every failure: a handle is one thread's, so there are two.
 class HidPort final : public ReportPort {
  public:
   explicit HidPort(const std::string& path) {
+    const std::lock_guard lock(turn());
     in_ = hid_open_path(path.c_str());
     out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
     guard_ = out_ != nullptr ? open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK) : -1;
@@ -30,7 +39,10 @@ class HidPort final : public ReportPort {
     closeAll();
     throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
   }
-  ~HidPort() override { closeAll(); }
+  ~HidPort() override {
+    const std::lock_guard lock(turn());
+    closeAll();
+  }
 
   [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
     const int n = hid_read_timeout(in_, reinterpret_cast<unsigned char*>(to.data()), to.size(), 0);
@@ -70,6 +82,7 @@ std::string narrow(const wchar_t* text) {
 
 std::vector<HidDeviceName> listHid() {
   std::vector<HidDeviceName> devices;
+  const std::lock_guard lock(turn());
   hid_device_info* all = hid_enumerate(0, 0);
   for (const hid_device_info* one = all; one != nullptr; one = one->next) {
     devices.push_back({one->path, one->vendor_id, one->product_id, one->usage_page, one->usage,

@@ -14,6 +14,7 @@
 
 #include "devices/hid_data.h"
 #include "devices/json_node.h"
+#include "engine/device.h"
 #include "engine/error.h"
 
 namespace palpate {
@@ -63,6 +64,8 @@ ReportField readField(const std::string& name, const Node& node, std::size_t siz
   if (node.has("type")) {
     field.type = node.child("type").word<Type>(
         {{"unsigned", Type::kUnsigned}, {"signed", Type::kSigned}, {"float", Type::kFloat}});
+  } else if (node.has("bits") && node.child("bits").json() == 1) {
+    field.type = Type::kUnsigned;  // a flag
   }
   const int most_bit = static_cast<int>(8 * size) - 1;
   field.bit = static_cast<std::uint32_t>(node.need("bit").whole(0, most_bit));
@@ -81,6 +84,9 @@ ReportField readField(const std::string& name, const Node& node, std::size_t siz
   if (field.scale == 0.0) node.child("scale").fail("it is 0", "write what one count is");
   if (node.has("offset")) field.offset = node.child("offset").number();
   if (node.has("wraps")) field.wraps = node.child("wraps").flag();
+  if (field.wraps && field.type == Type::kFloat) {
+    node.child("wraps").fail("a float is no counter", "remove it");
+  }
   const int bits = static_cast<int>(field.bits);
   const bool with_sign = field.type == Type::kSigned;
   field.least = with_sign ? -std::ldexp(1.0, bits - 1) : 0.0;
@@ -104,6 +110,27 @@ HidReportSpec readReport(const Node& node) {
   if (!fields.json().is_object()) fields.fail("it is not an object", "write { \"name\": {...} }");
   for (const auto& [name, value] : fields.json().items()) {
     report.fields.push_back(readField(name, fields.child(name), report.size));
+  }
+  return report;
+}
+
+/// A report that drives motors: no two fields share a bit, and what a guardian writes fits.
+HidReportSpec readOutput(const Node& node) {
+  HidReportSpec report = readReport(node);
+  constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
+  if (report.size > kMostOut) {
+    node.child("size").fail(fmt::format("more than {} bytes", kMostOut), "use a shorter report");
+  }
+  std::vector<bool> used(8 * report.size);
+  for (const ReportField& field : report.fields) {
+    for (std::uint32_t bit = field.bit; bit < field.bit + field.bits; ++bit) {
+      if (used[bit]) {
+        node.child("fields")
+            .child(field.name)
+            .fail("its bits are another field's as well", "mend bit or bits");
+      }
+      used[bit] = true;
+    }
   }
   return report;
 }
@@ -151,6 +178,11 @@ void readFlags(const Node& node, const Fields& fields, HidProfile& profile) {
     HidFlag flag;
     flag.field = fields.input(at.need("field"));
     if (at.has("equals")) flag.equals = at.child("equals").number();
+    const ReportField& of = profile.input[flag.field.report].fields[flag.field.field];
+    if (flag.equals < of.least || flag.equals > of.most) {
+      at.fail(fmt::format("{} is never {}", of.name, flag.equals),
+              "mend equals, or the field's type and bits");
+    }
     flag.means = at.need("means").word<Means>({{"homed", Means::kHomed},
                                                {"enabled", Means::kEnabled},
                                                {"hot", Means::kHot},
@@ -238,6 +270,14 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
       if (i >= 3) at.child("motor").fail("only the first three joints have motors", "remove it");
       joint.to = fields.output(at.child("motor"), at.child("motor").name());
       joint.torque_constant = at.need("torque_constant").positive();
+      const ReportField& motor = profile.output->fields[*joint.to];
+      if (std::round(motor.offset) < motor.least || std::round(motor.offset) > motor.most) {
+        at.child("motor").fail("its field cannot say that there is no force",
+                               "mend offset, least and most");
+      }
+      for (const HidJoint& other : profile.joints) {
+        if (other.to == joint.to) at.child("motor").fail("it drives another joint", "name its own");
+      }
     }
     profile.joints.push_back(joint);
   }
@@ -269,19 +309,11 @@ std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
         step.values.emplace_back(fields.output(field, name), field.number());
       }
       // A motor is driven by the gate of the engine and by nothing else.
-      for (const auto& [field, value] : step.values) {
-        for (const HidJoint& joint : profile.joints) {
-          if (joint.to != field || value == 0.0) continue;
-          const bool commands =
-              std::any_of(step.values.begin(), step.values.end(), [&](const auto& other) {
-                return other.second != 0.0 &&
-                       std::none_of(profile.joints.begin(), profile.joints.end(),
-                                    [&](const HidJoint& j) { return j.to == other.first; });
-              });
-          if (!commands) {
-            send.fail("a step drives a motor", "leave motors at 0 but beside a command");
-          }
-        }
+      for (const auto& sent : step.values) {
+        const bool motor =
+            std::any_of(profile.joints.begin(), profile.joints.end(),
+                        [&](const HidJoint& joint) { return joint.to == sent.first; });
+        if (motor) send.fail("a step drives a motor", "leave motors out: they get no force");
       }
     } else if (at.has("wait")) {
       step.kind = HidStep::Kind::kWait;
@@ -366,7 +398,17 @@ HidProfile readProfile(const Node& root) {
       input.element(i).fail("several reports are told apart by their numbers", "add \"id\"");
     }
   }
-  if (root.has("output")) profile.output = readReport(root.child("output"));
+  if (root.has("output")) profile.output = readOutput(root.child("output"));
+  std::set<std::uint8_t> numbers;
+  for (const HidReportSpec& report : profile.input) {
+    if (report.id && !numbers.insert(*report.id).second) {
+      input.fail(fmt::format("two reports have the number {}", *report.id), "give each its own");
+    }
+  }
+  if (profile.output && profile.output->id.has_value() == numbers.empty()) {
+    root.child("output").fail("a device numbers all its reports or none",
+                              "give every report an \"id\", or none");
+  }
   if (profile.output.has_value() != rate.has("output")) {
     root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
   }
@@ -396,6 +438,14 @@ HidProfile readProfile(const Node& root) {
     readLimits(root.child("limits"), profile.limits);
   } else if (profile.output) {
     root.fail("an arm with an output has limits", "add \"limits\"");
+  }
+  if (profile.output) {
+    const Node limits = root.child("limits");
+    if (profile.limits.stale > 0.1) limits.child("stale").fail("more than 0.1 s", "use less");
+    if (profile.limits.speed > 5.0) limits.child("speed").fail("more than 5 m/s", "use less");
+    if (profile.limits.continuous > profile.limits.force) {
+      limits.child("continuous").fail("more than the force", "use less");
+    }
   }
   if (profile.output && motors == 0) {
     root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");

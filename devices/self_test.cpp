@@ -13,18 +13,21 @@ namespace palpate {
 
 namespace {
 
-constexpr double kRest = 1.0;      // [s]
-constexpr double kRamp = 0.4;      // [N/s]
-constexpr double kMoved = 0.002;   // [m]
-constexpr double kBegun = 0.0003;  // [m]: beyond encoders' steps and trembling
-constexpr double kPushed = 0.012;  // [m] from where it stood
-constexpr double kLongest = 2.0;   // [s] for a phase
-constexpr double kStill = 0.002;   // [m/s]
-constexpr double kBack = 1.5;      // [s]
-constexpr double kSpring = 15.0;   // [N/m]
-constexpr double kDamper = 1.5;    // [N s/m]
-constexpr double kSmooth = 0.01;   // [s]
-constexpr double kStraight = 0.8;  // cosine: a crooked arm is no matter, a wrong sign is
+constexpr double kRest = 1.0;       // [s]
+constexpr double kRamp = 0.4;       // [N/s]
+constexpr double kMoved = 0.002;    // [m]
+constexpr double kBegun = 0.0003;   // [m]: beyond encoders' steps and trembling
+constexpr double kPushed = 0.012;   // [m] from where it stood
+constexpr double kLongest = 2.0;    // [s] for a phase
+constexpr double kStill = 0.002;    // [m/s]
+constexpr double kBack = 1.5;       // [s]
+constexpr double kSpring = 15.0;    // [N/m]
+constexpr double kDamper = 1.5;     // [N s/m]
+constexpr double kSmooth = 0.01;    // [s]
+constexpr double kStraight = 0.9;   // cosine: a spring that is turned farther gives energy
+constexpr double kLightest = 0.02;  // [kg]
+constexpr double kHeaviest = 2.0;
+constexpr double kAlike = 5.0;  // of masses along the axes
 constexpr int kRuns = 6;
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
@@ -134,7 +137,11 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
       }
       break;
     case Phase::kReturn:
-      force = -kSpring * (hand.position - home_) - kDamper * velocity_;
+      // Along what is known to go where it is pushed.
+      for (int a = 0; a < 3; ++a) {
+        if (!went_[2 * static_cast<std::size_t>(a)]) continue;
+        force[a] = -kSpring * (hand.position - home_)[a] - kDamper * velocity_[a];
+      }
       if (force.norm() > params_.force) force *= params_.force / force.norm();
       if (since > kBack) nextRun(now);
       break;
@@ -259,8 +266,22 @@ SelfTestResult SelfTest::result() const {
       best = left;
       axis = tried;
     }
+    // What no arm is: scales, of encoders or motors, are others than the profile's.
+    const std::string name(1, kAxes[a]);
+    if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
+      say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");
+    } else if (axis.mass < kLightest || axis.mass > kHeaviest) {
+      say(name + ": it moves like " + text(axis.mass) +
+          " kg: the scale of its encoders or motors is another one");
+    }
   }
-
+  const auto [light, heavy] =
+      std::minmax_element(result.axes.begin(), result.axes.end(),
+                          [](const AxisResult& a, const AxisResult& b) { return a.mass < b.mass; });
+  if (result.problems.empty() && heavy->mass > kAlike * light->mass) {
+    say("one way it moves like " + text(light->mass) + " kg, another like " + text(heavy->mass) +
+        ": the scale of a motor or an encoder is another one");
+  }
   return result;
 }
 

@@ -122,7 +122,16 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/kinematics/rate_control", 0.1, "takes no forces", false},
       {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is no rotation", false},
       {"/home/0/send/fa", 100, "a step drives a motor", false},
-      {"/home/0/send", {{"fa", 100}}, "a step drives a motor", false},
+      {"/home/0/send", {{"fa", 0}}, "a step drives a motor", false},
+      {"/output/fields/fb/bit", 56, "its bits are another field's as well", false},
+      {"/output/fields/fa/offset", 6000, "cannot say that there is no force", false},
+      {"/output/fields/fa/most", -1, "cannot say that there is no force", false},
+      {"/output/size", 256, "more than 255 bytes", false},
+      {"/kinematics/joints/1/motor", "fa", "it drives another joint", false},
+      {"/flags/0/equals", 9, "state is never 9", false},
+      {"/limits/stale", 10, "more than 0.1 s", false},
+      {"/limits/speed", 50, "more than 5 m/s", false},
+      {"/limits/continuous", 6, "more than the force", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
       {"/open/1", {{"pause", 1}, {"feature", {1}}}, "it is not one step", true},
@@ -147,6 +156,16 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
     CHECK(trouble(json) != "none");
     CHECK_FALSE(schemaAccepts(json));
   }
+  Json numbers = full();
+  numbers["output"].erase("id");
+  CHECK_THAT(trouble(numbers), Contains("numbers all its reports or none"));
+  Json twins = full();
+  twins["input"].push_back({{"id", 1}, {"size", 2}, {"fields", Json::object()}});
+  CHECK_THAT(trouble(twins), Contains("two reports have the number 1"));
+  Json flag = full();
+  flag["input"][0]["fields"]["hot"] = {{"bit", 243}, {"bits", 1}};
+  flag["flags"].push_back({{"field", "hot"}, {"means", "hot"}});
+  CHECK(trouble(flag) == "none");
   Json motorless = full();
   motorless.erase("output");
   CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));

@@ -106,6 +106,34 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
   says(test(good, {0, 0}, nullptr, {0, 0, -0.4}), "went farther");
 }
 
+TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
+  const ArmParams good = arm(0.1, 0.5, 0.05);
+  const auto says = [](const Run& run, const std::string& words) {
+    CAPTURE(words);
+    std::string all;
+    for (const std::string& problem : run.result.problems) all += problem + "; ";
+    CHECK_THAT(all, Contains(words));
+  };
+  // Motors ten times as strong; one of six times; a force turned by 35 degrees.
+  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
+  says(test(good, {0, 0},
+            [](const Vec3& f) {
+              const double c = std::cos(0.61);
+              const double s = std::sin(0.61);
+              return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
+            }),
+       "went elsewhere");
+  CHECK_FALSE(test(good, {0, 0}, [](const Vec3& f) {
+                return Vec3(f.x(), f.y() / 6.0, f.z());
+              }).result.problems.empty());
+  // A sign wrong on an axis that another one's force pulls along: nothing drives it before it is
+  // known.
+  const Run coupled =
+      test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
+  says(coupled, "pushed to +y it went the other way");
+  CHECK(coupled.farthest < 0.06);
+}
+
 TEST_CASE("a little weight is told apart from friction", "[hid]") {
   const Run run = test(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
   for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
