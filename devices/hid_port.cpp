@@ -9,6 +9,7 @@
 #include <fstream>
 #include <hidapi/hidapi.h>
 #include <mutex>
+#include <set>
 #include <sys/stat.h>
 #include <system_error>
 #include <unistd.h>
@@ -26,21 +27,31 @@ std::mutex& turn() {
   return mutex;
 }
 
+/// Under turn().
+std::multiset<std::string>& openHere() {
+  static std::multiset<std::string> paths;
+  return paths;
+}
+
 /// hidapi frees its error text on every failure: a handle is one thread's, so there are two.
 class HidPort final : public ReportPort {
  public:
-  explicit HidPort(const std::string& path) {
+  explicit HidPort(const std::string& path) : path_(path) {
     const std::lock_guard lock(turn());
     in_ = hid_open_path(path.c_str());
     out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
     guard_ = out_ != nullptr ? open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK) : -1;
-    if (guard_ >= 0) return;
+    if (guard_ >= 0) {
+      openHere().insert(path_);
+      return;
+    }
     const std::string why = std::strerror(errno);
     closeAll();
     throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
   }
   ~HidPort() override {
     const std::lock_guard lock(turn());
+    openHere().erase(openHere().find(path_));
     closeAll();
   }
 
@@ -65,10 +76,22 @@ class HidPort final : public ReportPort {
     if (out_ != nullptr) hid_close(out_);
     if (guard_ >= 0) close(guard_);
   }
+  std::string path_;
   hid_device* in_ = nullptr;
   hid_device* out_ = nullptr;
   int guard_ = -1;
 };
+
+/// HID_PHYS of the node's device.
+std::string portOf(const std::string& path) {
+  std::ifstream in("/sys/class/hidraw/" + std::filesystem::path(path).filename().string() +
+                   "/device/uevent");
+  const std::string key = "HID_PHYS=";
+  for (std::string line; std::getline(in, line);) {
+    if (line.rfind(key, 0) == 0) return line.substr(key.size());
+  }
+  return {};
+}
 
 std::string narrow(const wchar_t* text) {
   std::string out;
@@ -87,7 +110,7 @@ std::vector<HidDeviceName> listHid() {
   for (const hid_device_info* one = all; one != nullptr; one = one->next) {
     devices.push_back({one->path, one->vendor_id, one->product_id, one->usage_page, one->usage,
                        narrow(one->serial_number), narrow(one->manufacturer_string),
-                       narrow(one->product_string)});
+                       narrow(one->product_string), portOf(one->path)});
   }
   hid_free_enumeration(all);
   return devices;
@@ -114,6 +137,11 @@ std::unique_ptr<ReportPort> openHid(const std::string& path) {
   }
   close(probe);
   return std::make_unique<HidPort>(path);
+}
+
+bool isOpenHere(const std::string& path) {
+  const std::lock_guard lock(turn());
+  return openHere().count(path) > 0;
 }
 
 std::vector<std::string> whoHas(const std::string& path) {

@@ -50,9 +50,10 @@ struct HidDeviceName {
   std::uint16_t product = 0;
   std::uint16_t usage_page = 0;
   std::uint16_t usage = 0;
-  std::string serial;  ///< May be empty.
+  std::string serial;  ///< May be empty, or the same for all of a kind.
   std::string maker;   ///< Words.
   std::string product_name;
+  std::string port;  ///< Where it is plugged in, as the kernel says; may be empty.
 };
 
 /// All that are plugged in. Slow (milliseconds); never in a tick.
@@ -61,6 +62,9 @@ struct HidDeviceName {
 /// Opens one by its path. Throws DeviceError, in words: no such file, not a HID device, no
 /// permission.
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path);
+
+/// True while this process has it open.
+[[nodiscard]] bool isOpenHere(const std::string& path);
 
 /// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);

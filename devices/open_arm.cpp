@@ -42,6 +42,10 @@ std::string keyFor(const HidProfile& profile, const std::string& serial) {
 
 }  // namespace
 
+std::string FoundArm::serial() const {
+  return device.serial == "0123456789" ? "" : device.serial;
+}
+
 std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
   std::vector<FoundArm> arms;
   for (const HidDeviceName& device : listHid()) {
@@ -113,21 +117,25 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
     throw DeviceError(name, "that may be several", "name one of " + which);
   }
   const HidDeviceName device = choices[0].first->device;
+  const std::string own = choices[0].first->serial();
   const HidProfile profile = *choices[0].second;
   if (const auto others = whoHas(device.path); !others.empty() && say) {
     say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
   }
   // Its path is another one when it comes back.
-  const auto find = [device, profile]() -> std::unique_ptr<ReportPort> {
+  // Without a serial number of its own it is what is plugged in where it was.
+  const auto find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
-      if (arm.device.vendor == device.vendor && arm.device.product == device.product &&
-          arm.device.serial == device.serial) {
+      const bool same = arm.device.vendor == device.vendor &&
+                        arm.device.product == device.product && arm.serial() == own &&
+                        (!own.empty() || arm.device.port == device.port);
+      if (same && !isOpenHere(arm.device.path)) {
         return openHid(arm.device.path);
       }
     }
     return nullptr;
   };
-  const bool good = isTested(profile, device.serial);
+  const bool good = isTested(profile, own);
   auto arm = std::make_unique<HidDevice>(profile, openHid(device.path), good, find, say);
   if (say && !good && profile.output) {
     say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}", arm->info().name,

@@ -19,8 +19,9 @@ struct FoundArm {
   std::vector<HidProfile> profiles;  ///< At least one.
   bool may_open = false;             ///< The system lets this user.
 
-  /// What tells it from others of its kind: its serial number, or where it is plugged in.
-  [[nodiscard]] const std::string& serial() const noexcept { return device.serial; }
+  /// What tells it from others of its kind; empty where its firmware gives none, or the same to all
+  /// (mbed's "0123456789").
+  [[nodiscard]] std::string serial() const;
 };
 
 /// Those that are plugged in and that a profile matches. Slow.
