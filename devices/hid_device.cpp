@@ -26,24 +26,20 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   const HidLimits& limits = profile.limits;
   DeviceInfo info;
   info.name = "hid:" + profile.name;
-  info.limits.peak = tested ? limits.force : std::min(limits.force, kUntestedForce);
+  info.hand = profile.output.has_value();
+  const bool held = info.hand && !tested;
+  info.limits.peak = held ? std::min(limits.force, kUntestedForce) : limits.force;
   info.limits.slew = limits.slew;
   info.limits.continuous = limits.continuous;
   info.limits.heating = limits.heating;
-  info.max_stiffness = tested ? limits.stiffness : std::min(limits.stiffness, kUntestedStiffness);
+  info.max_stiffness = held ? std::min(limits.stiffness, kUntestedStiffness) : limits.stiffness;
   info.max_damping = limits.damping;
   info.workspace_radius = limits.workspace_radius;
   info.watch.stale = limits.stale;
   info.watch.max_speed = limits.speed;
-  info.hand = profile.output.has_value();
-  if (!info.hand) {
-    // Nothing is driven: nothing is limited.
-    info.limits.peak = limits.force;
-    info.max_stiffness = limits.stiffness;
-  }
   const auto source = profile.sources.find("/limits");
   info.source = source != profile.sources.end() ? source->second : profile.source;
-  if (!tested && info.hand) {
+  if (held) {
     info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
   }
   return info;

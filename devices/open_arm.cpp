@@ -24,10 +24,6 @@ bool matches(const HidMatch& match, const HidDeviceName& device) {
          (!match.usage || *match.usage == device.usage);
 }
 
-std::string words(const FoundArm& arm, const HidProfile& profile) {
-  return "hid:" + profile.name + (arm.serial().empty() ? "" : "@" + arm.serial());
-}
-
 /// What has been tested, as the file has it; empty where there is none, or none that can be read:
 /// then nothing has been.
 Json tested() {
@@ -44,6 +40,11 @@ std::string keyFor(const HidProfile& profile, const std::string& serial) {
 
 std::string FoundArm::serial() const {
   return device.serial == "0123456789" ? "" : device.serial;
+}
+
+std::string FoundArm::nameAs(const HidProfile& profile) const {
+  const std::string own = serial();
+  return "hid:" + profile.name + (own.empty() ? "" : "@" + own);
 }
 
 std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
@@ -105,7 +106,7 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
   if (choices.empty()) {
     std::string there;
     for (const FoundArm& arm : arms)
-      there += (there.empty() ? "" : ", ") + words(arm, arm.profiles[0]);
+      there += (there.empty() ? "" : ", ") + arm.nameAs(arm.profiles[0]);
     throw DeviceError(
         name, "no such arm is plugged in",
         there.empty() ? "plug it in; palpate devices shows what is there" : "there is " + there);
@@ -113,7 +114,7 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
   if (choices.size() > 1) {
     std::string which;
     for (const auto& [arm, profile] : choices)
-      which += (which.empty() ? "" : ", ") + words(*arm, *profile);
+      which += (which.empty() ? "" : ", ") + arm->nameAs(*profile);
     throw DeviceError(name, "that may be several", "name one of " + which);
   }
   const HidDeviceName device = choices[0].first->device;
@@ -139,7 +140,7 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
   auto arm = std::make_unique<HidDevice>(profile, openHid(device.path), good, find, say);
   if (say && !good && profile.output) {
     say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}", arm->info().name,
-                    kUntestedForce, kUntestedStiffness, words(*choices[0].first, profile)));
+                    kUntestedForce, kUntestedStiffness, choices[0].first->nameAs(profile)));
   }
   return arm;
 }

@@ -22,6 +22,8 @@ struct FoundArm {
   /// What tells it from others of its kind; empty where its firmware gives none, or the same to all
   /// (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
+  /// As openArm takes it: hid:PROFILE@SERIAL.
+  [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
 /// Those that are plugged in and that a profile matches. Slow.

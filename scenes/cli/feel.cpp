@@ -366,16 +366,16 @@ class Watcher {
 
 /// One hand: where it is, what it has felt, and where that is written.
 struct Hand {
+  Log log;  // first: its ring has cache lines of its own
   std::unique_ptr<Device> device;
-  Log log;
   Trace trace;
   Picture* picture = nullptr;  ///< The first one's.
   OrderedJson granted;
 
   Hand(std::unique_ptr<Device> d, const Scene& scene, const Options& options,
        const std::string& trace_place, Picture* drawn)
-      : device(std::move(d)),
-        log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
+      : log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
+        device(std::move(d)),
         trace(trace_place),
         picture(drawn) {}
   void drain() {
@@ -621,11 +621,10 @@ int feel(const Options& options) {
     runInVirtualTime(run);
   }
 
-  OrderedJson summary = summaryOf(options, *hands[0], spec);
-  if (hands.size() > 1) {
-    summary["hands"] = OrderedJson::array();
-    for (const auto& hand : hands) summary["hands"].push_back(summaryOf(options, *hand, spec));
-  }
+  std::vector<OrderedJson> felt;
+  for (const auto& hand : hands) felt.push_back(summaryOf(options, *hand, spec));
+  OrderedJson summary = felt[0];
+  if (felt.size() > 1) summary["hands"] = felt;
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
@@ -636,7 +635,7 @@ int feel(const Options& options) {
   if (options.json) {
     fmt::print("{}\n", dump(summary, 2));
   } else if (options.trace != "-" && options.summary != "-") {
-    for (const auto& hand : hands) tell(options, *hand, summaryOf(options, *hand, spec));
+    for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }
   if (std::none_of(hands.begin(), hands.end(),
                    [](const auto& hand) { return hand->log.felt.anything(); })) {

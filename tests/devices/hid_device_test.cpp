@@ -506,8 +506,6 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
 TEST_CASE("reading and writing take no memory", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
-  const HidInput input(slides());
-  (void)input;
   Vec3 sum = Vec3::Zero();
   long allocations = 0;
   for (int i = 0; i < 200; ++i) {

@@ -56,6 +56,14 @@ ArmParams arm(double mass, double viscous, double coulomb) {
   return params;
 }
 
+/// Among the problems, in its words.
+void expectWords(const Run& run, const std::string& words) {
+  CAPTURE(words);
+  std::string all;
+  for (const std::string& problem : run.result.problems) all += problem + "; ";
+  CHECK_THAT(all, Contains(words));
+}
+
 }  // namespace
 
 TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
@@ -86,10 +94,7 @@ TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
 TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   const auto says = [](const Run& run, const std::string& words) {
-    CAPTURE(words);
-    std::string all;
-    for (const std::string& problem : run.result.problems) all += problem + "; ";
-    CHECK_THAT(all, Contains(words));
+    expectWords(run, words);
     CHECK(run.ended);
     CHECK(run.farthest < 0.06);
   };
@@ -108,21 +113,15 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
 
 TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
-  const auto says = [](const Run& run, const std::string& words) {
-    CAPTURE(words);
-    std::string all;
-    for (const std::string& problem : run.result.problems) all += problem + "; ";
-    CHECK_THAT(all, Contains(words));
-  };
   // Motors ten times as strong; one of six times; a force turned by 35 degrees.
-  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
-  says(test(good, {0, 0},
-            [](const Vec3& f) {
-              const double c = std::cos(0.61);
-              const double s = std::sin(0.61);
-              return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
-            }),
-       "went elsewhere");
+  expectWords(test(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
+  expectWords(test(good, {0, 0},
+                   [](const Vec3& f) {
+                     const double c = std::cos(0.61);
+                     const double s = std::sin(0.61);
+                     return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
+                   }),
+              "went elsewhere");
   CHECK_FALSE(test(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
@@ -130,7 +129,7 @@ TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   // known.
   const Run coupled =
       test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
-  says(coupled, "pushed to +y it went the other way");
+  expectWords(coupled, "pushed to +y it went the other way");
   CHECK(coupled.farthest < 0.06);
 }
 

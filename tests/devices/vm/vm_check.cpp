@@ -369,12 +369,6 @@ void checkChain(const std::string& volume, const std::string& profile_file) {
       stood[a] = kStep * real[n].position[static_cast<std::size_t>(a)];
     }
     const double off = (felt - limited.sent).norm();
-    if (std::getenv("VM_SHOW") != nullptr && (n < 20 || n % 100 == 0)) {
-      std::printf(
-          "%zu: arm %.5f %.5f %.5f felt %.4f %.4f %.4f, virtual %.5f %.5f %.5f %.4f %.4f %.4f\n", n,
-          stood.x(), stood.y(), stood.z(), felt.x(), felt.y(), felt.z(), at.x(), at.y(), at.z(),
-          limited.sent.x(), limited.sent.y(), limited.sent.z());
-    }
     if (off > worst) {
       worst = off;
       worst_at = n;
