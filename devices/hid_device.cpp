@@ -20,6 +20,7 @@ constexpr std::int64_t kWriteTime = 20000000;  // [ns]: longer is blocked
 constexpr auto kFirstReport = std::chrono::seconds(1);
 constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware answers only
 constexpr auto kMend = std::chrono::milliseconds(50);
+constexpr double kLongestStep = 0.02;  // [s] that a puck's velocity lasts without being looked at
 using Clock = std::chrono::steady_clock;
 
 DeviceInfo infoFor(const HidProfile& profile, bool tested) {
@@ -77,6 +78,11 @@ bool HidInput::take(std::span<const std::byte> report) noexcept {
   return false;
 }
 
+void HidInput::forget() noexcept {
+  std::fill(values_.begin(), values_.end(), 0.0);
+  fresh_.assign(fresh_.size(), false);
+}
+
 Got HidInput::takeNewest(ReportPort& port) noexcept {
   std::size_t count = 0;
   std::int64_t good = 0;
@@ -108,10 +114,10 @@ Got HidInput::takeNewest(ReportPort& port) noexcept {
 }
 
 HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested,
-                     HidOpener find, const Say& say)
+                     HidHost host)
     : profile_(std::move(profile)),
       info_(infoFor(profile_, tested)),
-      find_(std::move(find)),
+      host_(std::move(host)),
       port_(std::move(port)),
       input_(profile_) {
   counters_.resize(profile_.joints.size());
@@ -125,21 +131,24 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
       putRaw(std::span(zero_).subspan(1), field, field.offset);
     }
   }
-  prepare(*port_, input_, say);
+  prepare(*port_, input_);
   if (profile_.home_at_open) {
-    if (say) say("arm " + profile_.name + ": its home pose is now: " + profile_.home_words);
+    if (host_.say) {
+      host_.say("arm " + profile_.name + ": its home pose is now: " + profile_.home_words);
+    }
     for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
       home_raw_[i] = input_.raw(profile_.joints[i].from);
     }
   }
   guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
   if (guard_ < 0 && port_->guardDescriptor() >= 0) {
+    leave(*port_, input_);
     throw DeviceError("arm " + profile_.name, "no descriptor is left for its guardian",
                       "close some files");
   }
   heard_ = !silent();
   follow(0.0);
-  read_at_ = heard_at_ = nowNs();
+  read_at_ = heard_at_ = counted_at_ = nowNs();
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
   mender_ = std::thread([this] { mendLoop(); });
@@ -162,26 +171,29 @@ HidDevice::~HidDevice() {
     sent_.notify_all();
     writer_.join();
   }
-  if (port_ != nullptr && !gone_) {
-    try {
-      if (profile_.output) (void)port_->write(zero_);
-      runSequence(*port_, input_, profile_.close, nullptr);
-    } catch (const Error&) {
-      // It is gone: so is its force.
-    }
-  }
+  if (port_ != nullptr && !gone_) leave(*port_, input_);
   if (guard_ >= 0) close(guard_);
 }
 
-void HidDevice::prepare(ReportPort& port, HidInput& input, const Say& say) {
+void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
+  try {
+    if (profile_.output) (void)port.write(zero_);
+    runSequence(port, input, profile_.close, nullptr);
+  } catch (const std::exception&) {
+    // It is gone, or does not say what it should: its force is off all the same.
+  }
+}
+
+void HidDevice::prepare(ReportPort& port, HidInput& input) try {
   const std::string name = "arm " + profile_.name;
+  const auto stop = [this] { return quit_ || (host_.stop && host_.stop()); };
   if (profile_.output && !port.write(zero_)) {
     throw DeviceError(name, "it takes no report", "see whether another program has it");
   }
-  runSequence(port, input, profile_.open, say);
+  runSequence(port, input, profile_.open, stop);
   const auto end = Clock::now() + kFirstReport;
   auto ask = Clock::now();
-  for (Got got = Got::kNothing; !silent() && got != Got::kReport && !quit_;) {
+  for (Got got = Got::kNothing; !silent() && got != Got::kReport && !stop();) {
     got = input.takeNewest(port);
     if (got == Got::kGone) throw DeviceError(name, "it was unplugged", "plug it in again");
     if (Clock::now() > end) {
@@ -195,17 +207,21 @@ void HidDevice::prepare(ReportPort& port, HidInput& input, const Say& say) {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  runSequence(port, input, profile_.home, say);
+  runSequence(port, input, profile_.home, stop);
+} catch (const DeviceError&) {
+  leave(port, input);
+  throw;
 }
 
 void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
-                            const Say& say) {
+                            const std::function<bool()>& stop) {
   const std::string name = "arm " + profile_.name;
   const auto require = [&](bool good) {
     if (!good) throw DeviceError(name, "it was unplugged, or refuses a report", "plug it in again");
   };
   for (const HidStep& step : steps) {
     const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
+    if (stop && stop()) throw DeviceError(name, "it was not made ready", "the program has ended");
     switch (step.kind) {
       case HidStep::Kind::kSend: {
         std::vector<std::byte> report = zero_;
@@ -219,13 +235,13 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
         require(port.sendFeature(step.bytes));
         break;
       case HidStep::Kind::kPause:
-        while (Clock::now() < end && !quit_) std::this_thread::sleep_for(kAsk);
+        while (Clock::now() < end && !(stop && stop())) std::this_thread::sleep_for(kAsk);
         break;
       case HidStep::Kind::kWait: {
-        if (say && !step.words.empty()) say(name + ": " + step.words);
+        if (host_.say && !step.words.empty()) host_.say(name + ": " + step.words);
         const std::int64_t taken = input.counts().taken;
         while (input.counts().taken == taken || input.raw(step.field) != step.equals) {
-          if (Clock::now() > end || quit_) {
+          if (Clock::now() > end || (stop && stop())) {
             const ReportField& field = profile_.input[step.field.report].fields[step.field.field];
             throw DeviceError(
                 name,
@@ -248,8 +264,10 @@ void HidDevice::follow(double dt) noexcept {
     const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
     double raw = input_.raw(joint.from);
     if (field.wraps) raw = counters_[i].follow(raw, field.bits);
-    if (profile_.home_at_open) raw -= home_raw_[i];
-    joints_[i] = (field.scale * raw + field.offset) / joint.ratio + joint.home;
+    // At home a joint is at its home, whatever its field says there.
+    const double value = profile_.home_at_open ? field.scale * (raw - home_raw_[i])
+                                               : field.scale * raw + field.offset;
+    joints_[i] = value / joint.ratio + joint.home;
   }
   pose_ = profile_.kinematics->at(joints_);
   const Vec3 position_W = profile_.world_from_device * (pose_.position_D - profile_.origin_D);
@@ -257,7 +275,7 @@ void HidDevice::follow(double dt) noexcept {
     position_W_ = position_W;
     return;
   }
-  position_W_ += profile_.rate_control * dt * position_W;
+  position_W_ += profile_.rate_control * std::min(dt, kLongestStep) * position_W;
   const double reach = profile_.limits.workspace_radius;
   if (position_W_.norm() > reach) position_W_ *= reach / position_W_.norm();
 }
@@ -275,28 +293,39 @@ HandState HidDevice::read() noexcept {
       heard_ = false;
       heard_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
+      input_.forget();
     }
     // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
     if (dt > profile_.limits.stale) {
       heard_ = false;
       heard_at_ = now;
     }
-    const Got got = port ? input_.takeNewest(*port) : Got::kGone;
+    Got got = port ? input_.takeNewest(*port) : Got::kGone;
+    // Its counters may have gone round: where it is only its homing says.
+    if (got == Got::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
+      miscounted_ = true;
+      got = Got::kGone;
+    }
     if (got == Got::kGone) {
       if (port) lost();
       hand.fault = Fault::kGone;
     }
     if (got == Got::kReport) {
+      counted_at_ = now;
       heard_ = true;
       heard_at_ = now;
     }
-    if (got == Got::kReport || silent()) follow(dt);
+    if (got == Got::kReport || (got == Got::kNothing && silent())) follow(dt);
   }
   hand.position = position_W_;
   hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
   hand.ready = pose_.reachable && (heard_ || silent());
   for (const HidFlag& flag : profile_.flags) {
     const bool says = input_.raw(flag.field) == flag.equals;
+    // Homing sets counters: what they said before is no place to count on from.
+    if (flag.means == HidFlag::Means::kHomed && !says) {
+      for (Unwrapped& counter : counters_) counter.forget();
+    }
     if (flag.means == HidFlag::Means::kHomed || flag.means == HidFlag::Means::kEnabled) {
       hand.ready = hand.ready && says;
     } else if (says && hand.fault == Fault::kNone) {
@@ -387,6 +416,8 @@ void HidDevice::writeLoop() noexcept {
 void HidDevice::closePort() noexcept {
   open_port_ = nullptr;
   while (reading_ || writing_) std::this_thread::sleep_for(std::chrono::microseconds(100));
+  // One that is still there keeps the last force that it was told.
+  if (profile_.output) (void)port_->write(zero_);
   port_.reset();
 }
 
@@ -397,13 +428,18 @@ void HidDevice::mendLoop() noexcept {
     if (!gone_ || quit_) continue;
     lock.unlock();
     if (port_ != nullptr) closePort();
+    if (miscounted_.exchange(false) && host_.say) {
+      host_.say("arm " + profile_.name +
+                ": nobody has read it for so long that its encoders may have gone round: it has to "
+                "be homed");
+    }
     // One whose home was how it stood when it was opened does not know where it is any more.
     std::unique_ptr<ReportPort> port;
     try {
-      if (find_ && !profile_.home_at_open) port = find_();
+      if (host_.find && !profile_.home_at_open) port = host_.find();
       if (port != nullptr) {
         HidInput input(profile_);
-        prepare(*port, input, nullptr);
+        prepare(*port, input);
       }
     } catch (const std::exception&) {
       port.reset();
@@ -418,6 +454,37 @@ void HidDevice::mendLoop() noexcept {
     }
     lock.lock();
   }
+}
+
+bool HidDevice::countedOn(double pause) const noexcept {
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
+    if (!field.wraps || !counters_[i].known()) continue;
+    // How far the tip goes with a joint unit; near a singular pose no shorter than the workspace.
+    const double lever = std::max(pose_.jacobian[i].norm(), profile_.limits.workspace_radius);
+    const double half =
+        std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);
+    if (lever * half < profile_.limits.speed * pause) return false;
+  }
+  return true;
+}
+
+std::string HidDevice::whyNotReady() const {
+  for (const HidFlag& flag : profile_.flags) {
+    if (input_.raw(flag.field) == flag.equals) continue;
+    if (flag.means == HidFlag::Means::kHomed) return "it is not homed: home it";
+    if (flag.means == HidFlag::Means::kEnabled) {
+      return "its dead-man switch is open: hold it closed";
+    }
+  }
+  if (!heard_ && !silent()) {
+    return "its positions do not come: see to its cable, or to the program that shares it";
+  }
+  if (!pose_.reachable) {
+    return "it is where its geometry cannot be: home it, or mend the profile's kinematics";
+  }
+  return {};
 }
 
 std::array<double, kMostJoints> HidDevice::resolution() const noexcept {

@@ -34,6 +34,9 @@ class HidInput {
     return values_[first_[field.report] + field.field];
   }
 
+  /// As before the first report; what is counted stays.
+  void forget() noexcept;
+
   struct Counts {
     std::int64_t reports = 0;    ///< Used.
     std::int64_t taken = 0;      ///< Of any kind that the profile knows.
@@ -56,8 +59,15 @@ class HidInput {
   std::array<std::byte, 2048> buffer_{};
 };
 
-/// Where to find a device again.
-using HidOpener = std::function<std::unique_ptr<ReportPort>()>;
+/// What an arm asks of the program that opens it. Both may be empty.
+struct HidHost {
+  /// Where to find the device again, by its numbers; null while it is not there. Never in a tick.
+  std::function<std::unique_ptr<ReportPort>()> find = nullptr;
+  /// Told what the user is to do; when the arm has come back, on a thread of its own.
+  std::function<void(const std::string&)> say = nullptr;
+  /// True: the program is to end, so that nobody waits for a button any more.
+  std::function<bool()> stop = nullptr;
+};
 
 /// What an arm that has not passed `palpate devices --test` is held to.
 inline constexpr double kUntestedForce = 1.0;        ///< [N]
@@ -81,15 +91,13 @@ struct HidWrites {
 /// Fault::kWrite, an arm that is not homed, not enabled or beyond its own reach is not ready.
 class HidDevice final : public Device {
  public:
-  /// Runs the profile's "open" and "home" (slow), on this thread. Throws DeviceError: what is
-  /// wrong, in words.
+  /// Runs the profile's "open" and "home" (slow), on this thread, and "close" where they fail.
+  /// Throws DeviceError: what is wrong, in words.
   ///
   /// @param tested  It has passed `palpate devices --test`; else kUntestedForce and
   ///                kUntestedStiffness hold.
-  /// @param find    Opens it again, by its numbers; null where it is not there. Never in a tick.
-  /// @param say     Told what the user is to do meanwhile; may be null.
-  HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested,
-            HidOpener find = nullptr, const std::function<void(const std::string&)>& say = nullptr);
+  HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool tested, HidHost host = {});
+  /// Zero force, then the profile's "close" (at most kLongestClose).
   ~HidDevice() override;
 
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
@@ -98,6 +106,8 @@ class HidDevice final : public Device {
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
   [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
+  /// Why the last read() was not ready, with a remedy; empty: it was. On the thread that reads.
+  [[nodiscard]] std::string whyNotReady() const;
   /// The tip's step for one count of each joint, at the last reading [m].
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
   /// On the thread that reads, or when it has ended.
@@ -129,12 +139,15 @@ class HidDevice final : public Device {
     ReportPort* port_;
   };
 
-  using Say = std::function<void(const std::string&)>;
-
   /// What a device needs before it is felt. Throws DeviceError.
-  void prepare(ReportPort& port, HidInput& input, const Say& say);
+  void prepare(ReportPort& port, HidInput& input);
+  /// Zero force and what it needs afterwards. Of a device that is gone nothing is left to do.
+  void leave(ReportPort& port, HidInput& input) noexcept;
+  /// @param stop  Asked between two steps, and while one waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
-                   const Say& say);
+                   const std::function<bool()>& stop);
+  /// The count of joints is what it was, or the device must be prepared again.
+  [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   /// True for devices that say nothing while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
@@ -146,7 +159,7 @@ class HidDevice final : public Device {
 
   HidProfile profile_;
   DeviceInfo info_;
-  HidOpener find_;
+  HidHost host_;
   std::vector<std::byte> zero_;  ///< The report that drives no motor.
 
   std::unique_ptr<ReportPort> port_;             ///< Changed by the mending thread only.
@@ -154,6 +167,7 @@ class HidDevice final : public Device {
   std::atomic<bool> reading_{false};
   std::atomic<bool> writing_{false};
   std::atomic<bool> gone_{false};
+  std::atomic<bool> miscounted_{false};  ///< Gone since its counters cannot be followed.
   std::atomic<bool> quit_{false};
   std::atomic<int> guard_{-1};  ///< Its number stays, whatever it leads to.
   std::atomic<std::uint32_t> plugging_{1};
@@ -164,8 +178,9 @@ class HidDevice final : public Device {
   std::vector<double> home_raw_;     ///< Of joints at home, where they are homed at the opening.
   bool heard_ = false;               ///< A report has come since the last opening.
   std::uint32_t plugging_seen_ = 1;
-  std::int64_t heard_at_ = 0;  ///< [ns]
-  std::int64_t read_at_ = 0;   ///< [ns], last call of read().
+  std::int64_t heard_at_ = 0;    ///< [ns]
+  std::int64_t counted_at_ = 0;  ///< [ns], the last report that moved the joints.
+  std::int64_t read_at_ = 0;     ///< [ns], last call of read().
   Joints joints_{};
   ArmPose pose_;
   Vec3 position_W_ = Vec3::Zero();

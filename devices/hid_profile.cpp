@@ -432,6 +432,13 @@ HidProfile readProfile(const Node& root) {
   if (root.has("home")) profile.home = readSequence(root.child("home"), fields, profile);
   if (root.has("close")) profile.close = readSequence(root.child("close"), fields, profile);
 
+  double closing = 0.0;
+  for (const HidStep& step : profile.close) closing += step.seconds;
+  if (closing > kLongestClose) {
+    root.child("close").fail(fmt::format("it may take {} s", closing),
+                             fmt::format("use at most {} s in all", kLongestClose));
+  }
+
   const auto motors = std::count_if(profile.joints.begin(), profile.joints.end(),
                                     [](const HidJoint& j) { return j.to.has_value(); });
   if (root.has("limits")) {
@@ -446,6 +453,21 @@ HidProfile readProfile(const Node& root) {
     if (profile.limits.continuous > profile.limits.force) {
       limits.child("continuous").fail("more than the force", "use less");
     }
+  }
+  // A counter counts from wherever it was switched on.
+  const bool homed = profile.home_at_open || !profile.home.empty() ||
+                     std::any_of(profile.flags.begin(), profile.flags.end(), [](const HidFlag& f) {
+                       return f.means == HidFlag::Means::kHomed;
+                     });
+  for (std::size_t i = 0; profile.output && !homed && i < profile.joints.size(); ++i) {
+    const FieldRef from = profile.joints[i].from;
+    if (!profile.input[from.report].fields[from.field].wraps) continue;
+    root.child("kinematics")
+        .child("joints")
+        .element(i)
+        .child("from")
+        .fail("nothing says where its counter is zero",
+              "add \"home\" steps, home_at_open, a flag that means homed, or remove \"wraps\"");
   }
   if (profile.output && motors == 0) {
     root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");
@@ -488,6 +510,20 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
   return parseHidProfile(text.str(), file.string());
 }
 
+namespace {
+
+/// The name that a file gives that is no profile; empty where it gives none.
+std::string nameIn(const std::filesystem::path& file) try {
+  std::ifstream in(file);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return parseJson<DeviceError>(text.str(), file.string()).value("name", "");
+} catch (const std::exception&) {
+  return {};
+}
+
+}  // namespace
+
 std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                     std::vector<std::string>& notes) {
   std::vector<HidProfile> profiles;
@@ -497,18 +533,22 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
     if (entry.path().extension() == ".json") files.push_back(entry.path());
   }
   std::sort(files.begin(), files.end());
+  std::set<std::string> broken;
   for (const auto& file : files) {
     try {
       profiles.push_back(readHidProfile(file));
     } catch (const DeviceError& e) {
       notes.emplace_back(e.what());
+      broken.insert(file.stem());
+      broken.insert(nameIn(file));
     }
   }
   for (const auto& [name, text] : kHidProfiles) {
     HidProfile profile = parseHidProfile(text, std::string("palpate's own ") + name);
     const bool replaced = std::any_of(profiles.begin(), profiles.end(),
                                       [&](const HidProfile& p) { return p.name == profile.name; });
-    if (!replaced) profiles.push_back(std::move(profile));
+    // Whose own numbers cannot be read does not want others instead.
+    if (!replaced && broken.count(profile.name) == 0) profiles.push_back(std::move(profile));
   }
   return profiles;
 }
@@ -516,7 +556,8 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
 std::filesystem::path hidProfileFolder() {
   const char* config = std::getenv("XDG_CONFIG_HOME");
   const char* home = std::getenv("HOME");
-  if (config != nullptr && *config != '\0') return std::filesystem::path(config) / "palpate/arms";
+  // A relative one is to be ignored (XDG Base Directory Specification).
+  if (config != nullptr && *config == '/') return std::filesystem::path(config) / "palpate/arms";
   return std::filesystem::path(home != nullptr ? home : "/") / ".config/palpate/arms";
 }
 

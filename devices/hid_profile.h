@@ -88,6 +88,9 @@ struct HidLimits {
   double heating = 0.0;           ///< [s]
 };
 
+/// The waits and pauses of a profile's "close", all together [s]: the program's end waits for them.
+inline constexpr double kLongestClose = 5.0;
+
 struct HidProfile {
   std::string name;         ///< As `hid:NAME`.
   std::string description;  ///< A line for people.
@@ -117,7 +120,8 @@ struct HidProfile {
 [[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
 
 /// Those that come with palpate, and the user's own in `folder`, which win over them. What is wrong
-/// with a file of the user's is put in `notes`, one line each.
+/// with a file of the user's is put in `notes`, one line each; the one that it would have replaced,
+/// by its name or its file's, is then not there either.
 [[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                                   std::vector<std::string>& notes);
 /// Where a user's profiles are: $XDG_CONFIG_HOME/palpate/arms or ~/.config/palpate/arms.

@@ -44,6 +44,7 @@ class Unwrapped {
   /// The count since the first reading, which counts as what it is.
   [[nodiscard]] double follow(double raw, std::uint32_t bits) noexcept PALPATE_NONBLOCKING;
   void forget() noexcept { known_ = false; }
+  [[nodiscard]] bool known() const noexcept { return known_; }
 
  private:
   bool known_ = false;

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
+#include <string_view>
 #include <system_error>
 #include <unistd.h>
 #include <utility>
@@ -28,9 +29,14 @@ bool matches(const HidMatch& match, const HidDeviceName& device) {
 /// then nothing has been.
 Json tested() {
   std::ifstream in(testedArmsFile());
-  Json json = Json::parse(in, nullptr, false);
-  return json.is_object() ? json : Json::object();
+  constexpr int kDeepest = 8;
+  Json json = Json::parse(
+      in, [](int depth, Json::parse_event_t, const Json&) { return depth <= kDeepest; }, false);
+  if (!json.is_object()) json = Json::object();
+  return json;
 }
+
+constexpr std::string_view kEnding = ".json";
 
 std::string keyFor(const HidProfile& profile, const std::string& serial) {
   return profile.name + "@" + serial;
@@ -47,40 +53,72 @@ std::string FoundArm::nameAs(const HidProfile& profile) const {
   return "hid:" + profile.name + (own.empty() ? "" : "@" + own);
 }
 
+bool ArmName::isFile() const {
+  return profile.size() > kEnding.size() &&
+         profile.compare(profile.size() - kEnding.size(), kEnding.size(), kEnding) == 0;
+}
+
+std::optional<ArmName> parseArmName(const std::string& name) {
+  if (name == "hid") return ArmName{};
+  if (name.rfind("hid:", 0) != 0) return std::nullopt;
+  const std::string text = name.substr(4);
+  // A path may have any character, and so may a serial number; a profile's name has no @.
+  std::size_t end = text.find('@');
+  for (std::size_t at = text.find(kEnding); at != std::string::npos;
+       at = text.find(kEnding, at + 1)) {
+    const std::size_t after = at + kEnding.size();
+    if (after != text.size() && text[after] != '@') continue;
+    end = after;
+    break;
+  }
+  ArmName parsed;
+  parsed.profile = text.substr(0, end);
+  if (end < text.size()) parsed.serial = text.substr(end + 1);
+  return parsed;
+}
+
 std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
   std::vector<FoundArm> arms;
   for (const HidDeviceName& device : listHid()) {
-    FoundArm arm;
-    arm.device = device;
+    // hidapi lists a device once for each of its top-level usages.
+    const auto same = std::find_if(arms.begin(), arms.end(), [&](const FoundArm& arm) {
+      return arm.device.path == device.path;
+    });
+    FoundArm found;
+    found.device = device;
+    FoundArm& arm = same != arms.end() ? *same : found;
     for (const HidProfile& profile : profiles) {
-      if (std::any_of(profile.match.begin(), profile.match.end(),
-                      [&](const HidMatch& m) { return matches(m, device); })) {
+      const bool known = std::any_of(arm.profiles.begin(), arm.profiles.end(),
+                                     [&](const HidProfile& p) { return p.name == profile.name; });
+      if (!known && std::any_of(profile.match.begin(), profile.match.end(),
+                                [&](const HidMatch& m) { return matches(m, device); })) {
         arm.profiles.push_back(profile);
       }
     }
-    if (arm.profiles.empty()) continue;
+    if (same != arms.end() || arm.profiles.empty()) continue;
     arm.may_open = access(device.path.c_str(), R_OK | W_OK) == 0;
-    arms.push_back(std::move(arm));
+    arms.push_back(std::move(found));
   }
   return arms;
 }
 
-std::unique_ptr<HidDevice> openArm(const std::string& name,
-                                   const std::function<void(const std::string&)>& say) {
-  // hid[:PROFILE[@SERIAL]]
-  std::string wanted = name.size() > 4 ? name.substr(4) : "";
-  std::string serial;
-  if (const auto at = wanted.rfind('@'); at != std::string::npos) {
-    serial = wanted.substr(at + 1);
-    wanted.erase(at);
+OpenedArm openArm(const std::string& name, HidHost host) {
+  const std::optional<ArmName> parsed = parseArmName(name);
+  if (!parsed) {
+    throw DeviceError(name, "it is no arm", "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
   }
-  std::vector<std::string> notes;
+  std::string wanted = parsed->profile;
+  const std::string& serial = parsed->serial;
   std::vector<HidProfile> profiles;
-  if (wanted.size() > 5 && wanted.rfind(".json") == wanted.size() - 5) {
+  if (parsed->isFile()) {
     profiles.push_back(readHidProfile(wanted));
     wanted = profiles.back().name;
   } else {
+    std::vector<std::string> notes;
     profiles = hidProfiles(hidProfileFolder(), notes);
+    if (host.say) {
+      for (const std::string& note : notes) host.say(note);
+    }
     std::vector<std::string> names;
     names.reserve(profiles.size());
     for (const HidProfile& profile : profiles) names.push_back(profile.name);
@@ -91,12 +129,16 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
                                      : "did you mean \"" + near + "\"?");
     }
   }
-  if (say) {
-    for (const std::string& note : notes) say(note);
-  }
 
   std::vector<std::pair<const FoundArm*, const HidProfile*>> choices;
-  const std::vector<FoundArm> arms = findArms(profiles);
+  std::vector<FoundArm> arms = findArms(profiles);
+  const auto ours = std::partition(
+      arms.begin(), arms.end(), [](const FoundArm& arm) { return !isOpenHere(arm.device.path); });
+  const bool all_ours = ours == arms.begin() && !arms.empty();
+  arms.erase(ours, arms.end());
+  if (all_ours) {
+    throw DeviceError(name, "every arm that is plugged in is another hand's", "plug in another");
+  }
   for (const FoundArm& arm : arms) {
     if (!serial.empty() && arm.serial() != serial) continue;
     for (const HidProfile& profile : arm.profiles) {
@@ -120,12 +162,12 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
   const HidDeviceName device = choices[0].first->device;
   const std::string own = choices[0].first->serial();
   const HidProfile profile = *choices[0].second;
-  if (const auto others = whoHas(device.path); !others.empty() && say) {
-    say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
+  if (const auto others = whoHas(device.path); !others.empty() && host.say) {
+    host.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
   }
   // Its path is another one when it comes back.
   // Without a serial number of its own it is what is plugged in where it was.
-  const auto find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
+  host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&
                         arm.device.product == device.product && arm.serial() == own &&
@@ -137,10 +179,11 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
     return nullptr;
   };
   const bool good = isTested(profile, own);
-  auto arm = std::make_unique<HidDevice>(profile, openHid(device.path), good, find, say);
-  if (say && !good && profile.output) {
-    say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}", arm->info().name,
-                    kUntestedForce, kUntestedStiffness, choices[0].first->nameAs(profile)));
+  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path), good, host), own};
+  if (host.say && !good && profile.output) {
+    host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
+                         arm.device->info().name, kUntestedForce, kUntestedStiffness,
+                         choices[0].first->nameAs(profile)));
   }
   return arm;
 }
@@ -148,7 +191,8 @@ std::unique_ptr<HidDevice> openArm(const std::string& name,
 std::filesystem::path testedArmsFile() {
   const char* state = std::getenv("XDG_STATE_HOME");
   const char* home = std::getenv("HOME");
-  if (state != nullptr && *state != '\0') return std::filesystem::path(state) / "palpate/arms.json";
+  // A relative one is to be ignored (XDG Base Directory Specification).
+  if (state != nullptr && *state == '/') return std::filesystem::path(state) / "palpate/arms.json";
   return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
 }
 
@@ -158,7 +202,8 @@ bool isTested(const HidProfile& profile, const std::string& serial) {
   const auto arm = json.find(keyFor(profile, serial));
   if (arm == json.end() || !arm->is_object()) return false;
   const auto print = arm->find("profile");
-  return print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
+  return print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint) &&
+         arm->contains("scale");
 }
 
 void rememberTest(const HidProfile& profile, const std::string& serial,
@@ -174,6 +219,7 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
   gmtime_r(&now, &utc);
   (void)std::strftime(date.data(), date.size(), "%Y-%m-%d", &utc);
   arm["date"] = date.data();
+  arm["scale"] = result.scale;
   for (const char* key : {"viscous", "coulomb", "mass"}) arm[key] = Json::array();
   for (const AxisResult& axis : result.axes) {
     arm["viscous"].push_back(axis.viscous);

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,21 +27,38 @@ struct FoundArm {
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
-/// Those that are plugged in and that a profile matches. Slow.
+/// Those that are plugged in and that a profile matches, each once. Slow.
 [[nodiscard]] std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles);
 
-/// Opens `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`; PROFILE is a name or a .json file. Throws
-/// DeviceError: none or several are there, which ones, and what to write.
-[[nodiscard]] std::unique_ptr<HidDevice> openArm(
-    const std::string& name, const std::function<void(const std::string&)>& say);
+/// `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`, taken apart.
+struct ArmName {
+  std::string profile;  ///< A name, or a path that ends in .json; empty: any.
+  std::string serial;   ///< Empty: any. May have any character.
+  [[nodiscard]] bool isFile() const;
+};
+/// Nothing where it is no arm's name.
+[[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
+
+struct OpenedArm {
+  std::unique_ptr<HidDevice> device;
+  std::string serial;  ///< As FoundArm::serial.
+};
+
+/// Opens the arm of that name that this program does not have yet. Throws DeviceError: none or
+/// several are there, which ones, and what to write.
+///
+/// @param host  Its `find` is set here.
+[[nodiscard]] OpenedArm openArm(const std::string& name, HidHost host);
 
 /// Where `palpate devices --test` keeps what it found: $XDG_STATE_HOME/palpate/arms.json or
 /// ~/.local/state/palpate/arms.json.
 [[nodiscard]] std::filesystem::path testedArmsFile();
-/// True where the arm of this serial number has passed with this very profile. An arm without a
-/// serial number never has.
+/// True where the arm of this serial number has passed with this very profile, its scale measured.
+/// An arm without a serial number never has.
 [[nodiscard]] bool isTested(const HidProfile& profile, const std::string& serial);
 /// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
+///
+/// @pre result.scale is measured.
 void rememberTest(const HidProfile& profile, const std::string& serial,
                   const SelfTestResult& result);
 

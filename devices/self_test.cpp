@@ -28,6 +28,7 @@ constexpr double kStraight = 0.9;   // cosine: a spring that is turned farther g
 constexpr double kLightest = 0.02;  // [kg]
 constexpr double kHeaviest = 2.0;
 constexpr double kAlike = 5.0;  // of masses along the axes
+constexpr double kRuler = 0.1;  // a hand with a ruler errs by less
 constexpr int kRuns = 6;
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
@@ -231,6 +232,17 @@ SelfTestResult SelfTest::result() const {
     say("it went farther than " + text(params_.travel) +
         " m: hold nothing against it, and see whether it falls or runs away by itself");
   }
+  const double rate = static_cast<double>(positions_) / std::max(result.seconds, 1e-9);
+  const double asked =
+      std::min(params_.input_rate, static_cast<double>(ticks_) / std::max(result.seconds, 1e-9));
+  if (rate < 0.5 * asked) {
+    say("it gives " + text(rate) + " positions a second where its profile says " +
+        text(params_.input_rate) + ": mend rate/input, or see to its firmware");
+  }
+  if (params_.stale > 0.0 && result.slowest > params_.stale) {
+    say("a pause of " + text(1e3 * result.slowest) + " ms between two positions is longer than " +
+        text(1e3 * params_.stale) + " ms, when they are stale: see to its cable or firmware");
+  }
   for (int a = 0; a < 3; ++a) {
     AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
     const std::size_t plus = 2 * static_cast<std::size_t>(a);
@@ -283,6 +295,12 @@ SelfTestResult SelfTest::result() const {
         ": the scale of a motor or an encoder is another one");
   }
   return result;
+}
+
+std::string scaleTrouble(double scale) {
+  if (std::abs(scale - 1.0) <= kRuler) return {};
+  return "what is 1 by the ruler is " + text(scale) +
+         " by the arm: the scale of its encoders, its gears or its lengths are others";
 }
 
 }  // namespace palpate

@@ -12,8 +12,10 @@
 namespace palpate {
 
 struct SelfTestParams {
-  double force = 0.5;    ///< The largest [N].
-  double travel = 0.04;  ///< The farthest from where it begins [m]; farther ends the test.
+  double force = 0.5;       ///< The largest [N].
+  double travel = 0.04;     ///< The farthest from where it begins [m]; farther ends the test.
+  double input_rate = 0.0;  ///< Positions a second that it is to have; 0: not judged.
+  double stale = 0.0;       ///< The longest pause between two of them [s]; 0: not judged.
 };
 
 /// What was found along one axis of the hand's world.
@@ -34,7 +36,9 @@ struct AxisResult {
 
 struct SelfTestResult {
   std::array<AxisResult, 3> axes;
-  double noise = 0.0;                 ///< Of the position at rest, rms [m].
+  double scale = 0.0;  ///< What the arm says of a way that the user has measured, over that; 0: not
+                       ///< measured.
+  double noise = 0.0;  ///< Of the position at rest, rms [m].
   double slowest = 0.0;               ///< The longest pause between new positions [s].
   std::int64_t positions = 0;         ///< New ones, over
   double seconds = 0.0;               ///< [s].
@@ -100,5 +104,10 @@ class SelfTest {
   double slowest_ = 0.0;
   std::int64_t positions_ = 0;
 };
+
+/// What is wrong with an arm of this SelfTestResult::scale, in words; empty: a hand with a ruler
+/// would not find it. An arm whose every encoder or geometry is as wrong goes where it is pushed,
+/// and feels that many times stiffer than it should.
+[[nodiscard]] std::string scaleTrouble(double scale);
 
 }  // namespace palpate

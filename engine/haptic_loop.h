@@ -41,6 +41,17 @@ struct LoopWatch {
 
 inline constexpr double kUnguardedTime = 0.25;  ///< [s]
 
+/// A word that somebody counts up, and since when it has stood still.
+struct Pulse {
+  std::uint64_t count = 0;
+  double since = 0.0;  ///< [s]
+
+  [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
+    if (seen != count) *this = {seen, now};
+    return now - since;
+  }
+};
+
 /// When a tick is.
 struct TickTime {
   double now = 0.0;          ///< [s] since the start.
@@ -125,16 +136,6 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   bool deaf_ = false;             ///< The device takes no writes: the guardian has another way.
   bool ready_ = true;             ///< Of the last tick's hand.
 
-  /// A word that somebody counts up, and since when it has stood still.
-  struct Pulse {
-    std::uint64_t count = 0;
-    double since = 0.0;  ///< [s]
-
-    [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
-      if (seen != count) *this = {seen, now};
-      return now - since;
-    }
-  };
   Pulse beat_;
   Pulse guard_;
 };

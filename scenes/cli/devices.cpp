@@ -1,8 +1,11 @@
 /// palpate devices: what is plugged in, what it may be asked for, and whether that is true.
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <csignal>
 #include <optional>
+#include <poll.h>
+#include <unistd.h>
 
 #include <fmt/format.h>
 
@@ -10,6 +13,7 @@
 #include "devices/open_arm.h"
 #include "devices/self_test.h"
 #include "engine/error.h"
+#include "engine/haptic_loop.h"
 #include "engine/limit_force.h"
 #include "engine/realtime.h"
 #include "scenes/cli/common.h"
@@ -19,6 +23,7 @@ namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
 constexpr double kRate = 1000.0;
+constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
 constexpr double kSlew = 100.0;    // [N/s]: nothing of a test is sudden
 constexpr double kPatience = 5.0;  // [s] for the arm to be ready
 // A Teensy that waits for its program.
@@ -28,6 +33,7 @@ constexpr std::uint16_t kTeensyBoot = 0x0478;
 struct Options {
   std::string test;
   double force = 0.5;
+  double ruler = 0.1;
   bool json = false;
 };
 
@@ -149,25 +155,83 @@ int list(const Options& options) {
 struct Tested {
   SelfTestResult result;
   Fault fault = Fault::kNone;
+  std::string not_ready;  ///< Why the arm was not, where it was not.
+};
+
+/// Where the tip is when the user presses Enter, no motor driven; nothing: there is nobody to press
+/// it, or no arm.
+std::optional<Vec3> atEnter(HidDevice& arm) {
+  std::optional<Vec3> at;
+  for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
+    sleepUntil(next);
+    const HandState hand = arm.read();
+    arm.write(Vec3::Zero());  // some firmware answers only
+    pollfd keys{STDIN_FILENO, POLLIN, 0};
+    if (poll(&keys, 1, 0) <= 0) continue;
+    char key = 0;
+    if (::read(STDIN_FILENO, &key, 1) != 1) return std::nullopt;
+    if (key != '\n') continue;
+    if (!hand.ready || hand.fault != Fault::kNone) {
+      complain("devices: the arm is not ready: " +
+               (hand.fault == Fault::kNone ? arm.whyNotReady() : wordsFor(hand.fault)));
+      continue;
+    }
+    return hand.position;
+  }
+  return at;
+}
+
+/// A way that the user has measured, as the arm measures it, over it; 0: it was left out.
+double measureScale(HidDevice& arm, double ruler) {
+  if (ruler == 0.0) return 0.0;
+  complain("devices: hold the tip still at one end of a ruler and press Enter");
+  const std::optional<Vec3> from = atEnter(arm);
+  if (!from) return 0.0;
+  complain(fmt::format("devices: move the tip {} m along it, any way, and press Enter", ruler));
+  const std::optional<Vec3> to = atEnter(arm);
+  return to ? (*to - *from).norm() / ruler : 0.0;
+}
+
+/// What the guardian says of this loop; the loop goes on while it is nothing.
+class GuardianSays {
+ public:
+  explicit GuardianSays(const LoopWatch& watch)
+      : watch_(watch), cuts_(of(watch.cuts)), stops_(of(watch.stops)) {}
+  [[nodiscard]] Fault look(double now) noexcept {
+    if (of(watch_.stops) != stops_) return Fault::kStopped;
+    if (of(watch_.cuts) != cuts_) return Fault::kLate;
+    const bool still =
+        watch_.guard != nullptr && guard_.still(watch_.guard->load(), now) > kUnguardedTime;
+    return still ? Fault::kUnguarded : Fault::kNone;
+  }
+
+ private:
+  static std::uint32_t of(const std::atomic<std::uint32_t>* count) noexcept {
+    return count != nullptr ? count->load() : 0;
+  }
+  LoopWatch watch_;
+  std::uint32_t cuts_, stops_;
+  Pulse guard_;
 };
 
 /// The test on time, the gate between, the guardian beside.
 Tested run(HidDevice& arm, Guardian& guardian, double force) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
-  guardian.catchSignals(&interrupted);
   const StayAwake awake(true);
   (void)becomeRealtime({}, awake);
   SelfTestParams params;
   params.force = force;
+  params.input_rate = arm.profile().input_rate;
+  params.stale = arm.info().watch.stale;
   SelfTest test(params);
+  GuardianSays guardian_says(watch);
   ForceLimits limits = arm.info().limits;
   limits.peak = std::min(limits.peak, force);
   limits.slew = std::min(limits.slew, kSlew);
   LimiterState limiter;
   HandWatch hand_watch(arm.info().watch);
   Tested out;
-  constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
   const std::int64_t begin = nowNs();
   std::int64_t last = begin - kPeriod;
   for (std::int64_t i = 0; !test.done() && interrupted == 0; ++i) {
@@ -180,14 +244,16 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
     HandState hand = arm.read();
     out.fault = hand_watch.look(hand, t);
     if (dt > arm.info().watch.late) out.fault = Fault::kLate;
+    if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
     if (out.fault != Fault::kNone) break;
     // Until it has spoken, is homed, is held.
     if (!hand.ready) {
       arm.write(Vec3::Zero());
       if (test.begun() || t > kPatience) {
-        out.fault = Fault::kSwitch;
+        out.not_ready = arm.whyNotReady();
         break;
       }
+      if (watch.heart != nullptr) watch.heart->fetch_add(1);
       hand_watch.forget();
       continue;
     }
@@ -207,6 +273,8 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   json["passed"] = passed;
   json["problems"] = r.problems;
   json["fault"] = wordFor(tested.fault);
+  json["not_ready"] = tested.not_ready;
+  json["scale"] = r.scale > 0.0 ? OrderedJson(r.scale) : OrderedJson();
   json["input_rate"] = r.seconds > 0.0 ? static_cast<double>(r.positions) / r.seconds : 0.0;
   json["longest_pause"] = r.slowest;
   json["reports_dropped"] = arm.reads().dropped;
@@ -243,29 +311,35 @@ int test(const Options& options) {
     throw Error("--force", fmt::format("{} N is not above 0 and at most 3", options.force),
                 "0.5 suffices for most arms");
   }
-  if (options.test.rfind("hid", 0) != 0) {
-    throw Error("--test", "\"" + options.test + "\" is no arm", "name one as hid:PROFILE");
+  if (options.ruler != 0.0 && !(options.ruler >= 0.02 && options.ruler <= 0.5)) {
+    throw Error("--ruler", fmt::format("{} m is not 0.02 to 0.5", options.ruler),
+                "use 0.1; 0 leaves it out");
   }
   Guardian guardian;
-  // Its serial number, once more: the name may have left it out.
-  const std::unique_ptr<HidDevice> arm =
-      openArm(options.test, [](const std::string& words) { complain("devices: " + words); });
+  guardian.catchSignals(&interrupted);
+  const auto [arm, serial] = openArm(
+      options.test, {nullptr, [](const std::string& words) { complain("devices: " + words); },
+                     [] { return interrupted != 0; }});
   if (!arm->profile().output) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
-  std::string serial;
-  for (const FoundArm& found : findArms({arm->profile()})) {
-    const auto at = options.test.rfind('@');
-    if (at == std::string::npos || options.test.substr(at + 1) == found.serial()) {
-      serial = found.serial();
-    }
+  const double scale = measureScale(*arm, options.ruler);
+  if (const std::string wrong = scale > 0.0 ? scaleTrouble(scale) : ""; !wrong.empty()) {
+    complain("devices: " + wrong);
+    return kEndedEarly;
+  }
+  const double force = std::min(options.force, arm->info().limits.peak);
+  if (force < options.force) {
+    complain(fmt::format("devices: an arm that has not passed is pushed with {} N at most", force));
   }
   complain(
       fmt::format("devices: let go of the arm: it is pushed with at most {} N, a few "
                   "centimetres, for 25 s; Ctrl-C ends it",
-                  options.force));
-  const Tested tested = run(*arm, guardian, options.force);
-  bool passed = tested.fault == Fault::kNone && tested.result.problems.empty() && interrupted == 0;
+                  force));
+  Tested tested = run(*arm, guardian, force);
+  tested.result.scale = scale;
+  const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
+                      tested.result.problems.empty() && interrupted == 0;
   const SelfTestResult& r = tested.result;
   if (options.json) {
     fmt::print("{}\n", dump(describe(tested, *arm, passed), 2));
@@ -281,6 +355,7 @@ int test(const Options& options) {
       fmt::print("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
     }
     fmt::print(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
+    if (scale > 0.0) fmt::print("ruler      what is 1 m is {} m\n", rounded(scale));
     for (std::size_t a = 0; a < 3; ++a) {
       const AxisResult& axis = r.axes[a];
       if (!axis.fitted) {
@@ -300,8 +375,18 @@ int test(const Options& options) {
     complain(fmt::format("devices: the test was cut off: {}: {}", wordsFor(tested.fault),
                          remedyFor(tested.fault)));
   }
+  if (!tested.not_ready.empty()) {
+    complain("devices: the test was cut off: the arm is not ready: " + tested.not_ready);
+  }
   if (interrupted != 0) return kInterrupted;
   if (!passed) return kEndedEarly;
+  if (scale == 0.0) {
+    complain(
+        fmt::format("devices: it has passed, but its scale was not measured: it stays held to {} N "
+                    "and {} N/m: run it again with a ruler at hand",
+                    kUntestedForce, kUntestedStiffness));
+    return kDone;
+  }
   if (serial.empty()) {
     complain(
         fmt::format("devices: it has passed, but has no serial number to be remembered by: it "
@@ -323,6 +408,9 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--test", options->test,
                    "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
   verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
+  verb->add_option("--ruler", options->ruler,
+                   "How far you move the tip so that the test knows its scale [m] (default 0.1; 0: "
+                   "leave it out, and the arm stays held)");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer("Example:\n  palpate devices --test hid:polhem");
   verb->callback([=, &body] {

@@ -70,11 +70,18 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     return std::make_unique<PathDevice>(readPath(in, file == "-" ? "standard input" : file),
                                         options.rate);
   }
-  if (name == "hid" || name.rfind("hid:", 0) == 0) {
+  if (parseArmName(name)) {
     if (!options.realtime) {
       throw DeviceError("--device", "an arm lives in real time", "add --realtime");
     }
-    return openArm(name, [](const std::string& words) { complain("feel: " + words); });
+    auto arm = openArm(name, {nullptr, [](const std::string& words) { complain("feel: " + words); },
+                              [] { return interrupted != 0; }})
+                   .device;
+    if (const double most = arm->profile().output_rate; options.rate > most && most > 0.0) {
+      complain(fmt::format("feel: {} takes {} forces a second of {}: --rate {} leaves none out",
+                           arm->info().name, most, options.rate, most));
+    }
+    return arm;
   }
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
                     "use simulated, path:FILE.csv or hid:PROFILE");

@@ -146,10 +146,10 @@ HidProfile slides() {
 }
 
 std::unique_ptr<HidDevice> open(FakeArm& arm, HidProfile profile = slides(), bool tested = true,
-                                HidOpener find = nullptr) {
+                                HidHost host = {}) {
   arm.giveCounts(0, 0, 0);
   return std::make_unique<HidDevice>(std::move(profile), std::make_unique<FakePort>(arm), tested,
-                                     std::move(find));
+                                     std::move(host));
 }
 
 template <class What>
@@ -363,7 +363,7 @@ TEST_CASE("unplugged it is gone, plugged in again it is there, and its count beg
     arm.giveCounts(7, 0, 0);
     return std::make_unique<FakePort>(arm);
   };
-  const auto device = open(arm, slides(), true, find);
+  const auto device = open(arm, slides(), true, {find, nullptr, nullptr});
   arm.giveCounts(30000, 0, 0);
   CHECK(device->read().position.x() == Approx(0.3));
   const std::uint32_t version = device->zeroForce().version;
@@ -386,7 +386,8 @@ TEST_CASE("unplugged it is gone, plugged in again it is there, and its count beg
 
 TEST_CASE("the writer's loss is the reader's", "[hid]") {
   FakeArm arm;
-  const auto device = open(arm, slides(), true, [] { return std::unique_ptr<ReportPort>(); });
+  const auto device =
+      open(arm, slides(), true, {[] { return std::unique_ptr<ReportPort>(); }, nullptr, nullptr});
   arm.write_ms = 10;
   device->write({1, 0, 0});
   arm.there = false;
@@ -399,9 +400,11 @@ TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hi
   profile.home_at_open = true;
   profile.joints[2].home = 0.05;
   arm.giveCounts(1234, 50, -9);
-  const auto device = open(arm, profile, true, [&]() -> std::unique_ptr<ReportPort> {
+  profile.input[0].fields[2].offset = 0.02;  // what its field says at home does not count
+  const auto find = [&]() -> std::unique_ptr<ReportPort> {
     return std::make_unique<FakePort>(arm);
-  });
+  };
+  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
   // The last report before the opening is home.
   arm.giveCounts(0, 0, 0);
   CHECK((device->read().position - Vec3(0, 0, 0.05)).norm() < 1e-12);
@@ -446,10 +449,162 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     arm.giveCounts(0, 0, 0, 5);
   });
   std::vector<std::string> said;
-  const HidDevice device(profile, std::make_unique<FakePort>(arm), true, nullptr,
-                         [&](const std::string& words) { said.push_back(words); });
+  const HidDevice device(
+      profile, std::make_unique<FakePort>(arm), true,
+      {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr});
   button.join();
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
+}
+
+TEST_CASE("what an arm needs afterwards is done as it is written, after a failed opening too",
+          "[hid]") {
+  HidProfile profile = slides();
+  HidStep pause;
+  pause.seconds = 0.15;
+  HidStep send;
+  send.kind = HidStep::Kind::kSend;
+  send.values = {{3, 9.0}};
+  profile.close = {pause, send};
+  const auto closed = [](FakeArm& arm) { return arm.sent().back()[7] == std::byte{9}; };
+  FakeArm arm;
+  auto device = open(arm, profile);
+  device->write({1, 0, 0});
+  const auto start = std::chrono::steady_clock::now();
+  device.reset();
+  CHECK(std::chrono::steady_clock::now() - start >= 150ms);
+  CHECK(closed(arm));
+  CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
+
+  HidStep wait;
+  wait.kind = HidStep::Kind::kWait;
+  wait.field = {0, 3};
+  wait.equals = 5;
+  wait.seconds = 60.0;
+  wait.words = "press the button";
+  profile.home = {wait};
+  FakeArm stopped;
+  stopped.giveCounts(0, 0, 0);
+  std::atomic<bool> stop{false};
+  std::thread user([&] {
+    std::this_thread::sleep_for(50ms);
+    stop = true;
+  });
+  const auto began = std::chrono::steady_clock::now();
+  CHECK_THROWS_AS(HidDevice(profile, std::make_unique<FakePort>(stopped), true,
+                            {nullptr, nullptr, [&] { return stop.load(); }}),
+                  DeviceError);
+  CHECK(std::chrono::steady_clock::now() - began < 30s);  // of 60
+  user.join();
+  CHECK(closed(stopped));
+}
+
+TEST_CASE("an arm that is back tells what it needs", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  HidStep wait;
+  wait.kind = HidStep::Kind::kWait;
+  wait.field = {0, 3};
+  wait.equals = 5;
+  wait.seconds = 20.0;
+  wait.words = "press the button";
+  profile.home = {wait};
+  std::mutex mutex;
+  std::vector<std::string> said;
+  arm.giveCounts(0, 0, 0, 5);
+  HidHost host;
+  host.find = [&]() -> std::unique_ptr<ReportPort> {
+    if (!arm.there) return nullptr;
+    arm.giveCounts(0, 0, 0, 5);
+    return std::make_unique<FakePort>(arm);
+  };
+  host.say = [&](const std::string& words) {
+    const std::lock_guard lock(mutex);
+    said.push_back(words);
+  };
+  std::thread button([&] {
+    std::this_thread::sleep_for(50ms);
+    arm.giveCounts(0, 0, 0, 5);
+  });
+  HidDevice device(profile, std::make_unique<FakePort>(arm), true, host);
+  button.join();
+  arm.there = false;
+  CHECK(device.read().fault == Fault::kGone);
+  arm.there = true;
+  await([&] {
+    arm.giveCounts(0, 0, 0, 5);
+    return device.pluggings() == 2;
+  });
+  const std::lock_guard lock(mutex);
+  CHECK(said == std::vector<std::string>(2, "arm slides: press the button"));
+}
+
+TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][safety]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) field.bits = 12;  // 2 cm to either side
+  profile.limits.speed = 0.5;
+  std::atomic<int> found{0};
+  const auto find = [&]() -> std::unique_ptr<ReportPort> {
+    ++found;
+    arm.giveCounts(0, 0, 0);
+    return std::make_unique<FakePort>(arm);
+  };
+  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
+  arm.giveCounts(2000, 0, 0);
+  CHECK(device->read().position.x() == Approx(0.02));
+  device->write({1, 0, 0});
+  await([&] { return arm.driven()[0] == 1000; });
+  std::this_thread::sleep_for(20ms);
+  arm.giveCounts(2040, 0, 0);
+  CHECK(device->read().position.x() == Approx(0.0204));
+  std::this_thread::sleep_for(100ms);
+  arm.giveCounts(-2000, 0, 0);
+  const HandState hand = device->read();
+  CHECK(hand.fault == Fault::kGone);
+  CHECK(hand.position.x() == Approx(0.0204));
+  await([&] { return device->pluggings() == 2; });
+  CHECK(found == 1);
+  CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
+  arm.giveCounts(10, 0, 0);
+  CHECK(device->read().position.x() == Approx(1e-4));
+}
+
+TEST_CASE("a counter is not followed while the arm is not homed", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kHomed}};
+  const auto device = open(arm, profile);
+  const auto at = [&](int x, int state) {
+    arm.giveCounts(x, 0, 0, state);
+    return device->read();
+  };
+  CHECK_FALSE(at(30000, 0).ready);
+  CHECK_THAT(device->whyNotReady(), Contains("not homed"));
+  // Homing sets it to what the pose is: no way of half a range was gone.
+  CHECK(at(-20000, 1).position.x() == Approx(-0.2));
+  CHECK(device->whyNotReady().empty());
+}
+
+TEST_CASE("why an arm is not ready is said", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.flags = {{{0, 3}, 1.0, HidFlag::Means::kEnabled}};
+  for (ReportField& field : profile.input[0].fields) field.scale = 1e-3;
+  profile.input[0].fields[3].scale = 1.0;
+  profile.kinematics = makeDelta(0.08, 0.03, 0.06, 0.1);
+  const auto device = open(arm, profile);
+  arm.giveCounts(900, 900, 900, 0);
+  (void)device->read();
+  CHECK_THAT(device->whyNotReady(), Contains("dead-man switch"));
+  arm.giveCounts(0, 0, 0, 1);
+  (void)device->read();
+  CHECK_THAT(device->whyNotReady(), Contains("geometry"));
+  arm.giveCounts(900, 900, 900, 1);
+  (void)device->read();
+  CHECK(device->whyNotReady().empty());
+  std::this_thread::sleep_for(60ms);
+  (void)device->read();
+  CHECK_THAT(device->whyNotReady(), Contains("do not come"));
 }
 
 TEST_CASE("silence at the opening is firmware or power, and one that only answers is asked",
@@ -489,18 +644,32 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   arm.giveCounts(350, 0, -350);
   (void)device.read();
   const Vec3 before = device.read().position;
-  std::this_thread::sleep_for(50ms);
+  for (int i = 0; i < 10; ++i) {
+    std::this_thread::sleep_for(5ms);
+    (void)device.read();
+  }
   const HandState hand = device.read();
   CHECK(hand.age == 0.0);
   CHECK(hand.position.x() - before.x() >= 0.1 * 0.049);
   CHECK(hand.position.z() - before.z() == Approx(before.x() - hand.position.x()));
   device.write({1, 2, 3});
   CHECK(arm.sent().empty());
-  for (int i = 0; i < 30; ++i) {
-    std::this_thread::sleep_for(60ms);
+  for (int i = 0; i < 90; ++i) {
+    std::this_thread::sleep_for(20ms);
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
+  // Nobody has looked for a while: it is not where a second of its velocity would have it.
+  arm.giveCounts(-350, 0, 350);
+  (void)device.read();
+  const Vec3 looked = device.read().position;
+  std::this_thread::sleep_for(300ms);
+  CHECK((device.read().position - looked).norm() < 0.1 * 2 * 0.021);
+  // Unplugged it stays.
+  arm.there = false;
+  const Vec3 left = device.read().position;
+  std::this_thread::sleep_for(50ms);
+  CHECK(device.read().position == left);
 }
 
 TEST_CASE("reading and writing take no memory", "[hid]") {
@@ -542,10 +711,11 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again", "
   {
     HidProfile profile = slides();
     profile.limits.stale = 10.0;
-    auto device = open(arm, profile, true, [&]() -> std::unique_ptr<ReportPort> {
+    const auto find = [&]() -> std::unique_ptr<ReportPort> {
       if (!arm.there) return nullptr;
       return std::make_unique<FakePort>(arm);
-    });
+    };
+    auto device = open(arm, profile, true, {find, nullptr, nullptr});
     struct Patient final : public Device {
       HidDevice& inner;
       DeviceInfo info_;

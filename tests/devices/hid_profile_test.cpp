@@ -132,6 +132,7 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/limits/stale", 10, "more than 0.1 s", false},
       {"/limits/speed", 50, "more than 5 m/s", false},
       {"/limits/continuous", 6, "more than the force", false},
+      {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: it may take 6 s", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
       {"/open/1", {{"pause", 1}, {"feature", {1}}}, "it is not one step", true},
@@ -156,6 +157,11 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
     CHECK(trouble(json) != "none");
     CHECK_FALSE(schemaAccepts(json));
   }
+  Json homeless = full();
+  homeless.erase("flags");
+  homeless.erase("home");
+  CHECK_THAT(trouble(homeless),
+             Contains("/kinematics/joints/0/from: nothing says where its counter is zero"));
   Json numbers = full();
   numbers["output"].erase("id");
   CHECK_THAT(trouble(numbers), Contains("numbers all its reports or none"));
@@ -215,7 +221,9 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   setenv("XDG_STATE_HOME", folder.path().c_str(), 1);
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
   CHECK_FALSE(isTested(arm, "S1"));
-  rememberTest(arm, "S1", {});
+  SelfTestResult measured;
+  measured.scale = 0.99;
+  rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
   CHECK_FALSE(isTested(arm, "S2"));
   CHECK_FALSE(isTested(arm, ""));
@@ -223,16 +231,52 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   Json other = full();
   other["kinematics"]["joints"][0]["ratio"] = -1;
   CHECK_FALSE(isTested(parseHidProfile(other.dump(), "arm.json"), "S1"));
-  rememberTest(parseHidProfile(other.dump(), "arm.json"), "S2", {});
+  rememberTest(parseHidProfile(other.dump(), "arm.json"), "S2", measured);
   CHECK(isTested(arm, "S1"));
   // Rubbish in the file is no test, and no trouble.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
     CHECK_FALSE(isTested(arm, "S1"));
   }
-  rememberTest(arm, "S1", {});
+  std::ofstream(testedArmsFile()) << std::string(300000, '[');
+  CHECK_FALSE(isTested(arm, "S1"));
+  std::ofstream(testedArmsFile()) << R"({"mine@S1": )" + std::string(300000, '[') +
+                                         std::string(300000, ']') + "}";
+  CHECK_FALSE(isTested(arm, "S1"));
+  rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
+  // One of a test that measured no scale.
+  {
+    std::ifstream in(testedArmsFile());
+    Json json = Json::parse(in);
+    json["mine@S1"].erase("scale");
+    std::ofstream(testedArmsFile()) << json;
+  }
+  CHECK_FALSE(isTested(arm, "S1"));
+  setenv("XDG_STATE_HOME", "state", 1);
+  CHECK(testedArmsFile().is_absolute());
   unsetenv("XDG_STATE_HOME");
+}
+
+TEST_CASE("an arm's name is taken apart", "[profile]") {
+  const auto parts = [](const char* name) {
+    const auto parsed = parseArmName(name);
+    return parsed ? parsed->profile + "|" + parsed->serial + (parsed->isFile() ? "|file" : "")
+                  : std::string("none");
+  };
+  CHECK(parts("hid") == "|");
+  CHECK(parts("hid:") == "|");
+  CHECK(parts("hid:polhem") == "polhem|");
+  CHECK(parts("hid:polhem@A1") == "polhem|A1");
+  CHECK(parts("hid:@A1") == "|A1");
+  CHECK(parts("hid:polhem@A@1") == "polhem|A@1");
+  CHECK(parts("hid:a@b/mine.json") == "a@b/mine.json||file");
+  CHECK(parts("hid:a@b/mine.json@S@1") == "a@b/mine.json|S@1|file");
+  CHECK(parts("hid:my.json.d/mine.json@S") == "my.json.d/mine.json|S|file");
+  CHECK(parts("hidden") == "none");
+  CHECK(parts("hid@S1") == "none");
+  CHECK(parts("simulated") == "none");
+  CHECK_THROWS_WITH(openArm("hid@S1", {}), Contains("hid:PROFILE@SERIAL"));
 }
 
 TEST_CASE("an arm that drives motors has limits", "[profile]") {
@@ -283,13 +327,20 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   mine["name"] = "polhem";
   std::ofstream(folder / "a.json") << mine.dump();
   std::ofstream(folder / "b.json") << "{";
+  // Who has numbers of his own for an arm does not want others instead.
+  std::ofstream(folder / "teensy-arm.json") << "{";
+  Json broken = full();
+  broken["name"] = "woodenhaptics";
+  broken["limits"]["force"] = 0;
+  std::ofstream(folder / "mine.json") << broken;
   std::ofstream(folder / "c.txt") << "no profile";
   std::vector<std::string> notes;
   const auto arms = hidProfiles(folder.path(), notes);
-  CHECK(arms.size() == 4);
+  CHECK(arms.size() == 2);
   CHECK(arms[0].name == "polhem");
+  CHECK(arms[1].name == "spacemouse");
   CHECK(arms[0].match[0].vendor == 0x1209);
-  CHECK(notes.size() == 1);
+  CHECK(notes.size() == 3);
   CHECK_THAT(notes[0], Contains("b.json") && Contains("not valid JSON"));
 }
 

@@ -142,6 +142,33 @@ TEST_CASE("a little weight is told apart from friction", "[hid]") {
   CHECK(run.result.axes[0].bias == Approx(0.0).margin(0.01));
 }
 
+TEST_CASE("a scale that only a ruler finds is said", "[hid]") {
+  CHECK(scaleTrouble(1.0).empty());
+  CHECK(scaleTrouble(0.93).empty());
+  CHECK_THAT(scaleTrouble(10.0), Contains("what is 1 by the ruler is 10 by the arm"));
+  CHECK_THAT(scaleTrouble(0.5), Contains("scale"));
+}
+
+TEST_CASE("positions that come too rarely, and pauses that are too long, are said", "[hid]") {
+  SelfTestParams params;
+  params.input_rate = 1000.0;
+  params.stale = 0.01;
+  const auto problems = [&](int every) {
+    SelfTest self(params);
+    HandState hand;
+    for (int i = 0; i < 30000 && !self.done(); ++i) {
+      hand.age = 1e-3 * (i % every);
+      (void)self.next(hand, 1e-3 * i, Vec3::Zero());
+    }
+    std::string all;
+    for (const std::string& problem : self.result().problems) all += problem + "; ";
+    return all;
+  };
+  CHECK_THAT(problems(1), !Contains("positions a second") && !Contains("a pause of"));
+  CHECK_THAT(problems(4), Contains("it gives 250 positions a second") && !Contains("a pause of"));
+  CHECK_THAT(problems(20), Contains("a pause of 20 ms between two positions is longer than 10 ms"));
+}
+
 TEST_CASE("new positions are counted, and their pauses", "[hid]") {
   // An arm of 250 Hz under a loop of 1 kHz.
   SelfTest self;

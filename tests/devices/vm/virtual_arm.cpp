@@ -2,6 +2,7 @@
 ///
 /// uhid: the kernel's HID core and hidraw are real. usb: through vhci_hcd and USB/IP, in one
 /// process, usbcore and usbhid are real as well: full speed, a transaction a millisecond.
+#include <algorithm>
 #include <arpa/inet.h>
 #include <array>
 #include <cerrno>
@@ -279,6 +280,7 @@ class Arm {
       }
       device_->write(force);
     }
+    if (free_in_ > 0 && --free_in_ == 0) free();
     place();
     ++report_.count;
     report_.step = steps_;
@@ -297,12 +299,16 @@ class Arm {
       lines_.clear();
       place();
     }
-    if (out.command == kFree) {
-      device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{0.0, 0.0},
-                                                  HandTarget{[](double) { return start(); }, 1e9},
-                                                  1000.0);
+    if (out.command == kRuler) {
+      const auto measured = [](double t) -> Vec3 {
+        return start() + kRulerWay * Vec3(std::clamp(7.0 - t, 0.0, 1.0), 0.0, 0.0);
+      };
+      device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{},
+                                                  HandTarget{measured, 1e9}, 1000.0);
       moves_ = true;
       logged_ = false;
+      force_ = {};
+      free_in_ = 8000;
     }
   }
   void reset() { report_.count = 0; }
@@ -314,6 +320,12 @@ class Arm {
   }
 
  private:
+  void free() {
+    device_ = std::make_unique<SimulatedDevice>(
+        armParams(), GripParams{0.0, 0.0}, HandTarget{[](double) { return start(); }, 1e9}, 1000.0);
+    moves_ = true;
+    logged_ = false;
+  }
   void place() {
     const Vec3 p = device_->read().position;
     for (int a = 0; a < 3; ++a) {
@@ -328,6 +340,7 @@ class Arm {
     device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{}, path, 1000.0);
   }
   const char* log_;
+  int free_in_ = 0;  ///< Steps until the hand lets go.
   std::unique_ptr<SimulatedDevice> device_;
   In report_;
   std::array<std::int32_t, 3> force_{};

@@ -12,8 +12,9 @@ namespace palpate::vm {
 inline constexpr std::uint16_t kVendor = 0x1209;  // pid.codes
 inline constexpr std::uint16_t kProduct = 0x0001;
 inline constexpr const char* kSerial = "ARM0001";
-inline constexpr double kStep = 1e-5;   // [m], of an encoder
-inline constexpr double kForce = 1e-6;  // [N], of a count that is sent
+inline constexpr double kStep = 1e-5;     // [m], of an encoder
+inline constexpr double kForce = 1e-6;    // [N], of a count that is sent
+inline constexpr double kRulerWay = 0.1;  // [m]
 inline constexpr std::size_t kInBytes = 40;
 inline constexpr std::size_t kOutBytes = 24;
 
@@ -27,8 +28,8 @@ enum Command : std::uint32_t {
   kNothing = 0,
   kUnplug = 1,  ///< It leaves, and comes back after 200 ms.
   kGo = 2,      ///< The hand begins its path; every step is logged.
-  kFree = 3,    ///< The hand lets go.
-  kEnd = 4,     ///< It leaves for good.
+  kEnd = 3,     ///< It leaves for good.
+  kRuler = 4,   ///< The hand holds it for 6 s kRulerWay from where it brings it then, and lets go.
 };
 
 #pragma pack(push, 1)

@@ -1,4 +1,4 @@
-/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|free|chain VOLUME PROFILE.
+/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|ruler|chain VOLUME PROFILE.
 /// Runs in a virtual machine whose time counts instructions, so that limits may be tight.
 #include <algorithm>
 #include <array>
@@ -116,10 +116,9 @@ void checkNames(const HidProfile& profile, const std::string& file) {
         "a device that is not there is refused");
   check(contains(refusal([] { (void)openHid("/init"); }), "not a HID device"),
         "an ordinary file is refused");
-  check(
-      contains(refusal([] { (void)openArm("hid:polhem", nullptr); }), "no such arm is plugged in"),
-      "an arm of other numbers is refused");
-  check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", nullptr); }),
+  check(contains(refusal([] { (void)openArm("hid:polhem", {}); }), "no such arm is plugged in"),
+        "an arm of other numbers is refused");
+  check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
                  "there is hid:virtual@ARM0001"),
         "another serial number is refused, and told which is there");
   const std::string path = pathOfArm();
@@ -299,8 +298,9 @@ void checkChain(const std::string& volume, const std::string& profile_file) {
   const BuiltScene built = buildScene(spec);
 
   std::vector<std::string> said;
-  auto arm =
-      openArm("hid:" + profile_file, [&](const std::string& words) { said.push_back(words); });
+  auto arm = openArm("hid:" + profile_file,
+                     {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr})
+                 .device;
   check(arm->info().limits.peak == 5.0, "the arm that has passed its test has its own limits");
   {
     Aside aside(arm->profile(), pathOfArm());
@@ -389,9 +389,9 @@ int run(const std::string& what, const std::string& volume, const std::string& p
     checkChain(volume, profile_file);
     return failures;
   }
-  if (what == "free") {
+  if (what == "ruler") {
     const HidProfile arm = readHidProfile(profile_file);
-    Aside(arm, pathOfArm()).command(kFree);
+    Aside(arm, pathOfArm()).command(kRuler);
     return 0;
   }
   Guardian guardian;
@@ -399,7 +399,11 @@ int run(const std::string& what, const std::string& volume, const std::string& p
   checkNames(profile, profile_file);
   std::vector<std::string> said;
   const auto arm =
-      openArm("hid:" + profile_file, [&](const std::string& words) { said.push_back(words); });
+      openArm("hid:" + profile_file,
+              {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr})
+          .device;
+  check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "another hand's"),
+        "an arm that a hand has is no other hand's");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
             contains(said.back(), "palpate devices --test hid:virtual@ARM0001"),
         "untested it is held to 1 N, and says what to do");
