@@ -56,6 +56,7 @@ HidInput::HidInput(const HidProfile& profile) : profile_(profile) {
     if (report.id) head_ = 1;
   }
   values_.assign(fields, 0.0);
+  forget();
   joints_in_.assign(profile.input.size(), false);
   for (const HidJoint& joint : profile.joints) joints_in_[joint.from.report] = true;
   fresh_.assign(profile.input.size(), false);
@@ -79,8 +80,19 @@ bool HidInput::take(std::span<const std::byte> report) noexcept {
 }
 
 void HidInput::forget() noexcept {
-  std::fill(values_.begin(), values_.end(), 0.0);
-  fresh_.assign(fresh_.size(), false);
+  // A puck that has not spoken rests.
+  for (std::size_t r = 0; r < profile_.input.size(); ++r) {
+    for (std::size_t f = 0; f < profile_.input[r].fields.size(); ++f) {
+      const ReportField& field = profile_.input[r].fields[f];
+      values_[first_[r] + f] = profile_.rate_control > 0.0 ? -field.offset / field.scale : 0.0;
+    }
+  }
+  std::fill(fresh_.begin(), fresh_.end(), false);
+}
+
+void HidInput::adopt(const HidInput& other) noexcept {
+  std::copy(other.values_.begin(), other.values_.end(), values_.begin());
+  std::fill(fresh_.begin(), fresh_.end(), false);
 }
 
 Got HidInput::takeNewest(ReportPort& port) noexcept {
@@ -119,6 +131,7 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
       info_(infoFor(profile_, tested)),
       host_(std::move(host)),
       port_(std::move(port)),
+      mended_(profile_),
       input_(profile_) {
   counters_.resize(profile_.joints.size());
   home_raw_.assign(profile_.joints.size(), 0.0);
@@ -132,6 +145,17 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
     }
   }
   prepare(*port_, input_);
+  try {
+    begin();
+  } catch (...) {
+    endThreads();
+    leave(*port_, input_);
+    if (guard_ >= 0) close(guard_);
+    throw;
+  }
+}
+
+void HidDevice::begin() {
   if (profile_.home_at_open) {
     if (host_.say) {
       host_.say("arm " + profile_.name + ": its home pose is now: " + profile_.home_words);
@@ -142,7 +166,6 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   }
   guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
   if (guard_ < 0 && port_->guardDescriptor() >= 0) {
-    leave(*port_, input_);
     throw DeviceError("arm " + profile_.name, "no descriptor is left for its guardian",
                       "close some files");
   }
@@ -154,30 +177,33 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   mender_ = std::thread([this] { mendLoop(); });
 }
 
+void HidDevice::endThreads() noexcept {
+  {
+    const std::lock_guard lock(mend_mutex_);
+    quit_ = true;
+  }
+  mend_.notify_all();
+  if (mender_.joinable()) mender_.join();
+  if (!writer_.joinable()) return;
+  ++sent_;
+  sent_.notify_all();
+  writer_.join();
+}
+
 HidDevice::~HidDevice() {
   write(Vec3::Zero());
   const auto end = Clock::now() + kMend;
   while (profile_.output && !gone_ && written_ != sent_ && Clock::now() < end) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  {
-    const std::lock_guard lock(mend_mutex_);
-    quit_ = true;
-  }
-  mend_.notify_all();
-  mender_.join();
-  if (writer_.joinable()) {
-    ++sent_;
-    sent_.notify_all();
-    writer_.join();
-  }
-  if (port_ != nullptr && !gone_) leave(*port_, input_);
+  endThreads();
+  if (port_ != nullptr) leave(*port_, input_);
   if (guard_ >= 0) close(guard_);
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
   try {
-    if (profile_.output) (void)port.write(zero_);
+    if (profile_.output && !port.write(zero_)) return;
     runSequence(port, input, profile_.close, nullptr);
   } catch (const std::exception&) {
     // It is gone, or does not say what it should: its force is off all the same.
@@ -207,8 +233,9 @@ void HidDevice::prepare(ReportPort& port, HidInput& input) try {
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
+  if (stop()) throw DeviceError(name, "it was not made ready", "the program has ended");
   runSequence(port, input, profile_.home, stop);
-} catch (const DeviceError&) {
+} catch (...) {
   leave(port, input);
   throw;
 }
@@ -293,7 +320,7 @@ HandState HidDevice::read() noexcept {
       heard_ = false;
       heard_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
-      input_.forget();
+      input_.adopt(mended_);
     }
     // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
     if (dt > profile_.limits.stale) {
@@ -400,8 +427,9 @@ void HidDevice::writeLoop() noexcept {
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();
+    // One that is only miscounted still takes its zero force.
     const Using port(open_port_, writing_);
-    if (!port || gone_) continue;
+    if (!port) continue;
     const std::int64_t began = nowNs();
     write_began_.store(began, std::memory_order_relaxed);
     const bool good = port->write(std::span(out_.current().bytes).first(zero_.size()));
@@ -416,8 +444,8 @@ void HidDevice::writeLoop() noexcept {
 void HidDevice::closePort() noexcept {
   open_port_ = nullptr;
   while (reading_ || writing_) std::this_thread::sleep_for(std::chrono::microseconds(100));
-  // One that is still there keeps the last force that it was told.
-  if (profile_.output) (void)port_->write(zero_);
+  // One that is only miscounted keeps the last force that it was told.
+  leave(*port_, mended_);
   port_.reset();
 }
 
@@ -428,18 +456,22 @@ void HidDevice::mendLoop() noexcept {
     if (!gone_ || quit_) continue;
     lock.unlock();
     if (port_ != nullptr) closePort();
-    if (miscounted_.exchange(false) && host_.say) {
-      host_.say("arm " + profile_.name +
-                ": nobody has read it for so long that its encoders may have gone round: it has to "
-                "be homed");
-    }
-    // One whose home was how it stood when it was opened does not know where it is any more.
     std::unique_ptr<ReportPort> port;
     try {
-      if (host_.find && !profile_.home_at_open) port = host_.find();
+      if (miscounted_.exchange(false)) {
+        homeless_ = profile_.home.empty();
+        if (host_.say) {
+          host_.say("arm " + profile_.name +
+                    ": nobody has read it for so long that its encoders may have gone round: " +
+                    (homeless_ ? "start the program again with the arm in its home pose"
+                               : "it is homed again"));
+        }
+      }
+      // One whose home was how it stood when it was opened does not know where it is any more.
+      if (host_.find && !profile_.home_at_open && !homeless_) port = host_.find();
       if (port != nullptr) {
-        HidInput input(profile_);
-        prepare(*port, input);
+        mended_.forget();
+        prepare(*port, mended_);
       }
     } catch (const std::exception&) {
       port.reset();
@@ -465,7 +497,11 @@ bool HidDevice::countedOn(double pause) const noexcept {
     const double lever = std::max(pose_.jacobian[i].norm(), profile_.limits.workspace_radius);
     const double half =
         std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits) - 1);
-    if (lever * half < profile_.limits.speed * pause) return false;
+    // Farther than the arm can go nothing has gone round.
+    constexpr double kReach = 3.0;  // workspace radii, from one end of an arm's way to the other
+    const double farthest =
+        std::min(profile_.limits.speed * pause, kReach * profile_.limits.workspace_radius);
+    if (lever * half < farthest) return false;
   }
   return true;
 }

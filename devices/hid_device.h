@@ -36,6 +36,8 @@ class HidInput {
 
   /// As before the first report; what is counted stays.
   void forget() noexcept;
+  /// What another of the same profile has taken. RT: no allocation.
+  void adopt(const HidInput& other) noexcept;
 
   struct Counts {
     std::int64_t reports = 0;    ///< Used.
@@ -139,6 +141,9 @@ class HidDevice final : public Device {
     ReportPort* port_;
   };
 
+  /// The rest of the opening, once the arm is prepared.
+  void begin();
+  void endThreads() noexcept;
   /// What a device needs before it is felt. Throws DeviceError.
   void prepare(ReportPort& port, HidInput& input);
   /// Zero force and what it needs afterwards. Of a device that is gone nothing is left to do.
@@ -146,7 +151,7 @@ class HidDevice final : public Device {
   /// @param stop  Asked between two steps, and while one waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
-  /// The count of joints is what it was, or the device must be prepared again.
+  /// After such a pause the counters of joints can still be followed [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   /// True for devices that say nothing while they rest.
@@ -171,6 +176,10 @@ class HidDevice final : public Device {
   std::atomic<bool> quit_{false};
   std::atomic<int> guard_{-1};  ///< Its number stays, whatever it leads to.
   std::atomic<std::uint32_t> plugging_{1};
+
+  // The mending thread's; read when it is done.
+  HidInput mended_;
+  bool homeless_ = false;  ///< Only its user can say where it is.
 
   // The haptic thread's.
   HidInput input_;

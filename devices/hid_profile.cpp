@@ -512,14 +512,16 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// The name that a file gives that is no profile; empty where it gives none.
-std::string nameIn(const std::filesystem::path& file) try {
+/// The name that a file seems to give that is no profile, perhaps not even JSON; empty: none.
+std::string nameIn(const std::filesystem::path& file) {
   std::ifstream in(file);
   std::ostringstream text;
   text << in.rdbuf();
-  return parseJson<DeviceError>(text.str(), file.string()).value("name", "");
-} catch (const std::exception&) {
-  return {};
+  const std::string all = text.str();
+  const std::size_t colon = all.find(':', all.find("\"name\""));
+  const std::size_t begin = all.find('"', colon);
+  const std::size_t end = begin == std::string::npos ? begin : all.find('"', begin + 1);
+  return end == std::string::npos ? "" : all.substr(begin + 1, end - begin - 1);
 }
 
 }  // namespace

@@ -38,6 +38,29 @@ Json tested() {
 
 constexpr std::string_view kEnding = ".json";
 
+/// Whole or not at all.
+void write(const Json& json) {
+  const std::filesystem::path file = testedArmsFile();
+  std::error_code error;
+  std::filesystem::create_directories(file.parent_path(), error);
+  const std::filesystem::path partial = file.string() + fmt::format(".{}", getpid());
+  {
+    std::ofstream out(partial);
+    out << json.dump(2) << "\n";
+    out.flush();
+    if (!out) {
+      std::filesystem::remove(partial, error);
+      throw DeviceError(file.string(), "it cannot be written", "make its folder writable");
+    }
+  }
+  std::filesystem::rename(partial, file, error);
+  if (error) {
+    const std::string why = error.message();
+    std::filesystem::remove(partial, error);
+    throw DeviceError(file.string(), why, "make its folder writable");
+  }
+}
+
 std::string keyFor(const HidProfile& profile, const std::string& serial) {
   return profile.name + "@" + serial;
 }
@@ -208,7 +231,6 @@ bool isTested(const HidProfile& profile, const std::string& serial) {
 
 void rememberTest(const HidProfile& profile, const std::string& serial,
                   const SelfTestResult& result) {
-  const std::filesystem::path file = testedArmsFile();
   Json json = tested();
   Json& arm = json[keyFor(profile, serial)];
   arm = Json::object();
@@ -226,25 +248,12 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
     arm["coulomb"].push_back(axis.coulomb);
     arm["mass"].push_back(axis.mass);
   }
-  // Whole or not at all.
-  std::error_code error;
-  std::filesystem::create_directories(file.parent_path(), error);
-  const std::filesystem::path partial = file.string() + fmt::format(".{}", getpid());
-  {
-    std::ofstream out(partial);
-    out << json.dump(2) << "\n";
-    out.flush();
-    if (!out) {
-      std::filesystem::remove(partial, error);
-      throw DeviceError(file.string(), "it cannot be written", "make its folder writable");
-    }
-  }
-  std::filesystem::rename(partial, file, error);
-  if (error) {
-    const std::string why = error.message();
-    std::filesystem::remove(partial, error);
-    throw DeviceError(file.string(), why, "make its folder writable");
-  }
+  write(json);
+}
+
+void forgetTest(const HidProfile& profile, const std::string& serial) {
+  Json json = tested();
+  if (json.erase(keyFor(profile, serial)) > 0) write(json);
 }
 
 }  // namespace palpate

@@ -61,5 +61,7 @@ struct OpenedArm {
 /// @pre result.scale is measured.
 void rememberTest(const HidProfile& profile, const std::string& serial,
                   const SelfTestResult& result);
+/// It has failed: it is not tested any more. Throws DeviceError where that cannot be written.
+void forgetTest(const HidProfile& profile, const std::string& serial);
 
 }  // namespace palpate

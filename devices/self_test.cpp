@@ -298,7 +298,7 @@ SelfTestResult SelfTest::result() const {
 }
 
 std::string scaleTrouble(double scale) {
-  if (std::abs(scale - 1.0) <= kRuler) return {};
+  if (std::abs(scale - 1.0) <= kRuler) return {};  // false for NaN
   return "what is 1 by the ruler is " + text(scale) +
          " by the arm: the scale of its encoders, its gears or its lengths are others";
 }

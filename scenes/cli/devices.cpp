@@ -5,6 +5,7 @@
 #include <csignal>
 #include <optional>
 #include <poll.h>
+#include <termios.h>
 #include <unistd.h>
 
 #include <fmt/format.h>
@@ -159,9 +160,9 @@ struct Tested {
 };
 
 /// Where the tip is when the user presses Enter, no motor driven; nothing: there is nobody to press
-/// it, or no arm.
+/// it. What was pressed before does not count.
 std::optional<Vec3> atEnter(HidDevice& arm) {
-  std::optional<Vec3> at;
+  (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
     sleepUntil(next);
     const HandState hand = arm.read();
@@ -171,25 +172,31 @@ std::optional<Vec3> atEnter(HidDevice& arm) {
     char key = 0;
     if (::read(STDIN_FILENO, &key, 1) != 1) return std::nullopt;
     if (key != '\n') continue;
-    if (!hand.ready || hand.fault != Fault::kNone) {
+    const bool old = hand.age > arm.info().watch.stale;
+    if (!hand.ready || hand.fault != Fault::kNone || old || !hand.position.allFinite()) {
+      const Fault fault = old ? Fault::kStale : hand.fault;
       complain("devices: the arm is not ready: " +
-               (hand.fault == Fault::kNone ? arm.whyNotReady() : wordsFor(hand.fault)));
+               (fault == Fault::kNone ? arm.whyNotReady() : wordsFor(fault)) +
+               ": then Enter again");
       continue;
     }
     return hand.position;
   }
-  return at;
+  return std::nullopt;
 }
 
-/// A way that the user has measured, as the arm measures it, over it; 0: it was left out.
-double measureScale(HidDevice& arm, double ruler) {
-  if (ruler == 0.0) return 0.0;
+/// A way that the user has measured, as the arm measures it, over it; nothing: it was left out.
+std::optional<double> measureScale(HidDevice& arm, double ruler) {
+  if (ruler == 0.0) return std::nullopt;
   complain("devices: hold the tip still at one end of a ruler and press Enter");
   const std::optional<Vec3> from = atEnter(arm);
-  if (!from) return 0.0;
+  if (!from) return std::nullopt;
   complain(fmt::format("devices: move the tip {} m along it, any way, and press Enter", ruler));
   const std::optional<Vec3> to = atEnter(arm);
-  return to ? (*to - *from).norm() / ruler : 0.0;
+  if (!to) return std::nullopt;
+  complain("devices: bring the tip to the middle, let go of it and press Enter");
+  if (!atEnter(arm)) return std::nullopt;
+  return (*to - *from).norm() / ruler;
 }
 
 /// What the guardian says of this loop; the loop goes on while it is nothing.
@@ -262,6 +269,8 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
     if (watch.heart != nullptr) watch.heart->fetch_add(1);
   }
   arm.write(Vec3::Zero());
+  // What the profile has done afterwards is not to be overwritten.
+  if (watch.heart != nullptr) guardian.forget(watch);
   out.result = test.result();
   return out;
 }
@@ -323,9 +332,11 @@ int test(const Options& options) {
   if (!arm->profile().output) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
-  const double scale = measureScale(*arm, options.ruler);
-  if (const std::string wrong = scale > 0.0 ? scaleTrouble(scale) : ""; !wrong.empty()) {
+  const std::optional<double> scale = measureScale(*arm, options.ruler);
+  if (interrupted != 0) return kInterrupted;
+  if (const std::string wrong = scale ? scaleTrouble(*scale) : ""; !wrong.empty()) {
     complain("devices: " + wrong);
+    forgetTest(arm->profile(), serial);
     return kEndedEarly;
   }
   const double force = std::min(options.force, arm->info().limits.peak);
@@ -337,7 +348,7 @@ int test(const Options& options) {
                   "centimetres, for 25 s; Ctrl-C ends it",
                   force));
   Tested tested = run(*arm, guardian, force);
-  tested.result.scale = scale;
+  tested.result.scale = scale.value_or(0.0);
   const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
                       tested.result.problems.empty() && interrupted == 0;
   const SelfTestResult& r = tested.result;
@@ -355,7 +366,7 @@ int test(const Options& options) {
       fmt::print("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
     }
     fmt::print(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
-    if (scale > 0.0) fmt::print("ruler      what is 1 m is {} m\n", rounded(scale));
+    if (scale) fmt::print("ruler      what is 1 m is {} m\n", rounded(*scale));
     for (std::size_t a = 0; a < 3; ++a) {
       const AxisResult& axis = r.axes[a];
       if (!axis.fitted) {
@@ -379,8 +390,11 @@ int test(const Options& options) {
     complain("devices: the test was cut off: the arm is not ready: " + tested.not_ready);
   }
   if (interrupted != 0) return kInterrupted;
-  if (!passed) return kEndedEarly;
-  if (scale == 0.0) {
+  if (!passed) {
+    forgetTest(arm->profile(), serial);
+    return kEndedEarly;
+  }
+  if (!scale) {
     complain(
         fmt::format("devices: it has passed, but its scale was not measured: it stays held to {} N "
                     "and {} N/m: run it again with a ruler at hand",

@@ -474,6 +474,8 @@ class OnTime {
   }
   void end() {
     thread_->stop();
+    // What the profile has done afterwards is not to be overwritten.
+    if (watch_.heart != nullptr) guardian_.forget(watch_);
     hand_.drain();
     const std::int64_t lost = hand_.log.lost();
     if (lost > 0) {

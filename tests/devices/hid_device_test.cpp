@@ -496,6 +496,13 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   CHECK(std::chrono::steady_clock::now() - began < 30s);  // of 60
   user.join();
   CHECK(closed(stopped));
+  // One that is stopped before it has spoken is not open.
+  profile.home.clear();
+  FakeArm silent;
+  CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
+                              {nullptr, nullptr, [] { return true; }}),
+                    Contains("it was not made ready"));
+  CHECK(closed(silent));
 }
 
 TEST_CASE("an arm that is back tells what it needs", "[hid]") {
@@ -543,6 +550,9 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   HidProfile profile = slides();
   for (ReportField& field : profile.input[0].fields) field.bits = 12;  // 2 cm to either side
   profile.limits.speed = 0.5;
+  HidStep home;
+  home.seconds = 0.001;
+  profile.home = {home};
   std::atomic<int> found{0};
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
     ++found;
@@ -567,6 +577,58 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
   arm.giveCounts(10, 0, 0);
   CHECK(device->read().position.x() == Approx(1e-4));
+}
+
+TEST_CASE("an arm that is miscounted is told to give no force, and what it needs afterwards",
+          "[hid][safety]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) field.bits = 12;
+  profile.home_at_open = true;
+  HidStep send;
+  send.kind = HidStep::Kind::kSend;
+  send.values = {{3, 9.0}};
+  profile.close = {send};
+  std::mutex mutex;
+  std::string said;
+  HidHost host;
+  host.say = [&](const std::string& words) {
+    const std::lock_guard lock(mutex);
+    said += words;
+  };
+  auto device = open(arm, profile, true, host);
+  device->write({1, 0, 0});
+  await([&] { return arm.driven()[0] == 1000; });
+  std::this_thread::sleep_for(150ms);
+  arm.giveCounts(-2000, 0, 0);
+  CHECK(device->read().fault == Fault::kGone);
+  const bool at_once = GENERATE(false, true);
+  if (!at_once) {
+    await([&] { return arm.sent().back()[7] == std::byte{9}; });
+    const std::lock_guard lock(mutex);
+    CHECK_THAT(said, Contains("start the program again"));
+  }
+  device.reset();
+  CHECK(arm.sent().back()[7] == std::byte{9});
+  CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
+}
+
+TEST_CASE("what an arm that is back said while it was prepared is known", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.flags = {{{0, 3}, 3.0, HidFlag::Means::kHot}};
+  const auto find = [&]() -> std::unique_ptr<ReportPort> {
+    if (!arm.there) return nullptr;
+    arm.giveCounts(0, 0, 0, 3);
+    return std::make_unique<FakePort>(arm);
+  };
+  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
+  CHECK(device->read().fault == Fault::kNone);
+  arm.there = false;
+  CHECK(device->read().fault == Fault::kGone);
+  arm.there = true;
+  await([&] { return device->pluggings() == 2; });
+  CHECK(device->read().fault == Fault::kTemperature);
 }
 
 TEST_CASE("a counter is not followed while the arm is not homed", "[hid]") {

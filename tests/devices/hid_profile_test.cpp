@@ -253,6 +253,10 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
     std::ofstream(testedArmsFile()) << json;
   }
   CHECK_FALSE(isTested(arm, "S1"));
+  rememberTest(arm, "S1", measured);
+  CHECK(isTested(arm, "S1"));
+  forgetTest(arm, "S1");
+  CHECK_FALSE(isTested(arm, "S1"));
   setenv("XDG_STATE_HOME", "state", 1);
   CHECK(testedArmsFile().is_absolute());
   unsetenv("XDG_STATE_HOME");
@@ -332,7 +336,9 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   Json broken = full();
   broken["name"] = "woodenhaptics";
   broken["limits"]["force"] = 0;
-  std::ofstream(folder / "mine.json") << broken;
+  std::string text = broken.dump();
+  text.insert(1, ",");
+  std::ofstream(folder / "mine.json") << text;
   std::ofstream(folder / "c.txt") << "no profile";
   std::vector<std::string> notes;
   const auto arms = hidProfiles(folder.path(), notes);

@@ -146,7 +146,9 @@ TEST_CASE("a scale that only a ruler finds is said", "[hid]") {
   CHECK(scaleTrouble(1.0).empty());
   CHECK(scaleTrouble(0.93).empty());
   CHECK_THAT(scaleTrouble(10.0), Contains("what is 1 by the ruler is 10 by the arm"));
-  CHECK_THAT(scaleTrouble(0.5), Contains("scale"));
+  for (const double wrong : {0.5, 0.0, std::nan("")}) {
+    CHECK_THAT(scaleTrouble(wrong), Contains("scale"));
+  }
 }
 
 TEST_CASE("positions that come too rarely, and pauses that are too long, are said", "[hid]") {

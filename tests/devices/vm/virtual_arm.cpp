@@ -308,7 +308,7 @@ class Arm {
       moves_ = true;
       logged_ = false;
       force_ = {};
-      free_in_ = 8000;
+      free_in_ = 10000;
     }
   }
   void reset() { report_.count = 0; }

@@ -29,7 +29,8 @@ enum Command : std::uint32_t {
   kUnplug = 1,  ///< It leaves, and comes back after 200 ms.
   kGo = 2,      ///< The hand begins its path; every step is logged.
   kEnd = 3,     ///< It leaves for good.
-  kRuler = 4,   ///< The hand holds it for 6 s kRulerWay from where it brings it then, and lets go.
+  kRuler = 4,   ///< The hand holds it for 6 s kRulerWay from where it brings it then, and lets go 3
+                ///< s later.
 };
 
 #pragma pack(push, 1)
