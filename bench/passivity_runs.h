@@ -1,0 +1,72 @@
+/// Hands, arms and scenes by the million, to see whether energy comes out of the hand's port.
+#pragma once
+
+#include <cstdint>
+
+#include "engine/passivity.h"
+#include "engine/types.h"
+
+namespace palpate::bench {
+
+/// What forces come from. All but the plain wall can give energy by themselves.
+enum class ActiveScene : std::uint8_t {
+  kWall,       ///< Stiff and damped; past its stable stiffness as often as not.
+  kWaves,      ///< Force by place, across the way that it changes: not the gradient of anything.
+  kUndamped,   ///< A wall with damping of the wrong sign, filtered.
+  kNoise,      ///< By place and time at random.
+  kMoving,     ///< A wall that moves.
+  kSticky,     ///< A wall that gives half as much again when it is left.
+  kAppearing,  ///< One that is suddenly there.
+  kWhirl,      ///< A force round an axis.
+};
+inline constexpr int kActiveScenes = 8;
+
+enum class Keeper : std::uint8_t { kNobody, kObserver, kTank };
+
+/// One hand at one arm in one scene for two seconds.
+struct PassivityRun {
+  double mass = 0.1;           ///< [kg]
+  double viscous = 0.5;        ///< [N s/m], true.
+  double coulomb = 0.02;       ///< [N], true.
+  double encoder = 1e-5;       ///< Of each of three axes [m].
+  double period = 1e-3;        ///< [s]
+  double jitter = 0.0;         ///< Ticks come after (1 - jitter) to 1 of the period.
+  double late = 0.0;           ///< Share of ticks that come after up to ten periods.
+  double delay = 0.0;          ///< [s]
+  double lag = 0.0;            ///< [s]
+  double grip = 0.0;           ///< The hand's spring [N/m]; 0: it has let go.
+  double grip_damping = 0;     ///< [N s/m]
+  double release = 9.0;        ///< When it lets go [s].
+  bool adversary = false;      ///< The hand is no spring: it sees the next force and the encoder's
+                               ///< steps, and goes where that gives most.
+  double peak = 5.0;           ///< [N]
+  double known_viscous = 1.0;  ///< Share that is known.
+  double known_coulomb = 1.0;
+  ActiveScene scene = ActiveScene::kWall;
+  double stiffness = 500.0;  ///< [N/m]
+  double damping = 0.0;      ///< [N s/m]
+  double wave = 1000.0;      ///< [rad/m]
+  double amplitude = 1.0;    ///< [N]
+  double seconds = 2.0;
+  std::uint64_t seed = 0;
+};
+
+/// A run at random: the ranges of the design notes.
+///
+/// @param fractional  Delays may be parts of a period as well.
+[[nodiscard]] PassivityRun randomRun(std::uint64_t seed, bool fractional);
+
+struct PassivityResult {
+  double least = 0.0;   ///< The lowest energy that the hand had put in, over all samples [J].
+  double margin = 0.0;  ///< The lowest of that + D/2 |force| + debt: below zero breaks the promise.
+  double debt = 0.0;    ///< [J]
+  double scaled = 0.0;  ///< Share of ticks in which the keeper changed the force.
+  double lost = 0.0;    ///< Of the force, mean.
+  double nominal = 0.0;  ///< The largest force [N].
+};
+
+/// Runs it. Exact but for rounding: the arm moves along straight pieces, whatever made it move, and
+/// the work of the force that acts is integrated in closed form.
+[[nodiscard]] PassivityResult play(const PassivityRun& run, Keeper keeper);
+
+}  // namespace palpate::bench

@@ -1,0 +1,289 @@
+/// The energy tank: what no hand, arm or scene may take out of it, and where others fail.
+#include "engine/passivity.h"
+
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <random>
+
+#include <catch2/catch.hpp>
+
+#include "bench/passivity_runs.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using bench::Keeper;
+using bench::PassivityResult;
+using bench::PassivityRun;
+
+namespace {
+
+TankParams acting(double viscous, double coulomb = 0.0, double step = 0.0) {
+  TankParams params;
+  params.use = TankUse::kAct;
+  params.arm.viscous = viscous;
+  params.arm.coulomb = coulomb;
+  params.arm.step = step;
+  return params;
+}
+
+constexpr double kCap = 1.0;
+
+/// Many runs at once.
+struct Many {
+  long runs = 0;
+  long active = 0;      ///< Energy came out, more than rounding,
+  long broken = 0;      ///< more than the tank promises.
+  double worst = 0.0;   ///< [J]
+  double margin = 0.0;  ///< [J]
+  double debt = 0.0;    ///< [J], the most.
+  double scaled = 0.0;
+  double lost = 0.0;
+
+  void add(const PassivityResult& r) {
+    ++runs;
+    active += static_cast<long>(r.least < -1e-12);
+    // Rounding of sums of up to 2,000 ticks of up to a joule.
+    broken += static_cast<long>(r.margin < -1e-12);
+    worst = std::min(worst, r.least);
+    margin = std::min(margin, r.margin);
+    debt = std::max(debt, r.debt);
+    scaled += r.scaled;
+    lost += r.lost;
+  }
+  [[nodiscard]] double share() const {
+    return static_cast<double>(active) / static_cast<double>(runs);
+  }
+};
+
+template <class Change>
+Many playMany(long count, Keeper keeper, Change change, bool fractional = true) {
+  Many many;
+  for (long i = 0; i < count; ++i) {
+    PassivityRun run = bench::randomRun(static_cast<std::uint64_t>(i), fractional);
+    change(run);
+    many.add(bench::play(run, keeper));
+  }
+  return many;
+}
+
+constexpr auto kAsDrawn = [](PassivityRun&) {};
+
+}  // namespace
+
+TEST_CASE("no scene gives a hand energy through the tank, and through others it does",
+          "[passivity]") {
+  const long count = test::cases(120);
+  const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
+  const Many nobody = playMany(count, Keeper::kNobody, kAsDrawn);
+  const Many observer = playMany(count, Keeper::kObserver, kAsDrawn);
+  INFO("runs " << count << ": active without " << nobody.share() << ", with an observer "
+               << observer.share() << " (worst " << observer.worst << " J), with the tank "
+               << tank.share() << " (worst " << tank.worst << " J)");
+  CHECK(tank.broken == 0);
+  CHECK(tank.debt == 0.0);
+  CHECK(nobody.share() > 0.25);
+  CHECK(observer.share() > 0.25);
+  CHECK(nobody.worst < -1e-3);
+  CHECK(observer.worst < -1e-3);
+}
+
+TEST_CASE("no hand takes energy out of the tank, whatever it knows", "[passivity]") {
+  const auto wicked = [](PassivityRun& run) {
+    run.adversary = true;
+    run.seconds = 1.0;
+  };
+  const long count = test::cases(120);
+  const Many tank = playMany(count, Keeper::kTank, wicked);
+  const Many nobody = playMany(count, Keeper::kNobody, wicked);
+  INFO("active without " << nobody.share() << ", with the tank worst " << tank.worst
+                         << " J, margin " << tank.margin);
+  CHECK(tank.broken == 0);
+  CHECK(tank.debt == 0.0);
+  CHECK(nobody.share() > 0.25);
+}
+
+TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
+  for (const bool adversary : {false, true}) {
+    const auto lagging = [&](PassivityRun& run) {
+      run.adversary = adversary;
+      // A thirtieth of a period to three.
+      run.lag =
+          run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
+      run.seconds = 1.0;
+    };
+    const Many tank = playMany(test::cases(50), Keeper::kTank, lagging);
+    INFO("worst " << tank.worst << " J, margin " << tank.margin);
+    CHECK(tank.broken == 0);
+    CHECK(tank.debt == 0.0);
+  }
+}
+
+TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passivity]") {
+  for (const bool adversary : {false, true}) {
+    const auto early = [&](PassivityRun& run) {
+      run.adversary = adversary;
+      run.jitter = 0.9;
+      run.delay = 0.0;
+      run.seconds = 0.5;
+    };
+    const Many tank = playMany(test::cases(50), Keeper::kTank, early);
+    INFO("margin " << tank.margin);
+    CHECK(tank.broken == 0);
+    CHECK(tank.debt == 0.0);
+    const auto late = [&](PassivityRun& run) {
+      early(run);
+      run.late = 0.05;
+    };
+    const Many debtors = playMany(test::cases(50), Keeper::kTank, late);
+    INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
+    CHECK(debtors.broken == 0);
+    CHECK(debtors.debt > 0.0);
+    // With a delay, ticks between those that were reckoned with.
+    const auto delayed = [&](PassivityRun& run) {
+      early(run);
+      run.jitter = 0.3;
+      run.delay = 1.5 * run.period;
+    };
+    const Many between = playMany(test::cases(50), Keeper::kTank, delayed);
+    INFO("delayed: margin " << between.margin << ", debt " << between.debt);
+    CHECK(between.broken == 0);
+  }
+}
+
+TEST_CASE("a passive wall is felt as it is", "[passivity]") {
+  double scaled = 0.0;
+  double lost = 0.0;
+  const long count = test::cases(40);
+  for (long i = 0; i < count; ++i) {
+    PassivityRun run = bench::randomRun(static_cast<std::uint64_t>(i), true);
+    run.scene = bench::ActiveScene::kWall;
+    run.damping = 0.0;
+    run.grip = 300.0;
+    run.grip_damping = 5.0;
+    run.known_viscous = run.known_coulomb = 1.0;
+    run.encoder = 1e-7;
+    run.viscous = std::max(run.viscous, 0.5);
+    run.stiffness = 0.6 * run.viscous / (0.5 * run.period + run.delay);
+    const PassivityResult r = bench::play(run, Keeper::kTank);
+    CAPTURE(i, run.viscous, run.delay, run.stiffness, r.scaled, r.lost);
+    CHECK(r.margin > -1e-12);
+    scaled += r.scaled / static_cast<double>(count);
+    lost += r.lost / static_cast<double>(count);
+  }
+  INFO("scaled in " << scaled << " of ticks, force lost " << lost);
+  CHECK(scaled < 1e-3);
+  CHECK(lost < 1e-3);
+}
+
+TEST_CASE("without encoder and delay the largest force is the closed form's", "[passivity]") {
+  // A way of 1 mm in a tick against b has put b dx^2 / T in; a force R held for T can take R^2 T /
+  // (4 b) out.
+  const double b = 0.5;
+  const double period = 1e-3;
+  Tank tank;
+  const TankParams params = acting(b);
+  CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), period, params, kCap) == 0.0);
+  CHECK(tank.pass(Vec3::Zero(), {1e-3, 0, 0}, period, params, kCap) == 1.0);
+  const double paid = b * 1e-6 / period;
+  CHECK(tank.energy() == Approx(paid));
+  const double most = std::sqrt(4.0 * b * paid / period);
+  const double share = tank.pass({0, 10.0 * most, 0}, {1e-3, 0, 0}, period, params, kCap);
+  CHECK(share == Approx(0.1).epsilon(1e-6));
+  // Moved against by what b holds best: nothing is left, and nothing is owed.
+  const Vec3 way(1e-3, share * 10.0 * most * period / (2.0 * b), 0);
+  CHECK(tank.pass({0, 1, 0}, way, period, params, kCap) == Approx(0.0).margin(1e-3));
+  CHECK(tank.energy() == Approx(0.0).margin(1e-11));
+  CHECK(tank.debt() == 0.0);
+}
+
+TEST_CASE("an encoder's step costs what the derivation says", "[passivity]") {
+  // |R|^2 / (2 c_v) + 1.5 D |R| + D/2 |R - R_before| <= S, c_v = 2 b / T.
+  const double b = 0.5;
+  const double period = 1e-3;
+  const double step = 1e-5;
+  Tank tank;
+  const TankParams params = acting(b, 0.0, step);
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), period, params, kCap);
+  (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, period, params, kCap);
+  const double surely = 1e-3 - step;
+  const double paid = b / period * surely * surely;
+  CHECK(tank.energy() == Approx(paid));
+  const double r = 100.0 * tank.pass({100, 0, 0}, {1e-3, 0, 0}, period, params, kCap);
+  CHECK(r * r * period / (4.0 * b) + 2.0 * step * r == Approx(paid).epsilon(1e-6));
+}
+
+TEST_CASE("of a way known to D/2 no more of Coulomb's work counts than was done", "[passivity]") {
+  std::mt19937_64 random(5);
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  const double c = 0.3;
+  for (int walk = 0; walk < 200; ++walk) {
+    const double encoder = std::pow(10.0, -6.0 + 2.0 * std::abs(unit(random)));
+    Tank tank;
+    TankParams params = acting(1e-12, c, std::sqrt(3.0) * encoder);
+    Vec3 x = 1e-3 * Vec3(unit(random), unit(random), unit(random));
+    double path = 0.0;
+    Vec3 going = Vec3::Zero();
+    for (int i = 0; i < 2000; ++i) {
+      going = 0.9 * going + encoder * Vec3(unit(random), unit(random), unit(random));
+      x += going;
+      path += going.norm();
+      const Vec3 read = (x / encoder).array().round().matrix() * encoder;
+      (void)tank.pass(Vec3::Zero(), read, 1e-3, params, 1e9);
+      // b of 1e-12 adds next to nothing.
+      REQUIRE(tank.energy() <= c * path + 1e-13);
+    }
+    CHECK(tank.energy() > 0.3 * c * path);
+  }
+}
+
+TEST_CASE("an arm of no known friction is given no force", "[passivity]") {
+  Tank tank;
+  CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), 1e-3, acting(0.0), kCap) == 0.0);
+  CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), 1e-3, acting(-1.0), kCap) == 0.0);
+  CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), 1e-3, acting(std::nan("")), kCap) == 0.0);
+  TankParams off;
+  CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), 1e-3, off, kCap) == 1.0);
+}
+
+TEST_CASE("a hand that is nowhere empties the tank", "[passivity]") {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Tank tank;
+  const TankParams params = acting(0.5);
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), 1e-3, params, kCap);
+  (void)tank.pass(Vec3::Zero(), {1e-2, 0, 0}, 1e-3, params, kCap);
+  CHECK(tank.energy() > 0.0);
+  CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, 1e-3, params, kCap) == 0.0);
+  CHECK(tank.energy() == 0.0);
+  // It begins anew where the hand is then: the way between is not counted.
+  CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, 1e-3, params, kCap) == 0.0);
+  CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, 1e-3, params, kCap) == 1.0);
+  CHECK(tank.energy() == Approx(0.5e-3));
+  // A time that is none passes nothing.
+  const double before = tank.energy();
+  for (const double dt : {0.0, -1.0, nan}) {
+    (void)tank.pass(Vec3::Zero(), {1, 1, 1.002}, dt, params, kCap);
+    CHECK(tank.energy() == before);
+  }
+}
+
+TEST_CASE("the tank holds no more than its cap, and what is added is counted", "[passivity]") {
+  Tank tank;
+  const TankParams params = acting(0.5);
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), 1e-3, params, 0.01);
+  (void)tank.pass(Vec3::Zero(), {1, 0, 0}, 1e-3, params, 0.01);
+  CHECK(tank.energy() == 0.01);
+  tank.refill(0.02);
+  CHECK(tank.energy() == Approx(0.03));
+  CHECK(tank.refilled() == 0.02);
+}
+
+TEST_CASE("more forces on their way than the tank can remember are debts", "[passivity]") {
+  Tank tank;
+  TankParams params = acting(5.0);
+  params.arm.delay = 0.2;
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), 1e-3, params, kCap);
+  tank.refill(1.0);
+  for (int i = 0; i < 100; ++i) (void)tank.pass({1, 0, 0}, Vec3::Zero(), 1e-3, params, kCap);
+  CHECK(tank.debt() > 0.0);
+}
