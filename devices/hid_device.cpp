@@ -171,6 +171,10 @@ void HidDevice::begin() {
   }
   heard_ = !silent();
   follow(0.0);
+  if (profile_.output && host_.measured.viscous > 0.0) {
+    info_.limits.tank.use = host_.tank;
+    info_.limits.tank.arm = dissipation();
+  }
   read_at_ = heard_at_ = counted_at_ = nowNs();
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
@@ -486,6 +490,28 @@ void HidDevice::mendLoop() noexcept {
     }
     lock.lock();
   }
+}
+
+ArmDissipation HidDevice::dissipation() const noexcept {
+  ArmDissipation arm;
+  arm.viscous = host_.measured.viscous;
+  arm.coulomb = host_.measured.coulomb;
+  arm.delay = host_.measured.delay;
+  constexpr double kElsewhere = 2.0;  // a count may be so much longer in another pose
+  const auto steps = resolution();
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    arm.step += kElsewhere * steps[i];
+    // Rounding makes another force of what was sent, by up to a step of each motor.
+    const HidJoint& joint = profile_.joints[i];
+    if (!joint.to) continue;
+    const ReportField& motor = profile_.output->fields[*joint.to];
+    const double lever = std::max(pose_.jacobian[i].norm() / kElsewhere, 1e-6);
+    if (motor.type != ReportField::Type::kFloat) {
+      arm.coulomb -= std::abs(joint.ratio * joint.torque_constant / motor.scale) / lever;
+    }
+  }
+  arm.coulomb = std::max(0.0, arm.coulomb);
+  return arm;
 }
 
 bool HidDevice::countedOn(double pause) const noexcept {

@@ -61,7 +61,14 @@ class HidInput {
   std::array<std::byte, 2048> buffer_{};
 };
 
-/// What an arm asks of the program that opens it. Both may be empty.
+/// What `palpate devices --test` has found of an arm, from the safe side; zeros: nothing.
+struct MeasuredArm {
+  double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis.
+  double coulomb = 0.0;  ///< [N], likewise.
+  double delay = 0.0;    ///< From a reading to the force that follows from it [s].
+};
+
+/// What an arm asks of the program that opens it. All may be empty.
 struct HidHost {
   /// Where to find the device again, by its numbers; null while it is not there. Never in a tick.
   std::function<std::unique_ptr<ReportPort>()> find = nullptr;
@@ -69,6 +76,10 @@ struct HidHost {
   std::function<void(const std::string&)> say = nullptr;
   /// True: the program is to end, so that nobody waits for a button any more.
   std::function<bool()> stop = nullptr;
+  /// What is known of the arm's friction, and what the energy tank does with it; nothing where it
+  /// is not known.
+  MeasuredArm measured = {};
+  TankUse tank = TankUse::kObserve;
 };
 
 /// What an arm that has not passed `palpate devices --test` is held to.
@@ -151,6 +162,8 @@ class HidDevice final : public Device {
   /// @param stop  Asked between two steps, and while one waits.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
+  /// What the energy tank may rely on, in the pose that it is in.
+  [[nodiscard]] ArmDissipation dissipation() const noexcept;
   /// After such a pause the counters of joints can still be followed [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;

@@ -36,6 +36,22 @@ Json tested() {
   return json;
 }
 
+std::string keyFor(const HidProfile& profile, const std::string& serial) {
+  return profile.name + "@" + serial;
+}
+
+/// What is remembered of an arm that has passed with this very profile; null: nothing.
+Json recordOf(const HidProfile& profile, const std::string& serial) {
+  if (serial.empty()) return nullptr;
+  const Json json = tested();
+  const auto arm = json.find(keyFor(profile, serial));
+  if (arm == json.end() || !arm->is_object()) return nullptr;
+  const auto print = arm->find("profile");
+  const bool same = print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
+  return same && arm->contains("scale") ? *arm : Json();
+}
+
+constexpr double kMostDelay = 0.02;  // [s]
 constexpr std::string_view kEnding = ".json";
 
 /// Whole or not at all.
@@ -59,10 +75,6 @@ void write(const Json& json) {
     std::filesystem::remove(partial, error);
     throw DeviceError(file.string(), why, "make its folder writable");
   }
-}
-
-std::string keyFor(const HidProfile& profile, const std::string& serial) {
-  return profile.name + "@" + serial;
 }
 
 }  // namespace
@@ -202,6 +214,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     return nullptr;
   };
   const bool good = isTested(profile, own);
+  host.measured = measuredArm(profile, own);
   OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path), good, host), own};
   if (host.say && !good && profile.output) {
     host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
@@ -220,13 +233,29 @@ std::filesystem::path testedArmsFile() {
 }
 
 bool isTested(const HidProfile& profile, const std::string& serial) {
-  if (serial.empty()) return false;
-  const Json json = tested();
-  const auto arm = json.find(keyFor(profile, serial));
-  if (arm == json.end() || !arm->is_object()) return false;
-  const auto print = arm->find("profile");
-  return print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint) &&
-         arm->contains("scale");
+  return !recordOf(profile, serial).is_null();
+}
+
+MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {
+  const Json arm = recordOf(profile, serial);
+  const auto numbers = [&](const char* key) {
+    std::vector<double> all;
+    const auto list = arm.is_object() ? arm.find(key) : arm.end();
+    if (!arm.is_object() || list == arm.end() || !list->is_array()) return all;
+    for (const Json& number : *list) {
+      if (number.is_number()) all.push_back(number.get<double>());
+    }
+    return all;
+  };
+  MeasuredArm measured;
+  const auto viscous = numbers("viscous_least");
+  const auto coulomb = numbers("coulomb_least");
+  const auto delay = numbers("delay");
+  if (viscous.size() != 3 || coulomb.size() != 3 || delay.size() != 3) return measured;
+  measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
+  measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
+  measured.delay = std::clamp(*std::max_element(delay.begin(), delay.end()), 0.0, kMostDelay);
+  return measured;
 }
 
 void rememberTest(const HidProfile& profile, const std::string& serial,
@@ -242,11 +271,18 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
   (void)std::strftime(date.data(), date.size(), "%Y-%m-%d", &utc);
   arm["date"] = date.data();
   arm["scale"] = result.scale;
-  for (const char* key : {"viscous", "coulomb", "mass"}) arm[key] = Json::array();
+  for (const char* key :
+       {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay"}) {
+    arm[key] = Json::array();
+  }
+  constexpr double kSure = 3.0;  // standard errors
   for (const AxisResult& axis : result.axes) {
     arm["viscous"].push_back(axis.viscous);
     arm["coulomb"].push_back(axis.coulomb);
+    arm["viscous_least"].push_back(axis.viscous - kSure * axis.viscous_error);
+    arm["coulomb_least"].push_back(axis.coulomb - kSure * axis.coulomb_error);
     arm["mass"].push_back(axis.mass);
+    arm["delay"].push_back(axis.delay);
   }
   write(json);
 }

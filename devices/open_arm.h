@@ -56,6 +56,8 @@ struct OpenedArm {
 /// True where the arm of this serial number has passed with this very profile, its scale measured.
 /// An arm without a serial number never has.
 [[nodiscard]] bool isTested(const HidProfile& profile, const std::string& serial);
+/// What was measured then; zeros where it is not tested. What is uncertain is taken from it.
+[[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial);
 /// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
 ///
 /// @pre result.scale is measured.

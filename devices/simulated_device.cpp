@@ -73,6 +73,11 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   info_.hand = arm.hand;
   info_.limits = {7.9, 2000.0};
   info_.max_stiffness = 1000.0;
+  if (arm.viscous > 0.0) {
+    info_.limits.tank.use = arm.tank;
+    // Three axes, each read to half a step.
+    info_.limits.tank.arm = {arm.viscous, arm.coulomb, std::sqrt(3.0) * arm.encoder, arm.delay};
+  }
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
   position_ = target_.at(0.0);
 

@@ -11,12 +11,13 @@ namespace palpate {
 
 /// The arm, per axis.
 struct ArmParams {
-  double mass = 0.1;      ///< [kg], > 0.
-  double viscous = 0.5;   ///< b [N s/m], >= 0.
-  double coulomb = 0.02;  ///< c [N], >= 0.
-  double encoder = 1e-5;  ///< Step of the position sensor D [m]; 0: none.
-  double delay = 1e-3;    ///< From reading to the force that follows from it [s], >= 0.
-  bool hand = false;      ///< True: treated as one that a force could hurt (DeviceInfo::hand).
+  double mass = 0.1;                 ///< [kg], > 0.
+  double viscous = 0.5;              ///< b [N s/m], >= 0.
+  double coulomb = 0.02;             ///< c [N], >= 0.
+  double encoder = 1e-5;             ///< Step of the position sensor D [m]; 0: none.
+  double delay = 1e-3;               ///< From reading to the force that follows from it [s], >= 0.
+  TankUse tank = TankUse::kObserve;  ///< Of the energy tank, which relies on just these numbers.
+  bool hand = false;  ///< True: treated as one that a force could hurt (DeviceInfo::hand).
 };
 
 /// The hand that holds it: a spring and damper to where it means to be. Relaxed by default; firm is

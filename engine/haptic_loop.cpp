@@ -15,12 +15,13 @@ namespace {
 constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blocked.
 
 /// At a hand a force comes in gently, whatever the device's maker says.
-ForceLimits gently(ForceLimits limits, bool hand) noexcept {
+ForceLimits gently(ForceLimits limits, bool hand, double rate) noexcept {
   if (hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
+  if (limits.tank.arm.period == 0.0) limits.tank.arm.period = 1.0 / rate;
   return limits;
 }
 
-const DeviceInfo& checked(const DeviceInfo& info, double heartbeat) {
+const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate) {
   const auto require = [&](bool good, const char* what, double value) {
     if (good) return;
     throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value),
@@ -36,6 +37,18 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat) {
   const bool cool = limits.continuous == 0.0;
   require(cool || positive(limits.continuous), "the continuous force", limits.continuous);
   require(cool || positive(limits.heating), "the heating time", limits.heating);
+  if (limits.tank.use != TankUse::kOff) {
+    const ArmDissipation& arm = limits.tank.arm;
+    const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
+    require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
+    require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
+    for (const double x :
+         {arm.coulomb, arm.step, arm.delay, arm.lag, arm.period, limits.tank.refill}) {
+      require(no_less(x), "a number of the tank", x);
+    }
+    require(arm.delay * rate < static_cast<double>(Tank::kForces - 2), "the tank's delay",
+            arm.delay);
+  }
   require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
   return info;
 }
@@ -46,11 +59,11 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
                        const LoopWatch& watch)
     : device_(device),
       sink_(sink),
-      late_(std::max(checked(device.info(), heartbeat).watch.late, 3.0 / rate)),
+      late_(std::max(checked(device.info(), heartbeat, rate).watch.late, 3.0 / rate)),
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
-      state_(gently(device.info().limits, device.info().hand)) {}
+      state_(gently(device.info().limits, device.info().hand, rate)) {}
 
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);

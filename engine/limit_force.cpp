@@ -28,9 +28,15 @@ double engaged(double asked, double time, LimiterState& state) noexcept {
   return state.share;
 }
 
+double passTank(const Vec3& force, const Vec3& hand, double dt, const ForceLimits& limits,
+                Tank& tank) noexcept {
+  const double most = limits.peak * limits.peak / (2.0 * limits.tank.soft);
+  return tank.pass(force, hand, dt, limits.tank, most);
+}
+
 }  // namespace
 
-LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits,
+LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const ForceLimits& limits,
                         LimiterState& state) noexcept {
   LimitedForce out;
   const Vec3 previous = state.sent;
@@ -47,6 +53,7 @@ LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits
   const double asked = wanted.stableNorm();
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
+    (void)passTank(Vec3::Zero(), hand, dt, limits, state.tank);
     return out;
   }
   // A hair below the peak, so that no rounding can carry the result over it.
@@ -81,6 +88,11 @@ LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits
   const double grown = added.norm();
   out.slewed = grown > growth;
   out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
+
+  // Energy. Nothing below changes the force.
+  out.share = passTank(out.force, hand, dt, limits, state.tank);
+  out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
+  if (out.drained) out.force *= out.share;
   state.sent = out.force;
   return out;
 }

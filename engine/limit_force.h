@@ -2,6 +2,7 @@
 /// comes in gently, whatever happened before.
 #pragma once
 
+#include "engine/passivity.h"
 #include "engine/types.h"
 
 namespace palpate {
@@ -13,8 +14,9 @@ struct ForceLimits {
                          ///< 500 N/m and 2 m/s.
   double continuous = 0.0;  ///< What it can hold for ever [N], <= peak; 0: the device gives none.
   double heating = 10.0;    ///< Time constant of its motors' heat [s].
-  double engage = 0.0;  ///< Length of the ramp of an engagement [s]; 0: at once, which is only for
-                        ///< forces that go to no hand. HapticLoop takes at least kEngage.
+  double engage = 0.0;   ///< Length of the ramp of an engagement [s]; 0: at once, which is only for
+                         ///< forces that go to no hand. HapticLoop takes at least kEngage.
+  TankParams tank = {};  ///< What may leave the hand's port.
 };
 
 inline constexpr double kEngage = 0.5;       ///< [s], shortest ramp at a hand.
@@ -32,6 +34,13 @@ struct LimiterState {
   double share = 1.0;        ///< Of the force that the ramp lets through.
   double ramp = kEngage;     ///< [s]
   double gentle = 0.0;       ///< So long still does the force grow gently after an edit [s].
+  Tank tank;
+
+  /// Zero has been sent instead of what limitForce returned, or nobody knows what.
+  void forget() noexcept {
+    sent.setZero();
+    tank.forget();
+  }
 
   /// Begins an engagement: the force is zero until a small one is wanted, then grows over `length`.
   void engage(double length) noexcept {
@@ -50,9 +59,11 @@ struct LimitedForce {
   bool heated = false;        ///< Scaled down to what the motors can hold.
   bool ramped = false;        ///< Scaled down by an engagement.
   bool slewed = false;        ///< Held back by the slew limit.
+  double share = 1.0;         ///< That the tank can pay for; of the force only where it acts.
+  bool drained = false;       ///< Scaled down by the tank.
 
   [[nodiscard]] bool limited() const noexcept {
-    return !finite || peaked || heated || ramped || slewed;
+    return !finite || peaked || heated || ramped || slewed || drained;
   }
 };
 
@@ -61,19 +72,21 @@ struct LimitedForce {
 /// In order: finite, else zero; peak and continuous limit, direction kept; engagement; slew on
 /// growth only. The part of the last force that is still wanted (the projection of the wanted force
 /// on it, between zero and all of it) stays at once, and what is wanted beyond it grows by at most
-/// slew * dt. So a release is never delayed, the result never exceeds the wanted force, and
-/// |force| <= |previous| + slew * dt. The ramp comes before the slew, since a ramp of a limited
-/// force would grow by more than that.
+/// slew * dt; last the energy tank, direction kept. So a release is never delayed, the result never
+/// exceeds the wanted force, and |force| <= |previous| + slew * dt. The ramp comes before the slew,
+/// since a ramp of a limited force would grow by more than that.
 ///
 /// The continuous limit: `heat` follows |force|^2 with the time constant `heating`. Up to
 /// kWarm of continuous^2 the peak is allowed, from there on less, and at continuous^2 just that,
 /// so that the heat never goes beyond.
 ///
 /// @param wanted    Any bits [N].
+/// @param hand      As read [m], any bits; only the tank looks at it.
 /// @param dt        Time since the last force was sent [s]; not finite or <= 0 allows no growth.
 /// @param state     Of the same device, one call a tick. A `sent` that is not finite is zero.
 /// RT: no allocation.
-[[nodiscard]] LimitedForce limitForce(const Vec3& wanted, double dt, const ForceLimits& limits,
+[[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,
+                                      const ForceLimits& limits,
                                       LimiterState& state) noexcept PALPATE_NONBLOCKING;
 
 inline constexpr double kWarm = 0.8;  ///< Share of the heat at which the continuous limit sets in.

@@ -21,7 +21,8 @@ struct ArmDissipation {
                          ///< encoders of one step it is sqrt(3) of them.
   double delay = 0.0;    ///< From a reading to the force that follows from it [s].
   double lag = 0.0;      ///< Time constant of the amplifiers, of first order [s].
-  double period = 1e-3;  ///< The longest time between two ticks [s], > 0. Later ones are debts.
+  double period = 0.0;   ///< The longest time between two ticks [s], > 0; later ones are debts. 0:
+                         ///< HapticLoop puts its own.
 };
 
 enum class TankUse : std::uint8_t {

@@ -572,7 +572,11 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   if (!good) report.wanted.setConstant(std::numeric_limits<double>::quiet_NaN());
 
   // The last gate. Nothing below changes the force.
-  const LimitedForce out = limitForce(report.wanted, dt, state.limits_, state.limiter_);
+  if (dt > 0.0 && report.injected > 0.0) {
+    state.limiter_.tank.refill(std::min(report.injected, state.limits_.tank.refill * dt));
+  }
+  const LimitedForce out =
+      limitForce(report.wanted, hand.position, dt, state.limits_, state.limiter_);
   if (!out.finite) {
     state.cut(Fault::kNotFinite);
     report.status = StepStatus::kFault;
@@ -580,6 +584,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   }
   report.limited = out.limited();
   report.force = out.force;
+  report.share = out.share;
+  report.energy = state.limiter_.tank.energy();
   return report;
 }
 

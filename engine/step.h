@@ -59,6 +59,8 @@ struct StepReport {
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
   StepStatus status = StepStatus::kConverged;
   bool limited = false;  ///< limitForce changed the force.
+  double share = 1.0;    ///< Of the force, that the energy tank can pay for (passivity.h),
+  double energy = 0.0;   ///< and what is in it [J].
 };
 
 /// What the proxy remembers from tick to tick, and the memory that the tick works in.
@@ -85,7 +87,7 @@ class ProxyState {
   /// Nothing is felt: what was sent is forgotten, the proxy starts anew at the hand, and the next
   /// force is an engagement's.
   void release() noexcept {
-    limiter_.sent.setZero();
+    limiter_.forget();
     placed_ = false;
     engage();
   }
@@ -95,6 +97,8 @@ class ProxyState {
   }
   [[nodiscard]] bool faulted() const noexcept { return fault_ != Fault::kNone; }
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
+  /// Of the device.
+  [[nodiscard]] const ForceLimits& limits() const noexcept { return limits_; }
   /// What the last gate remembers.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return limiter_; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_; }

@@ -265,7 +265,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
       continue;
     }
     const Vec3 wanted = test.next(hand, t, limiter.sent);
-    arm.write(limitForce(wanted, dt, limits, limiter).force);
+    arm.write(limitForce(wanted, hand.position, dt, limits, limiter).force);
     if (watch.heart != nullptr) watch.heart->fetch_add(1);
   }
   arm.write(Vec3::Zero());

@@ -702,7 +702,7 @@ int explain(const Options& options) {
   const StepReport report = hapticStep(scene, reader, {hand}, state, dt);
   LimiterState limiter;
   limiter.sent = rest.report.force;
-  const LimitedForce limited = limitForce(report.wanted, dt, limits, limiter);
+  const LimitedForce limited = limitForce(report.wanted, hand, dt, limits, limiter);
   std::vector<Vec3> places(witness->places.begin(),
                            witness->places.begin() + static_cast<std::ptrdiff_t>(witness->count));
   if (places.empty()) places.push_back(rest.report.proxy);  // a fault before anything was read

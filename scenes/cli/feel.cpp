@@ -48,6 +48,7 @@ struct Options {
   double rate = 1000.0;
   bool realtime = false;
   bool watch = false;
+  bool passive = false;
   std::string trace;
   std::string summary;
   std::string picture;
@@ -61,6 +62,7 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     // On time all is as at a hand that a force could hurt.
     ArmParams arm;
     arm.hand = options.realtime;
+    if (options.passive) arm.tank = TankUse::kAct;
     return std::make_unique<SimulatedDevice>(arm, GripParams{}, target, options.rate);
   }
   if (name.rfind("path:", 0) == 0) {
@@ -74,9 +76,15 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     if (!options.realtime) {
       throw DeviceError("--device", "an arm lives in real time", "add --realtime");
     }
-    auto arm = openArm(name, {nullptr, [](const std::string& words) { complain("feel: " + words); },
-                              [] { return interrupted != 0; }})
-                   .device;
+    HidHost host;
+    host.say = [](const std::string& words) { complain("feel: " + words); };
+    host.stop = [] { return interrupted != 0; };
+    if (options.passive) host.tank = TankUse::kAct;
+    auto arm = openArm(name, std::move(host)).device;
+    if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
+      throw Error("--passive", "the friction of " + arm->info().name + " is not known",
+                  "run palpate devices --test " + name);
+    }
     if (const double most = arm->profile().output_rate; options.rate > most && most > 0.0) {
       complain(fmt::format("feel: {} takes {} forces a second of {}: --rate {} leaves none out",
                            arm->info().name, most, options.rate, most));
@@ -680,6 +688,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_flag("--realtime", options->realtime,
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
+  verb->add_flag("--passive", options->passive,
+                 "Let no energy out that the hand has not put in (docs/stability.md)");
   verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");

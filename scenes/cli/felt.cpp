@@ -80,6 +80,17 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   force_max_ = std::max(force_max_, r.force.norm());
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
+  drained_ += static_cast<std::int64_t>(r.share < 1.0);
+  // Where the tank acts this is of what is left; where it looks on, of all.
+  const double size = r.force.norm();
+  const bool acts = state.limits().tank.use == TankUse::kAct;
+  const double asked = acts && r.share > 0.0 ? size / r.share : acts ? r.wanted.norm() : size;
+  asked_ += asked;
+  lost_ += (1.0 - r.share) * asked;
+  least_energy_ = std::min(least_energy_, r.energy);
+  debt_ = state.limiter().tank.debt();
+  refilled_ = state.limiter().tank.refilled();
+  tank_ = state.limits().tank.use;
 
   // What is published next is told here first, so a scene that is not known is on its way.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
@@ -144,6 +155,13 @@ OrderedJson Felt::summary() const {
   json["error_bound_max"] = bound_max_;
   json["net_energy"] = net_energy_;
   json["injected_energy"] = injected_;
+  const char* const uses[] = {"off", "observe", "act"};
+  json["tank"] = {{"use", uses[static_cast<std::size_t>(tank_)]},
+                  {"drained_ticks", drained_},
+                  {"force_lost", asked_ > 0.0 ? lost_ / asked_ : 0.0},
+                  {"energy_min", least_energy_},
+                  {"debt", debt_},
+                  {"refilled", refilled_}};
   json["per_tick"] = {{"samples", static_cast<double>(samples_) / ticks},
                       {"traced", static_cast<double>(traced_) / ticks},
                       {"walked", static_cast<double>(walked_) / ticks},
@@ -205,6 +223,19 @@ std::string Felt::words() const {
   if (!troubles.empty()) text += "status    " + troubles + "\n";
   text += fmt::format("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
                       rounded(net_energy_), rounded(injected_));
+  if (tank_ != TankUse::kOff) {
+    const double share = 100.0 * static_cast<double>(drained_) / ticks;
+    const double lost = 100.0 * s["tank"]["force_lost"].get<double>();
+    text += tank_ == TankUse::kAct
+                ? fmt::format(
+                      "tank      acted in {} % of ticks and took {} % of the force; {} J of "
+                      "debt\n",
+                      rounded(share), rounded(lost), rounded(debt_))
+                : fmt::format(
+                      "tank      looked on; --passive would have acted in {} % of ticks and "
+                      "taken {} % of the force\n",
+                      rounded(share), rounded(lost));
+  }
   for (const auto& mode : s["felt"]) {
     text += fmt::format("felt      {}: ", mode["mode"].get<std::string>());
     if (mode["touches"].get<int>() == 0) {

@@ -94,6 +94,14 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double force_max_ = 0.0;
   double bound_max_ = 0.0;
   double net_energy_ = 0.0;
+  // Of the energy tank.
+  std::int64_t drained_ = 0;  ///< Ticks that it could not pay for.
+  double lost_ = 0.0;         ///< Sum of force that it could not [N],
+  double asked_ = 0.0;        ///< and of all [N].
+  double least_energy_ = 0.0;
+  double debt_ = 0.0;
+  double refilled_ = 0.0;
+  TankUse tank_ = TankUse::kOff;
   double injected_ = 0.0;
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();

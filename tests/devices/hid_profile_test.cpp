@@ -223,9 +223,21 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   CHECK_FALSE(isTested(arm, "S1"));
   SelfTestResult measured;
   measured.scale = 0.99;
+  for (AxisResult& axis : measured.axes) {
+    axis.viscous = 0.5;
+    axis.viscous_error = 0.01;
+    axis.coulomb = 0.04;
+    axis.coulomb_error = 0.02;
+    axis.delay = 1e-3;
+  }
+  measured.axes[1].viscous = 0.4;
   rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
   CHECK_FALSE(isTested(arm, "S2"));
+  CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
+  CHECK(measuredArm(arm, "S1").coulomb == 0.0);
+  CHECK(measuredArm(arm, "S1").delay == 1e-3);
+  CHECK(measuredArm(arm, "S2").viscous == 0.0);
   CHECK_FALSE(isTested(arm, ""));
   // A changed sign is another profile.
   Json other = full();

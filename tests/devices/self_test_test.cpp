@@ -36,7 +36,7 @@ Run test(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
   for (int i = 0; i < 60000 && !self.done(); ++i) {
     const HandState hand = device.read();
     const Vec3 wanted = self.next(hand, i / kRate, limiter.sent);
-    const Vec3 force = limitForce(wanted, 1.0 / kRate, limits, limiter).force;
+    const Vec3 force = limitForce(wanted, Vec3::Zero(), 1.0 / kRate, limits, limiter).force;
     run.largest = std::max(run.largest, force.norm());
     run.farthest = std::max(run.farthest, device.position().norm());
     device.write((wires ? wires(force) : force) + gravity);

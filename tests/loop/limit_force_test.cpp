@@ -19,7 +19,7 @@ namespace {
 LimitedForce after(const Vec3& previous, const Vec3& wanted, double dt, const ForceLimits& limits) {
   LimiterState state;
   state.sent = previous;
-  return limitForce(wanted, dt, limits, state);
+  return limitForce(wanted, Vec3::Zero(), dt, limits, state);
 }
 
 }  // namespace
@@ -80,7 +80,7 @@ TEST_CASE("whatever bits come in, the force is finite and within peak, slew and 
     if (random.integer(3) == 0) state.engage(random.uniform(0.0, 1.0));
     if (random.integer(3) == 0) state.share = random.uniform(0.0, 1.0);
     CAPTURE(wanted, previous, dt, limits.peak, limits.slew);
-    const LimitedForce out = limitForce(wanted, dt, limits, state);
+    const LimitedForce out = limitForce(wanted, Vec3::Zero(), dt, limits, state);
     CHECK(state.sent == out.force);
     CHECK(std::isfinite(state.heat));
     const bool held = out.force.allFinite() && out.force.stableNorm() <= limits.peak &&
@@ -110,7 +110,7 @@ TEST_CASE("an engagement waits for little force, or a second, then ramps over it
     for (int i = 0; i < 3000; ++i) {
       // A hand that is pressed, or one that comes to touch after 0.2 s.
       const double wanted = pressed || i > 200 ? 4.0 : 0.05;
-      const LimitedForce out = limitForce({0, wanted, 0}, kDt, limits, state);
+      const LimitedForce out = limitForce({0, wanted, 0}, Vec3::Zero(), kDt, limits, state);
       const double force = out.force.norm();
       CHECK(force <= wanted);
       CHECK(force >= last - (i == 201 ? 1.0 : 1e-12));
@@ -135,7 +135,7 @@ TEST_CASE("motors get no warmer than their continuous force makes them", "[safet
   double energy = 0.0;
   double first = 0.0;
   for (int i = 0; i < 60000; ++i) {
-    const Vec3 force = limitForce({0, 0, 9}, 1e-3, limits, state).force;
+    const Vec3 force = limitForce({0, 0, 9}, Vec3::Zero(), 1e-3, limits, state).force;
     // The same by its own sum.
     energy += 1e-3 / limits.heating * (force.squaredNorm() - energy);
     if (i == 100) first = force.norm();
@@ -146,6 +146,41 @@ TEST_CASE("motors get no warmer than their continuous force makes them", "[safet
   CHECK(state.sent.norm() == Approx(2.0).margin(1e-3));
   // Rested it is cold again.
   for (int i = 0; i < 20000; ++i)
-    CHECK(limitForce({0, 0, 0}, 1e-3, limits, state).force.norm() == 0.0);
+    CHECK(limitForce({0, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force.norm() == 0.0);
   CHECK(state.heat < 0.05);
+}
+
+TEST_CASE("the tank comes last, and what it leaves is what was sent", "[safety]") {
+  ForceLimits limits{10.0, 1e6};
+  limits.tank.use = TankUse::kAct;
+  limits.tank.arm.viscous = 0.5;
+  limits.tank.arm.period = 1e-3;
+  LimiterState state;
+  CHECK(limitForce({3, 0, 0}, Vec3::Zero(), 1e-3, limits, state).force == Vec3::Zero());
+  CHECK(state.sent == Vec3::Zero());
+  // 1 mm in a tick against 0.5 N s/m: 0.5 mJ, of which 1 N held for a tick needs as much.
+  const LimitedForce out = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state);
+  CHECK(out.drained);
+  CHECK(out.limited());
+  CHECK(out.force.x() == Approx(1.0).epsilon(1e-6));
+  CHECK(out.share == Approx(1.0 / 3.0).epsilon(1e-6));
+  CHECK(state.sent == out.force);
+  // Looking on it says the same and lets all through.
+  limits.tank.use = TankUse::kObserve;
+  LimiterState watched;
+  (void)limitForce(Vec3::Zero(), Vec3::Zero(), 1e-3, limits, watched);
+  const LimitedForce seen = limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, watched);
+  CHECK_FALSE(seen.drained);
+  CHECK_FALSE(seen.limited());
+  CHECK(seen.force == Vec3(3, 0, 0));
+  CHECK(seen.share == Approx(1.0 / 3.0).epsilon(1e-6));
+  // What was not sent is forgotten.
+  limits.tank.use = TankUse::kAct;
+  state.forget();
+  CHECK(state.tank.energy() == 0.0);
+  CHECK(limitForce({3, 0, 0}, {-1e-3, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
+  // Rubbish gives no force and spoils nothing.
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  CHECK(limitForce({nan, 0, 0}, {nan, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
+  CHECK(std::isfinite(state.tank.energy()));
 }
