@@ -6,6 +6,7 @@
 
 #include <Eigen/Geometry>
 
+#include "devices/stability.h"
 #include "engine/error.h"
 
 namespace palpate {
@@ -65,6 +66,8 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   require(not_negative(grip.damping), "the grip's damping is negative", "give N s/m, as 5");
   require(not_negative(arm.delay) && arm.delay <= 0.1, "the delay is not 0 to 0.1 s",
           "give seconds, as 0.001");
+  require(not_negative(arm.lag) && arm.lag <= 0.1, "the amplifiers' lag is not 0 to 0.1 s",
+          "give seconds, as 0.0002");
   require(positive(rate), "the rate is not > 0", "give Hz, as 1000");
   require(target_.at != nullptr && not_negative(target_.seconds), "the hand has no target",
           "give a path");
@@ -76,7 +79,8 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   if (arm.viscous > 0.0) {
     info_.limits.tank.use = arm.tank;
     // Three axes, each read to half a step.
-    info_.limits.tank.arm = {arm.viscous, arm.coulomb, std::sqrt(3.0) * arm.encoder, arm.delay};
+    info_.limits.tank.arm = {arm.viscous, arm.coulomb, std::sqrt(3.0) * arm.encoder, arm.delay,
+                             arm.lag};
   }
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
   position_ = target_.at(0.0);
@@ -124,13 +128,30 @@ SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {
   } else {
     p.xf = 0.5 * time * time / m;
   }
+  if (arm_.lag > 0.0) {
+    const AxisStep step = axisStep(arm_, grip_, time);
+    p.xa = step(0, 2);
+    p.va = step(1, 2);
+    p.aa = step(2, 2);
+    p.au = step(2, 3);
+    p.xu = step(0, 3);
+    p.vu = step(1, 3);
+  }
   return p;
 }
 
-void SimulatedDevice::advance(const Propagator& step, const Vec3& force) noexcept {
+void SimulatedDevice::advance(const Propagator& step, const Vec3& order,
+                              const Vec3& pull) noexcept {
   if (step.time <= 0.0) return;
-  const Vec3 x = step.xx * position_ + step.xv * velocity_ + step.xf * force;
+  const bool lags = arm_.lag > 0.0;
+  const Vec3 force = lags ? pull : Vec3(order + pull);
+  Vec3 x = step.xx * position_ + step.xv * velocity_ + step.xf * force;
   velocity_ = step.vx * position_ + step.vv * velocity_ + step.vf * force;
+  if (lags) {
+    x += step.xa * amplifier_ + step.xu * order;
+    velocity_ += step.va * amplifier_ + step.vu * order;
+    amplifier_ = step.aa * amplifier_ + step.au * order;
+  }
   position_ = x;
   // Coulomb friction acts against the motion, at most as much as stops it: a smaller force than
   // friction moves nothing.
@@ -161,8 +182,8 @@ void SimulatedDevice::write(const Vec3& force) noexcept {
   const std::size_t size = queue_.size();
   const Vec3& older = queue_[(next_ + 1) % size];
   const Vec3& newer = queue_[(next_ + 2) % size];
-  advance(early_, older + pull);
-  advance(late_, newer + pull);
+  advance(early_, older, pull);
+  advance(late_, newer, pull);
   next_ = (next_ + 1) % size;
   ++tick_;
 }

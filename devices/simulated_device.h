@@ -16,6 +16,7 @@ struct ArmParams {
   double coulomb = 0.02;             ///< c [N], >= 0.
   double encoder = 1e-5;             ///< Step of the position sensor D [m]; 0: none.
   double delay = 1e-3;               ///< From reading to the force that follows from it [s], >= 0.
+  double lag = 0.0;                  ///< Time constant of the amplifiers, first order [s], >= 0.
   TankUse tank = TankUse::kObserve;  ///< Of the energy tank, which relies on just these numbers.
   bool hand = false;  ///< True: treated as one that a force could hurt (DeviceInfo::hand).
 };
@@ -35,8 +36,8 @@ struct HandTarget {
 
 /// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
 ///
-/// f is the force written, held over a tick and late by `delay` (whole and fractional ticks); the
-/// hand's target and its speed are held over a tick as well. The
+/// f is the force written, held over a tick and late by `delay` (whole and fractional ticks), then
+/// behind by `lag`; the hand's target and its speed are held over a tick as well. The
 /// linear part is solved exactly over each piece of a tick on which f is constant; Coulomb friction
 /// acts as a constant force over each piece, at most what stops the arm: it never drives it. The
 /// probe that is read is the arm's position rounded to the encoder's step. Deterministic. Ends with
@@ -59,9 +60,12 @@ class SimulatedDevice final : public Device {
   struct Propagator {
     double xx, xv, vx, vv, xf, vf;
     double time;
+    // Where the amplifier lags: by what it gives, a, and what it is ordered, u.
+    double xa = 0.0, va = 0.0, aa = 0.0, xu = 0.0, vu = 0.0, au = 0.0;
   };
   [[nodiscard]] Propagator propagator(double time) const;
-  void advance(const Propagator& step, const Vec3& force) noexcept;
+  /// `order`: to the amplifiers; `pull`: of the hand.
+  void advance(const Propagator& step, const Vec3& order, const Vec3& pull) noexcept;
 
   DeviceInfo info_;
   ArmParams arm_;
@@ -71,7 +75,8 @@ class SimulatedDevice final : public Device {
   std::int64_t tick_ = 0;
   Vec3 position_;
   Vec3 velocity_ = Vec3::Zero();
-  std::vector<Vec3> queue_;  ///< Forces on their way, oldest at next_.
+  Vec3 amplifier_ = Vec3::Zero();  ///< What it gives [N].
+  std::vector<Vec3> queue_;        ///< Forces on their way, oldest at next_.
   std::size_t next_ = 0;
   Propagator early_;  ///< While the older force still acts ...
   Propagator late_;   ///< ... and after it.

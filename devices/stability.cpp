@@ -1,0 +1,139 @@
+#include "devices/stability.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <unsupported/Eigen/MatrixFunctions>
+
+#include <Eigen/Eigenvalues>
+
+namespace palpate {
+
+namespace {
+
+/// A delay in whole periods and what is left of one.
+struct Delay {
+  int whole;
+  double part;
+};
+
+Delay inPeriods(double delay, double rate) {
+  const double periods = delay * rate;
+  const double whole = std::floor(periods + 1e-9);
+  return {static_cast<int>(whole), std::max(0.0, periods - whole)};
+}
+
+}  // namespace
+
+AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time) {
+  // d/dt (x, v, f, u), u constant.
+  Eigen::Matrix4d rates = Eigen::Matrix4d::Zero();
+  rates(0, 1) = 1.0;
+  rates(1, 0) = -grip.stiffness / arm.mass;
+  rates(1, 1) = -(arm.viscous + grip.damping) / arm.mass;
+  const bool lags = arm.lag > 0.0;
+  rates(1, lags ? 2 : 3) = 1.0 / arm.mass;
+  if (lags) {
+    rates(2, 2) = -1.0 / arm.lag;
+    rates(2, 3) = 1.0 / arm.lag;
+  }
+  const Eigen::Matrix4d scaled = rates * time;
+  AxisStep step = scaled.exp().topRows<3>();
+  if (!lags) step.row(2) << 0.0, 0.0, 0.0, 1.0;
+  return step;
+}
+
+Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
+                           double stiffness, double damping) {
+  const Delay delay = inPeriods(arm.delay, rate);
+  const AxisStep early = axisStep(arm, grip, delay.part / rate);
+  const AxisStep late = axisStep(arm, grip, (1.0 - delay.part) / rate);
+  // State: x, v, f, then the readings x_{k-1}, x_{k-2}, ... that orders on their way come from.
+  const int readings = delay.whole + 2;
+  Eigen::MatrixXd loop = Eigen::MatrixXd::Zero(3 + readings, 3 + readings);
+  loop.topLeftCorner<3, 3>() = late.leftCols<3>() * early.leftCols<3>();
+  const auto reading = [](int ago) { return ago == 0 ? 0 : 2 + ago; };
+  const auto order = [&](const Eigen::Vector3d& effect, int ago) {
+    loop.block<3, 1>(0, reading(ago)) -= effect * (stiffness + damping * rate);
+    loop.block<3, 1>(0, reading(ago + 1)) += effect * (damping * rate);
+  };
+  order(late.col(3), delay.whole);
+  if (delay.part > 0.0) order(late.leftCols<3>() * early.col(3), delay.whole + 1);
+  loop(3, 0) = 1.0;
+  for (int i = 4; i < 3 + readings; ++i) loop(i, i - 1) = 1.0;
+  return loop;
+}
+
+double growth(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
+              double damping) {
+  return closedLoop(arm, grip, rate, stiffness, damping).eigenvalues().cwiseAbs().maxCoeff();
+}
+
+double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate, double damping) {
+  const auto rests = [&](double k) { return growth(arm, grip, rate, k, damping) < 1.0; };
+  // 4 m / T^2 is where no mass without friction comes to rest.
+  const double most = 4.0 * arm.mass * rate * rate;
+  constexpr int kSteps = 130;
+  const auto at = [&](int i) { return most * std::pow(10.0, -6.0 + 6.5 * i / kSteps); };
+  if (!rests(at(0))) return 0.0;
+  for (int i = 1; i <= kSteps; ++i) {
+    if (rests(at(i))) continue;
+    double low = at(i - 1);
+    double high = at(i);
+    while (high - low > 1e-9 * high) {
+      const double middle = 0.5 * (low + high);
+      (rests(middle) ? low : high) = middle;
+    }
+    return low;
+  }
+  return at(kSteps);
+}
+
+double passiveStiffness(const ArmParams& arm, double rate, double damping) {
+  const double left = arm.viscous - std::abs(damping);
+  if (!(left > 0.0)) return 0.0;
+  // b = K (T/2 + t_d) + K^2 T^2 phi (1 - phi) / (4 b).
+  // A lag is a mixture of delays: of all parts of a period, the worst.
+  const double part = arm.lag > 0.0 ? 0.5 : inPeriods(arm.delay, rate).part;
+  const double late = 0.5 / rate + arm.delay + arm.lag;
+  const double q = part * (1.0 - part) / (rate * rate * 4.0 * arm.viscous);
+  if (q * left < 1e-12 * late * late) return left / late;
+  return (std::sqrt(late * late + 4.0 * q * left) - late) / (2.0 * q);
+}
+
+double quietStiffness(const ArmParams& arm, double rate, double damping) {
+  if (!(arm.encoder > 0.0)) return std::numeric_limits<double>::infinity();
+  return std::max(0.0, 2.0 * (arm.coulomb / arm.encoder - std::abs(damping) * rate));
+}
+
+double holdingAmplitude(const ArmParams& arm, double rate, double stiffness) {
+  const double lacks = stiffness * (0.5 / rate + arm.delay + arm.lag) - arm.viscous;
+  if (lacks <= 0.0) return std::numeric_limits<double>::infinity();
+  return 4.0 * arm.coulomb / (M_PI * std::sqrt(stiffness / arm.mass) * lacks);
+}
+
+CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
+                     double damping) {
+  CouplingRoom room;
+  room.passive = passiveStiffness(arm, rate, damping);
+  room.stable = stableStiffness(arm, grip, rate, damping);
+  room.amplitude = holdingAmplitude(arm, rate, stiffness);
+  // By search: delays stay what they are in seconds, and their part of a period does not.
+  constexpr double kFastest = 1e5;  // [Hz]
+  for (double r = rate; r <= kFastest; r *= 1.01) {
+    if (passiveStiffness(arm, r, damping) < stiffness) continue;
+    room.rate = r;
+    break;
+  }
+  ArmParams more = arm;
+  double low = 0.0;
+  double high = 1e3;
+  while (high - low > 1e-6 * high) {
+    more.viscous = 0.5 * (low + high);
+    (passiveStiffness(more, rate, damping) < stiffness ? low : high) = more.viscous;
+  }
+  room.viscous = high;
+  return room;
+}
+
+}  // namespace palpate
