@@ -174,6 +174,7 @@ void HidDevice::begin() {
   if (profile_.output && host_.measured.viscous > 0.0) {
     info_.limits.tank.use = host_.tank;
     info_.limits.tank.arm = dissipation();
+    info_.mass = host_.measured.mass;
   }
   read_at_ = heard_at_ = counted_at_ = nowNs();
   open_port_ = port_.get();

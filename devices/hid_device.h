@@ -66,6 +66,7 @@ struct MeasuredArm {
   double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis.
   double coulomb = 0.0;  ///< [N], likewise.
   double delay = 0.0;    ///< From a reading to the force that follows from it [s].
+  double mass = 0.0;     ///< [kg], the least along any axis.
 };
 
 /// What an arm asks of the program that opens it. All may be empty.

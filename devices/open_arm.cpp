@@ -251,9 +251,13 @@ MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {
   const auto viscous = numbers("viscous_least");
   const auto coulomb = numbers("coulomb_least");
   const auto delay = numbers("delay");
-  if (viscous.size() != 3 || coulomb.size() != 3 || delay.size() != 3) return measured;
+  const auto mass = numbers("mass");
+  for (const auto* list : {&viscous, &coulomb, &delay, &mass}) {
+    if (list->size() != 3) return measured;
+  }
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
+  measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
   measured.delay = std::clamp(*std::max_element(delay.begin(), delay.end()), 0.0, kMostDelay);
   return measured;
 }

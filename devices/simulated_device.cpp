@@ -76,6 +76,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   info_.hand = arm.hand;
   info_.limits = {7.9, 2000.0};
   info_.max_stiffness = 1000.0;
+  info_.mass = arm.mass;
   if (arm.viscous > 0.0) {
     info_.limits.tank.use = arm.tank;
     // Three axes, each read to half a step.

@@ -19,6 +19,7 @@ struct DeviceInfo {
   double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m],
   double max_damping = 1e9;       ///< and damping [N s/m].
   double workspace_radius = 0.1;  ///< [m], about the origin of W.
+  double mass = 0.0;              ///< That a hand feels in free space [kg]; 0: not known.
   std::string source;             ///< Of the numbers above.
   WatchLimits watch;              ///< What a hand on it may do.
   bool hand = true;               ///< A force may reach one; false for recorded paths.

@@ -3,13 +3,17 @@
 
 #include <fmt/format.h>
 
+#include "devices/simulated_device.h"
 #include "samplers/thickness.h"
 #include "scenes/cli/common.h"
+#include "scenes/cli/room.h"
 #include "scenes/cli/touch.h"
 #include "scenes/scene_file.h"
 
 namespace palpate::cli {
 namespace {
+
+constexpr double kRate = 1000.0;  // [Hz], feel's
 
 std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
                      bool is_strength = false) {
@@ -128,6 +132,11 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     json["coupling"]["stiffness_most"] = spec.graph.stiffness->highest();
     json["coupling"]["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
+  // On the arm that feel tries a scene on.
+  const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kRate);
+  const double stiffest =
+      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
+  json["coupling"]["room"] = roomFor(arm.info(), kRate, {stiffest, spec.coupling.damping});
   json["max_substeps"] = spec.step.max_substeps;
   json["tolerance_voxels"] = spec.step.tolerance_voxels;
   json["volumes"] = OrderedJson::object();
@@ -229,6 +238,7 @@ void print(const OrderedJson& json) {
                  : number(coupling["stiffness"].get<double>()) + " N/m",
              number(json["coupling"]["damping"].get<double>()),
              number(json["tolerance_voxels"].get<double>()), json["max_substeps"].get<int>());
+  fmt::print("room      {}\n", roomWords(coupling["room"]));
   for (const auto& [name, volume] : json["volumes"].items()) {
     fmt::print("volume    {}: ", name);
     if (volume.contains("file")) {
@@ -303,6 +313,9 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       const BuiltScene built = buildScene(spec, showProgress("loading"));
       for (const std::string& note : built.notes) complain(note);
       const OrderedJson out = report(spec, built);
+      if (const std::string warning = roomWarning(out["coupling"]["room"]); !warning.empty()) {
+        complain("check: " + warning);
+      }
       if (*json) {
         fmt::print("{}\n", dump(out, 2));
       } else {

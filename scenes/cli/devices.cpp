@@ -18,6 +18,7 @@
 #include "engine/limit_force.h"
 #include "engine/realtime.h"
 #include "scenes/cli/common.h"
+#include "scenes/cli/room.h"
 
 namespace palpate::cli {
 namespace {
@@ -275,6 +276,27 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
   return out;
 }
 
+/// What a coupling as stiff as the profile allows has room for on this arm, as it was measured.
+OrderedJson roomOf(const SelfTestResult& result, const HidDevice& arm) {
+  DeviceInfo info = arm.info();
+  ArmDissipation& known = info.limits.tank.arm;
+  known = {};
+  bool first = true;
+  for (const AxisResult& axis : result.axes) {
+    if (!axis.fitted) return nullptr;
+    const auto least = [&](double& value, double another) {
+      value = first ? std::max(0.0, another) : std::min(value, std::max(0.0, another));
+    };
+    least(info.mass, axis.mass);
+    least(known.viscous, axis.viscous);
+    least(known.coulomb, axis.coulomb);
+    known.delay = std::max(known.delay, axis.delay);
+    first = false;
+  }
+  for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) known.step += arm.resolution()[i];
+  return roomFor(info, kRate, {arm.profile().limits.stiffness, 0.0});
+}
+
 OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   const SelfTestResult& r = tested.result;
   OrderedJson json;
@@ -294,6 +316,7 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) {
     json["resolution"].push_back(arm.resolution()[i]);
   }
+  json["room"] = roomOf(r, arm);
   json["axes"] = OrderedJson::array();
   for (const AxisResult& axis : r.axes) {
     OrderedJson one;
@@ -380,6 +403,9 @@ int test(const Options& options) {
           rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
           rounded(axis.mass), rounded(axis.bias));
     }
+  }
+  if (const OrderedJson room = roomOf(r, *arm); !options.json && !room.is_null()) {
+    fmt::print("room       {}\n", roomWords(room));
   }
   for (const std::string& problem : r.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {

@@ -31,6 +31,7 @@
 #include "scenes/cli/common.h"
 #include "scenes/cli/felt.h"
 #include "scenes/cli/picture.h"
+#include "scenes/cli/room.h"
 #include "scenes/cli/version.h"
 #include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
@@ -573,6 +574,9 @@ OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec&
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
+  const double stiffest =
+      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
+  summary["room"] = roomFor(hand.device->info(), options.rate, {stiffest, spec.coupling.damping});
   if (options.realtime) {
     summary["realtime"] = hand.granted;
   } else {
@@ -587,6 +591,7 @@ void tell(const Options& options, const Hand& hand, const OrderedJson& summary) 
              rounded(summary["seconds"].get<double>()), rounded(options.rate),
              options.realtime ? "on time" : "in virtual time", hand.device->info().name,
              summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
+  if (!summary["room"].is_null()) fmt::print("room      {}\n", roomWords(summary["room"]));
   if (options.realtime) fmt::print("{}", timeWords(summary));
 }
 
