@@ -1,0 +1,145 @@
+/// Does energy come out of the hand's port? Runs by the million, with nobody keeping it, with
+/// Hannaford and Ryu's observer and with the tank: palpate_bench_passivity [RUNS] (default 20000).
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "bench/machine.h"
+#include "bench/passivity_runs.h"
+
+using namespace palpate;
+using bench::Keeper;
+using bench::PassivityRun;
+
+namespace {
+
+struct Sum {
+  long runs = 0;
+  long active = 0;
+  long large = 0;   ///< More than a millijoule.
+  long broken = 0;  ///< More than the tank promises.
+  long indebted = 0;
+  double worst = 0.0;
+  double scaled = 0.0;
+  double lost = 0.0;
+
+  void add(const bench::PassivityResult& r) {
+    ++runs;
+    active += static_cast<long>(r.least < -1e-12);
+    large += static_cast<long>(r.least < -1e-3);
+    broken += static_cast<long>(r.margin < -1e-12);
+    indebted += static_cast<long>(r.debt > 0.0);
+    worst = std::min(worst, r.least);
+    scaled += r.scaled;
+    lost += r.lost;
+  }
+  void add(const Sum& s) {
+    runs += s.runs;
+    active += s.active;
+    large += s.large;
+    broken += s.broken;
+    indebted += s.indebted;
+    worst = std::min(worst, s.worst);
+    scaled += s.scaled;
+    lost += s.lost;
+  }
+};
+
+template <class Change>
+void show(const char* what, Keeper keeper, long runs, Change change) {
+  Sum sum;
+  std::mutex mutex;
+  std::atomic<long> next{0};
+  const auto work = [&] {
+    Sum own;
+    for (long i = next++; i < runs; i = next++) {
+      PassivityRun run = bench::randomRun(static_cast<std::uint64_t>(i), true);
+      change(run);
+      own.add(bench::play(run, keeper));
+    }
+    const std::lock_guard lock(mutex);
+    sum.add(own);
+  };
+  std::vector<std::thread> threads(std::max(1U, std::thread::hardware_concurrency()));
+  for (std::thread& thread : threads) thread = std::thread(work);
+  for (std::thread& thread : threads) thread.join();
+  const double n = static_cast<double>(sum.runs);
+  const char* const names[] = {"nobody", "observer", "tank"};
+  std::printf("%-22s %-9s %9ld %9.3f %9.3f %9ld %9ld %11.2e %9.2f %9.2f\n", what,
+              names[static_cast<int>(keeper)], sum.runs,
+              100.0 * static_cast<double>(sum.active) / n,
+              100.0 * static_cast<double>(sum.large) / n, sum.broken, sum.indebted, sum.worst,
+              100.0 * sum.scaled / n, 100.0 * sum.lost / n);
+  std::fflush(stdout);
+}
+
+/// What a tick of the tank takes [ns], median.
+double cost(double delay, double lag, double share) {
+  TankParams params;
+  params.use = TankUse::kAct;
+  params.arm = {0.5, 0.02, 2e-5, delay, lag, 1e-3};
+  std::vector<double> times;
+  for (int pass = 0; pass < 101; ++pass) {
+    Tank tank;
+    (void)tank.pass(Vec3::Zero(), Vec3::Zero(), 1e-3, params, 1.0);
+    tank.refill(0.5);
+    constexpr int kTicks = 200;
+    double sum = 0.0;
+    const auto start = bench::Clock::now();
+    for (int i = 0; i < kTicks; ++i) {
+      const double turn = 0.1 * i;
+      // A share below 1: more than the tank can pay for is asked.
+      const double size = share < 1.0 ? 1e4 : 1.0;
+      sum += tank.pass(size * Vec3(std::sin(turn), std::cos(turn), 0.1),
+                       1e-5 * Vec3(std::cos(turn), 0, 0), 1e-3, params, 1.0);
+    }
+    const std::chrono::duration<double, std::nano> spent = bench::Clock::now() - start;
+    if (sum >= 0.0) times.push_back(spent.count() / kTicks);
+  }
+  std::nth_element(times.begin(), times.begin() + 50, times.end());
+  return times[50];
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const long runs = argc > 1 ? std::max(1L, std::atol(argv[1])) : 20000;
+  const bench::Machine machine = bench::takeMachine(false);
+  std::printf("%s\n", bench::describe(machine).c_str());
+  std::printf("a tick of the tank: %.0f ns, with delay and lag %.0f; scaling %.0f, %.0f\n",
+              cost(0.0, 0.0, 1.0), cost(1.5e-3, 2e-4, 1.0), cost(0.0, 0.0, 0.5),
+              cost(1.5e-3, 2e-4, 0.5));
+  std::printf("%-22s %-9s %9s %9s %9s %9s %9s %11s %9s %9s\n", "hands", "keeper", "runs",
+              "active %", "> 1 mJ %", "broken", "in debt", "worst J", "acts %", "takes %");
+  const auto drawn = [](PassivityRun&) {};
+  const auto wicked = [](PassivityRun& run) { run.adversary = true; };
+  const auto lagging = [](PassivityRun& run) {
+    run.lag = run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
+    run.adversary = run.seed % 2 == 0;
+  };
+  const auto early = [](PassivityRun& run) {
+    run.jitter = 0.9;
+    run.delay = 0.0;
+    run.adversary = run.seed % 2 == 0;
+  };
+  const auto late = [](PassivityRun& run) {
+    run.late = 0.05;
+    run.delay = 0.0;
+    run.adversary = run.seed % 2 == 0;
+  };
+  for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {
+    show("at random", keeper, std::max(1L, runs / 10), drawn);
+    show("adversary", keeper, std::max(1L, runs / 10), wicked);
+  }
+  show("at random", Keeper::kTank, runs, drawn);
+  show("adversary", Keeper::kTank, std::max(1L, runs / 10), wicked);
+  show("amplifiers that lag", Keeper::kTank, std::max(1L, runs / 10), lagging);
+  show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
+  show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);
+}
