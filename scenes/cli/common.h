@@ -34,6 +34,7 @@ void addCheck(CLI::App& app, std::function<int()>& body);
 void addExplain(CLI::App& app, std::function<int()>& body);
 void addPress(CLI::App& app, std::function<int()>& body);
 void addFeel(CLI::App& app, std::function<int()>& body);
+void addStability(CLI::App& app, std::function<int()>& body);
 void addDevices(CLI::App& app, std::function<int()>& body);
 
 /// JSON as text, any bytes in names made printable.

@@ -1,9 +1,6 @@
 #include "scenes/cli/picture.h"
 
 #include <algorithm>
-#include <cerrno>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include "engine/error.h"
 
@@ -13,40 +10,6 @@ namespace {
 constexpr int kPixels = 180;  // along the longest side of a slice
 constexpr std::size_t kMostFields = 2;
 constexpr std::size_t kMostTicks = 20000;
-
-/// Runs a program with `input` on its standard input and its standard output to a descriptor; its
-/// exit status, or -1.
-int run(const std::vector<std::string>& command, const std::string& input, int output) {
-  int pipe_ends[2];
-  if (pipe(pipe_ends) != 0) return -1;
-  const pid_t child = fork();
-  if (child < 0) return -1;
-  if (child == 0) {
-    dup2(pipe_ends[0], STDIN_FILENO);
-    dup2(output, STDOUT_FILENO);
-    close(pipe_ends[0]);
-    close(pipe_ends[1]);
-    std::vector<char*> argv;
-    argv.reserve(command.size() + 1);
-    for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
-    argv.push_back(nullptr);
-    execvp(argv[0], argv.data());
-    _exit(127);
-  }
-  close(pipe_ends[0]);
-  std::size_t written = 0;
-  while (written < input.size()) {
-    const ssize_t n = write(pipe_ends[1], input.data() + written, input.size() - written);
-    if (n <= 0) break;
-    written += static_cast<std::size_t>(n);
-  }
-  close(pipe_ends[1]);
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0) {
-    if (errno != EINTR) return -1;
-  }
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-}
 
 /// A field as a function for pictures: the value, or a vector's magnitude.
 std::function<double(const Vec3&)> reading(const FieldPtr& field) {
@@ -101,14 +64,7 @@ std::string checked(const std::string& path) {
 }  // namespace
 
 Picture::Picture(const std::string& path)
-    : path_(path), file_(checked(path)), script_(programFolder() / "feel_picture.py") {
-  if (!std::filesystem::exists(script_)) {
-    script_ = programFolder().parent_path() / "share" / "palpate" / "feel_picture.py";
-  }
-  if (run({script_.string(), "--check"}, "", file_.descriptor()) != 0) {
-    throw Error("--picture", "python3 with matplotlib is not there", "install python3-matplotlib");
-  }
-}
+    : path_(path), file_(checked(path)), script_("feel_picture.py", "--picture") {}
 
 void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
@@ -164,10 +120,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
                     t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
                     t.report.force.z()});
   }
-  if (run({script_.string()}, dump(json), file_.descriptor()) != 0) {
-    throw Error(path_.string(), "the picture could not be drawn",
-                "see the message of matplotlib above");
-  }
+  script_.draw(json, file_, path_.string());
   file_.commit();
 }
 

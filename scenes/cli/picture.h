@@ -9,6 +9,7 @@
 #include "engine/telemetry.h"
 #include "scenes/build_scene.h"
 #include "scenes/cli/common.h"
+#include "scenes/cli/script.h"
 
 namespace palpate::cli {
 
@@ -24,7 +25,7 @@ class Picture {
  private:
   std::filesystem::path path_;
   WholeFile file_;
-  std::filesystem::path script_;
+  Script script_;
   std::vector<Telemetry> ticks_;  ///< Every stride_-th.
   std::size_t stride_ = 1;
   std::size_t seen_ = 0;

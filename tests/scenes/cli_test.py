@@ -53,7 +53,7 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "sample", "solve", "check", "explain", "press", "feel",
-                     "devices"):
+                     "stability", "devices"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertIn("0.", run("--version").stdout)
 
@@ -61,7 +61,7 @@ class Program(Case):
         self.refused(says="usage")
         self.refused("tickle", says="is no verb")
         self.refused("fel", says='did you mean "feel"?')
-        self.refused("stability", says="does not have it yet")
+        self.refused("view", says="does not have it yet")
         self.refused("feel", says="see palpate feel --help")
         self.refused("info", "a", "--nonsense", says="nonsense")
 
@@ -357,6 +357,33 @@ class Check(Case):
         self.refused("feel", scene, says="/coupling/stiffness")
 
 
+class Room(Case):
+    """What a coupling has room for, and the tank."""
+    def test_check_and_feel_say_it(self):
+        ball = self.dir / "ball.vdb"
+        checked = json.loads(run("check", ball, "--json").stdout)["coupling"]["room"]
+        self.assertAlmostEqual(checked["passive"], 1000 / 3, places=6)
+        self.assertGreater(checked["stable"], 3000)
+        felt = json.loads(run("feel", ball, "--seconds", 2, "--json").stdout)
+        self.assertEqual(felt["room"], checked)
+        self.assertEqual(felt["tank"]["use"], "observe")
+        kept = json.loads(run("feel", ball, "--seconds", 2, "--passive", "--json").stdout)
+        self.assertEqual(kept["tank"]["use"], "act")
+        self.assertGreaterEqual(kept["tank"]["energy_min"], -1e-9)
+        self.assertEqual(kept["tank"]["debt"], 0)
+
+    def test_a_coupling_that_swings_is_told(self):
+        scene = self.dir / "stiff.json"
+        scene.write_text(json.dumps({
+            "palpate": 1, "coupling": {"stiffness": 9000},
+            "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.05}}},
+            "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3, "solid": "below"}]}))
+        told = run("check", scene).stderr
+        self.assertIn("swings up even in a relaxed hand", told)
+        self.assertIn("N s/m of friction", told)
+        os.remove(scene)
+
+
 class Feel(Case):
     HEADER = ("t,probe_x,probe_y,probe_z,proxy_x,proxy_y,proxy_z,force_x,force_y,force_z,"
               "error_bound,iterations,substeps,primitives,tick_ns,status,limited")
@@ -634,6 +661,41 @@ class Feel(Case):
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         os.remove(picture)
+
+
+class Stability(Case):
+    def test_maps_of_planes_and_of_a_scene(self):
+        planes = json.loads(run("stability", "--planes", 20, "--size", 17, "--json").stdout)
+        names = [method["name"] for method in planes["methods"]]
+        self.assertEqual(len(names), 7)
+        for method in planes["methods"]:
+            self.assertEqual([len(row) for row in method["rows"]], [17] * 17)
+        rests = {method["name"]: method["rests"] for method in planes["methods"]}
+        self.assertGreater(rests["palpate"], 0.6)
+        self.assertEqual(rests["force function"], 0.0)
+        self.assertAlmostEqual(planes["boundaries"][0]["passive"], 1000 / 3, places=3)
+
+        out = self.dir / "ball"
+        words = run("stability", self.dir / "ball.vdb", "--size", 17, "--map", out).stdout
+        self.assertIn("whole tick", words)
+        self.assertEqual(Path(f"{out}.png").read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        self.assertIn("<svg", Path(f"{out}.svg").read_text())
+        drawn = json.loads(Path(f"{out}.json").read_text())
+        self.assertEqual(drawn["methods"][0]["name"], "whole tick")
+        # Deterministic.
+        again = self.dir / "again.json"
+        run("stability", self.dir / "ball.vdb", "--size", 17, "--map", again)
+        self.assertEqual(again.read_text(), Path(f"{out}.json").read_text())
+        for ending in (".json", ".png", ".svg"):
+            os.remove(f"{out}{ending}")
+        os.remove(again)
+
+    def test_refusals(self):
+        self.refused("stability", "--rate", 5, says="100 to 20000")
+        self.refused("stability", "--size", 20, says="one more than a multiple of 8")
+        self.refused("stability", "--planes", 0, says="--planes")
+        self.refused("stability", self.dir / "ball.vdb", "--planes", 20, says="planes of its own")
+        self.refused("stability", "--map", "/no/such/place/m", says="cannot be written")
 
 
 class Devices(Case):

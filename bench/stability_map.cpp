@@ -1,0 +1,229 @@
+#include "bench/stability_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <utility>
+
+#include <Eigen/Geometry>
+#include <tbb/parallel_for.h>
+
+#include "bench/contenders.h"
+#include "engine/coupling.h"
+#include "engine/step.h"
+
+namespace palpate::bench {
+
+namespace {
+
+constexpr double kFar = 0.02;       // [m]: no hand is held there
+constexpr double kMade = 1e-5;      // [J]
+constexpr std::size_t kCoarse = 8;  // cells between the first ones
+constexpr double kLastly = 0.75;    // of the time: what counts comes after
+
+/// A plane that holds what comes from its normal's other side.
+Primitive plane(const Vec3& normal, double strength) {
+  return {PrimitiveKind::kPlane, Vec3::Zero(), normal, strength};
+}
+
+/// Primitives that stand still, balanced anew for each reading.
+MapMethod standing(const Contact& contact, const Contender& contender, int size) {
+  const auto make = [contact, contender](double stiffness, double damping, double period) -> Feel {
+    const auto problem = std::make_shared<BalanceProblem>();
+    problem->stiffness = stiffness;
+    problem->primitives = contact.primitives;
+    const CouplingParams coupling{stiffness, damping};
+    return [=, placed = false, before = Vec3(Vec3::Zero())](const Vec3& probe) mutable -> Vec3 {
+      problem->probe = probe;
+      if (!placed) problem->start = probe;
+      const Vec3 offset = contender.solve(*problem, problem->primitives).balance.offset;
+      if (!placed) before = offset;
+      placed = true;
+      problem->start = probe + offset;
+      const Vec3 force = couplingForce(coupling, offset, (offset - before) / period);
+      before = offset;
+      return force;
+    };
+  };
+  return {contender.method, size, make};
+}
+
+}  // namespace
+
+Contact wallContact(double strength) {
+  Contact contact;
+  contact.primitives = {plane(Vec3::UnitZ(), strength)};
+  return contact;
+}
+
+Contact troughContact(double degrees, double strength) {
+  const double half = 0.5 * degrees * M_PI / 180.0;
+  Contact contact;
+  contact.primitives = {plane(Vec3(std::sin(half), 0, std::cos(half)), strength),
+                        plane(Vec3(-std::sin(half), 0, std::cos(half)), strength)};
+  return contact;
+}
+
+std::vector<MapMethod> methodsOver(const Contact& contact) {
+  // Each at the setting that it is meant to be used at.
+  const std::vector<std::pair<std::string, std::string>> chosen{
+      {kOurs, "1e-6"},           {"constraint approach", ""},
+      {"force function", ""},    {"Euler, fixed step", "1e-2"},
+      {kPaper, "3e-5, halving"}, {"Nelder-Mead", ""},
+      {"smallest residual", ""}};
+  const std::vector<Contender> all = makeContenders(false);
+  std::vector<MapMethod> methods;
+  for (const auto& [name, setting] : chosen) {
+    const auto found = std::find_if(all.rbegin(), all.rend(), [&](const Contender& c) {
+      return c.method == name && (setting.empty() || c.setting == setting);
+    });
+    if (found == all.rend()) continue;
+    const bool slow = name == "Nelder-Mead" || name.rfind("Euler", 0) == 0;
+    methods.push_back(standing(contact, *found, slow ? 17 : 65));
+  }
+  return methods;
+}
+
+MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start) {
+  const auto make = [scene, start](double stiffness, double damping, double period) -> Feel {
+    struct Hand {
+      Scene scene;
+      Reader reader;
+      ProxyState state;
+    };
+    const auto hand = std::make_shared<Hand>();
+    hand->scene = *scene;
+    hand->scene.coupling = {stiffness, damping};
+    // From the free side, as a hand comes.
+    (void)hapticStep(hand->scene, hand->reader, {start}, hand->state, period);
+    return [=](const Vec3& probe) -> Vec3 {
+      return hapticStep(hand->scene, hand->reader, {probe}, hand->state, period).wanted;
+    };
+  };
+  return {"whole tick", 65, make};
+}
+
+MapCell tryCoupling(const MapSetting& setting, const Contact& contact, Feel feel) {
+  // The hand means to be where its spring presses with the load.
+  const Vec3 aim = contact.place - setting.load / setting.grip.stiffness * contact.outwards;
+  const Vec3 start =
+      contact.place + setting.kick * (contact.outwards + contact.outwards.unitOrthogonal());
+  const auto target = [=](double t) -> Vec3 { return t > 0.0 ? aim : start; };
+  ArmParams arm = setting.arm;
+  arm.tank = TankUse::kOff;
+  SimulatedDevice device(arm, setting.grip, {target, 1e9}, setting.rate);
+  const auto ticks = static_cast<long>(setting.seconds * setting.rate);
+  const double dt = 1.0 / setting.rate;
+  MapCell cell;
+  double energy = 0.0;
+  double least = 0.0;
+  // What acts: the forces of this many ticks ago, and of one more for a part of the tick.
+  const double late = setting.arm.delay * setting.rate;
+  const auto whole = static_cast<std::size_t>(late + 1e-9);
+  const double part = std::max(0.0, late - static_cast<double>(whole));
+  std::vector<Vec3> sent(whole + 2, Vec3::Zero());
+  Eigen::AlignedBox3d early;
+  Eigen::AlignedBox3d lastly;
+  double force = 0.0;
+  long counted = 0;
+  for (long i = 0; i < ticks; ++i) {
+    Vec3 wanted = feel(device.read().position);
+    if (!wanted.allFinite()) wanted.setZero();
+    if (wanted.norm() > setting.peak) wanted *= setting.peak / wanted.norm();
+    std::rotate(sent.begin(), sent.end() - 1, sent.end());
+    sent[0] = wanted;
+    const Vec3 before = device.position();
+    device.write(wanted);
+    const Vec3 moved = device.position() - before;
+    const Vec3 acted = (1.0 - part) * sent[whole] + part * sent[whole + 1];
+    energy +=
+        -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
+    least = std::min(least, energy);
+    const auto share = static_cast<double>(i) / static_cast<double>(ticks);
+    if (share > 0.25 && share <= 0.5) early.extend(device.position());
+    if (share > kLastly) {
+      lastly.extend(device.position());
+      force += wanted.norm();
+      ++counted;
+    }
+    if ((device.position() - contact.place).norm() > 5.0 * kFar) {
+      cell.outcome = Outcome::kLeaves;
+      cell.active = least < -kMade;
+      cell.swing = (device.position() - contact.place).norm();
+      return cell;
+    }
+  }
+  cell.active = least < -kMade;
+  cell.force = force / static_cast<double>(counted);
+  cell.swing = 0.5 * lastly.diagonal().norm();
+  const double first = 0.5 * early.diagonal().norm();
+  // A step or two of the encoder is rest; so is what goes on dying away.
+  if (cell.swing <= 2.5 * std::max(arm.encoder, 1e-7) || cell.swing < 0.5 * first) {
+    cell.outcome = Outcome::kRests;
+  } else {
+    cell.outcome = cell.swing > kFar ? Outcome::kLeaves : Outcome::kCycles;
+  }
+  return cell;
+}
+
+StabilityMap drawMap(const MapSetting& setting, const Contact& contact, const MapMethod& method,
+                     int size, double least_stiffness, double most_stiffness, double most_damping,
+                     std::atomic<long>* progress) {
+  StabilityMap map;
+  map.method = method.name;
+  const auto n = static_cast<std::size_t>(size);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double share = static_cast<double>(i) / static_cast<double>(n - 1);
+    map.stiffness.push_back(least_stiffness * std::pow(most_stiffness / least_stiffness, share));
+    map.damping.push_back(i == 0 ? 0.0 : most_damping * std::pow(1e-3, 1.0 - share));
+  }
+  std::vector<std::optional<MapCell>> cells(n * n);
+  std::vector<std::size_t> wanted;
+  const auto draw = [&] {
+    tbb::parallel_for(std::size_t{0}, wanted.size(), [&](std::size_t w) {
+      const std::size_t at = wanted[w];
+      const double k = map.stiffness[at % n];
+      const double b = map.damping[at / n];
+      cells[at] = tryCoupling(setting, contact, method.make(k, b, 1.0 / setting.rate));
+      if (progress != nullptr) ++*progress;
+    });
+    map.tried += static_cast<long>(wanted.size());
+    wanted.clear();
+  };
+  const auto alike = [](const MapCell& a, const MapCell& b) {
+    return a.outcome == b.outcome && a.active == b.active;
+  };
+  std::size_t step = kCoarse;
+  for (std::size_t row = 0; row < n; row += step) {
+    for (std::size_t column = 0; column < n; column += step) wanted.push_back(row * n + column);
+  }
+  draw();
+  for (; step > 1; step /= 2) {
+    const std::size_t half = step / 2;
+    std::vector<std::pair<std::size_t, MapCell>> same;
+    for (std::size_t row = 0; row < n; row += half) {
+      for (std::size_t column = 0; column < n; column += half) {
+        if (cells[row * n + column]) continue;
+        // The coarse ones about it, one on either side where it is between.
+        const MapCell& one = *cells[row / step * step * n + column / step * step];
+        bool all = true;
+        for (const std::size_t r : {row / step * step, (row + step - 1) / step * step}) {
+          for (const std::size_t c : {column / step * step, (column + step - 1) / step * step}) {
+            all = all && alike(one, *cells[r * n + c]);
+          }
+        }
+        if (all) {
+          same.emplace_back(row * n + column, one);
+        } else {
+          wanted.push_back(row * n + column);
+        }
+      }
+    }
+    draw();
+    for (const auto& [at, cell] : same) cells[at] = cell;
+  }
+  for (const auto& cell : cells) map.cells.push_back(*cell);
+  return map;
+}
+
+}  // namespace palpate::bench

@@ -1,0 +1,276 @@
+/// palpate stability: where couplings of a stiffness and damping come to rest, swing, or run away.
+#include "devices/stability.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "bench/stability_map.h"
+#include "engine/error.h"
+#include "scenes/build_scene.h"
+#include "scenes/cli/common.h"
+#include "scenes/cli/script.h"
+#include "scenes/cli/touch.h"
+
+namespace palpate::cli {
+namespace {
+
+struct Options {
+  std::string scene;
+  std::optional<double> planes;
+  std::string map;
+  double rate = 1000.0;
+  double mass = ArmParams{}.mass;
+  double viscous = ArmParams{}.viscous;
+  double coulomb = ArmParams{}.coulomb;
+  double encoder = ArmParams{}.encoder;
+  double delay = ArmParams{}.delay;
+  double grip = GripParams{}.stiffness;
+  double grip_damping = GripParams{}.damping;
+  double load = 1.0;
+  int size = 65;
+  bool json = false;
+};
+
+constexpr double kLeastStiffness = 50.0;  // [N/m]
+constexpr double kMostDamping = 50.0;     // [N s/m]
+constexpr int kSlowSize = 17;             // cells along an axis for methods that are slow
+
+struct Setup {
+  std::string name;
+  bench::Contact contact;
+  std::vector<bench::MapMethod> methods;
+};
+
+/// Where a hand that explores a scene is pushed back by about the load.
+bench::Contact touchOf(const Opened& opened, double load, double rate) {
+  const Scene& scene = *opened.built.scene;
+  Reader reader;
+  ProxyState state(pathLimits());
+  constexpr double kSeconds = 10.0;
+  const HandTarget hand = explore(opened.built.bounds, kSeconds);
+  bench::Contact contact;
+  double best = 1e9;
+  for (long i = 0; i < std::lround(kSeconds * rate); ++i) {
+    const Vec3 at = hand.at(static_cast<double>(i) / rate);
+    const StepReport report = hapticStep(scene, reader, {at}, state, 1.0 / rate);
+    const double off = std::abs(report.wanted.norm() - load);
+    if (report.status != StepStatus::kConverged || report.wanted.norm() < 0.2 * load ||
+        off >= best) {
+      continue;
+    }
+    best = off;
+    contact.place = report.proxy;
+    contact.outwards = report.wanted.normalized();
+    contact.primitives.assign(state.primitives().items().begin(), state.primitives().items().end());
+  }
+  if (contact.primitives.empty()) {
+    throw Error(opened.spec.source, "a hand that explores it feels nothing to press on",
+                "palpate check shows where the volumes are");
+  }
+  return contact;
+}
+
+Setup setupOf(const Options& options) {
+  Setup setup;
+  if (options.scene.empty()) {
+    setup.name = options.planes ? fmt::format("two planes, {} degrees", *options.planes) : "a wall";
+    setup.contact = options.planes ? bench::troughContact(*options.planes) : bench::wallContact();
+    setup.methods = bench::methodsOver(setup.contact);
+    return setup;
+  }
+  const Opened opened = openFor(options.scene);
+  setup.name = opened.spec.source;
+  setup.contact = touchOf(opened, options.load, options.rate);
+  setup.methods = bench::methodsOver(setup.contact);
+  constexpr double kFree = 5e-3;  // [m]
+  setup.methods.insert(
+      setup.methods.begin(),
+      bench::wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards));
+  return setup;
+}
+
+void check(const Options& options) {
+  const auto within = [](const char* name, double value, double least, double most) {
+    if (value >= least && value <= most) return;
+    throw Error(name, fmt::format("{} is not {} to {}", value, least, most), "see --help");
+  };
+  within("--rate", options.rate, 100.0, 20000.0);
+  within("--mass", options.mass, 1e-3, 10.0);
+  within("--viscous", options.viscous, 0.0, 100.0);
+  within("--coulomb", options.coulomb, 0.0, 10.0);
+  within("--encoder", options.encoder, 0.0, 1e-3);
+  within("--delay", options.delay, 0.0, 0.02);
+  within("--grip", options.grip, 1.0, 1e4);
+  within("--grip-damping", options.grip_damping, 0.0, 1e3);
+  within("--load", options.load, 0.01, 5.0);
+  if (options.planes) within("--planes", *options.planes, 0.1, 180.0);
+  if (options.planes && !options.scene.empty()) {
+    throw Error("--planes", "a scene has planes of its own", "leave one of them out");
+  }
+  if (options.size < 17 || options.size > 257 || options.size % 8 != 1) {
+    throw Error("--size",
+                fmt::format("{} is not 17 to 257 and one more than a multiple of 8", options.size),
+                "use 65");
+  }
+}
+
+OrderedJson report(const Options& options, const Setup& setup, const bench::MapSetting& setting,
+                   double most, const std::vector<bench::StabilityMap>& maps) {
+  OrderedJson json;
+  json["of"] = setup.name;
+  json["rate"] = options.rate;
+  json["arm"] = {{"mass", options.mass},
+                 {"viscous", options.viscous},
+                 {"coulomb", options.coulomb},
+                 {"encoder", options.encoder},
+                 {"delay", options.delay}};
+  json["hand"] = {
+      {"stiffness", options.grip}, {"damping", options.grip_damping}, {"load", options.load}};
+  // Boundaries of one wall, by the formulas.
+  json["boundaries"] = OrderedJson::array();
+  for (int i = 0; i <= 40; ++i) {
+    const double b = i == 0 ? 0.0 : kMostDamping * std::pow(1e-3, 1.0 - i / 40.0);
+    json["boundaries"].push_back(
+        {{"damping", b},
+         {"stable", stableStiffness(setting.arm, setting.grip, options.rate, b)},
+         {"passive", passiveStiffness(setting.arm, options.rate, b)}});
+  }
+  json["most_stiffness"] = most;
+  json["methods"] = OrderedJson::array();
+  for (const bench::StabilityMap& map : maps) {
+    OrderedJson one;
+    one["name"] = map.method;
+    one["tried"] = map.tried;
+    one["stiffness"] = map.stiffness;
+    one["damping"] = map.damping;
+    // A word a row: r rests, c cycles, l leaves; large letters: energy came out.
+    one["rows"] = OrderedJson::array();
+    const std::size_t n = map.stiffness.size();
+    long rests = 0;
+    for (std::size_t row = 0; row < n; ++row) {
+      std::string word;
+      for (std::size_t column = 0; column < n; ++column) {
+        const bench::MapCell& cell = map.cells[row * n + column];
+        const std::size_t letter = static_cast<std::size_t>(cell.outcome);
+        word += (cell.active ? "RCL" : "rcl")[letter];
+        rests += static_cast<long>(cell.outcome == bench::Outcome::kRests);
+      }
+      one["rows"].push_back(word);
+    }
+    one["rests"] = static_cast<double>(rests) / static_cast<double>(n * n);
+    // Without damping, from the softest on.
+    std::size_t first = 0;
+    while (first < n && map.cells[first].outcome == bench::Outcome::kRests) ++first;
+    one["rests_to"] = first == 0 ? OrderedJson() : OrderedJson(map.stiffness[first - 1]);
+    json["methods"].push_back(one);
+  }
+  return json;
+}
+
+int draw(const Options& options) {
+  check(options);
+  // Everything that can be refused is refused before anything runs.
+  std::vector<std::pair<std::string, std::unique_ptr<WholeFile>>> files;
+  std::optional<Script> script;
+  if (!options.map.empty()) {
+    const std::filesystem::path out(options.map);
+    std::vector<std::string> endings{".json", ".png", ".svg"};
+    const bool one = std::find(endings.begin(), endings.end(), out.extension()) != endings.end();
+    if (one) endings = {out.extension()};
+    for (const std::string& ending : endings) {
+      const std::string name = one ? out.string() : out.string() + ending;
+      files.emplace_back(name, std::make_unique<WholeFile>(name));
+      if (ending != ".json" && !script) script.emplace("stability_picture.py", "--map");
+    }
+  }
+  const Setup setup = setupOf(options);
+  bench::MapSetting setting;
+  setting.arm.mass = options.mass;
+  setting.arm.viscous = options.viscous;
+  setting.arm.coulomb = options.coulomb;
+  setting.arm.encoder = options.encoder;
+  setting.arm.delay = options.delay;
+  setting.grip = {options.grip, options.grip_damping};
+  setting.rate = options.rate;
+  setting.load = options.load;
+  const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
+  const double most = 6.0 * std::max(stable, 10.0 * kLeastStiffness);
+
+  std::vector<bench::StabilityMap> maps;
+  {
+    const auto progress = showProgress("mapping");
+    for (const bench::MapMethod& method : setup.methods) {
+      const int size = method.size < options.size ? kSlowSize : options.size;
+      maps.push_back(bench::drawMap(setting, setup.contact, method, size, kLeastStiffness, most,
+                                    kMostDamping));
+      if (progress) {
+        progress(static_cast<double>(maps.size()) / static_cast<double>(setup.methods.size()));
+      }
+    }
+  }
+  const OrderedJson json = report(options, setup, setting, most, maps);
+  for (auto& [name, file] : files) {
+    const std::filesystem::path path(name);
+    if (path.extension() == ".json") {
+      file->write(dump(json, 1) + "\n");
+    } else {
+      script->draw(json, *file, name, {path.extension().string().substr(1)});
+    }
+  }
+  for (auto& [name, file] : files) file->commit();
+  if (options.json) {
+    fmt::print("{}\n", dump(json, 1));
+    return kDone;
+  }
+  fmt::print(
+      "{} at {} Hz, {} kg, {} N s/m, {} N, delay {} ms; hand {} N/m, {} N s/m, pressing with "
+      "{} N\n",
+      setup.name, rounded(options.rate), rounded(options.mass), rounded(options.viscous),
+      rounded(options.coulomb), rounded(1e3 * options.delay), rounded(options.grip),
+      rounded(options.grip_damping), rounded(options.load));
+  fmt::print(
+      "one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
+      "{}\n",
+      rounded(passiveStiffness(setting.arm, options.rate)), rounded(stable));
+  for (const auto& method : json["methods"]) {
+    fmt::print("{:22} rests {}; in {} % of the map ({} cells tried)\n",
+               method["name"].get<std::string>(),
+               method["rests_to"].is_null()
+                   ? "at no stiffness"
+                   : "without damping to " + rounded(method["rests_to"].get<double>()) + " N/m",
+               rounded(100.0 * method["rests"].get<double>()), method["tried"].get<long>());
+  }
+  return kDone;
+}
+
+}  // namespace
+
+void addStability(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "stability",
+      "Maps where couplings rest, swing or run away, for the engine and other methods");
+  auto o = std::make_shared<Options>();
+  verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
+  verb->add_option("--planes", o->planes, "Two planes so many degrees apart instead of a wall");
+  verb->add_option("--map", o->map, "Draws it: a name for .json, .png and .svg, or one of them");
+  verb->add_option("--rate", o->rate, "Ticks a second (default 1000)");
+  verb->add_option("--mass", o->mass, "Of the arm [kg] (default 0.1)");
+  verb->add_option("--viscous", o->viscous, "Its friction [N s/m] (default 0.5),");
+  verb->add_option("--coulomb", o->coulomb, "[N] (default 0.02),");
+  verb->add_option("--encoder", o->encoder, "the step of its encoders [m] (default 1e-5)");
+  verb->add_option("--delay", o->delay, "and from a reading to its force [s] (default 0.001)");
+  verb->add_option("--grip", o->grip, "The hand's stiffness [N/m] (default 300)");
+  verb->add_option("--grip-damping", o->grip_damping, "and damping [N s/m] (default 5)");
+  verb->add_option("--load", o->load, "It presses with so much [N] (default 1)");
+  verb->add_option("--size", o->size, "Cells along an axis (default 65)");
+  verb->add_flag("--json", o->json, "Print JSON");
+  verb->footer("Example:\n  palpate stability --planes 20 --map planes");
+  verb->callback([=, &body] { body = [=] { return draw(*o); }; });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,112 @@
+/// Maps of couplings: the engine follows the wall's formula, others do not.
+#include "bench/stability_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "devices/stability.h"
+#include "samplers/analytic_field.h"
+
+using namespace palpate;
+using bench::Outcome;
+
+namespace {
+
+constexpr int kSize = 33;
+constexpr double kLeast = 50.0;
+constexpr double kMost = 2e4;
+constexpr double kMostDamping = 50.0;
+
+bench::StabilityMap mapOf(const bench::MapSetting& setting, const bench::Contact& contact,
+                          const bench::MapMethod& method, int size = kSize) {
+  return bench::drawMap(setting, contact, method, size, kLeast, kMost, kMostDamping);
+}
+
+const bench::MapMethod& named(const std::vector<bench::MapMethod>& methods,
+                              const std::string& name) {
+  const auto found = std::find_if(methods.begin(), methods.end(),
+                                  [&](const bench::MapMethod& m) { return m.name == name; });
+  REQUIRE(found != methods.end());
+  return *found;
+}
+
+std::shared_ptr<const Scene> wallScene() {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kIsosurface;
+  spec.modes[0].of = "wall";
+  spec.modes[0].solid = Solid::kBelow;
+  spec.modes[0].strength = 5.0;
+  return makeScene(spec, {{"wall", makeSphere(Vec3(0, 0, -10.0), 10.0)}});
+}
+
+}  // namespace
+
+TEST_CASE("the engine rests where one wall's formula says so, on a wall and between two planes",
+          "[stability]") {
+  const bench::MapSetting setting;
+  std::vector<std::pair<bench::Contact, bench::MapMethod>> tried;
+  for (const bench::Contact& contact : {bench::wallContact(), bench::troughContact(20.0)}) {
+    tried.emplace_back(contact, named(bench::methodsOver(contact), "palpate"));
+  }
+  tried.emplace_back(bench::wallContact(), bench::wholeTick(wallScene(), Vec3(0, 0, 0.005)));
+  for (const auto& [contact, method] : tried) {
+    const bench::StabilityMap map = mapOf(setting, contact, method);
+    CAPTURE(method.name, contact.primitives.size());
+    REQUIRE(map.cells.size() == static_cast<std::size_t>(kSize * kSize));
+    CHECK(map.tried < kSize * kSize / 2);
+    const auto n = static_cast<std::size_t>(kSize);
+    for (std::size_t row = 0; row < n; ++row) {
+      // As damping grows it acts on what the encoder reads: the formula knows no encoder.
+      if (map.damping[row] > 5.0) continue;
+      const double stable =
+          stableStiffness(setting.arm, setting.grip, setting.rate, map.damping[row]);
+      for (std::size_t column = 0; column < n; ++column) {
+        const bench::MapCell& cell = map.cells[row * n + column];
+        CAPTURE(map.stiffness[column], map.damping[row], stable, cell.swing);
+        if (map.stiffness[column] < 0.8 * stable) CHECK(cell.outcome == Outcome::kRests);
+        if (map.stiffness[column] > 1.25 * stable) CHECK(cell.outcome != Outcome::kRests);
+        // No energy where no hand at all could get any.
+        const double passive = passiveStiffness(setting.arm, setting.rate, map.damping[row]);
+        if (map.stiffness[column] < passive) CHECK_FALSE(cell.active);
+      }
+    }
+  }
+}
+
+TEST_CASE("where other methods fail a hand is shaken", "[stability]") {
+  const bench::MapSetting setting;
+  const bench::Contact trough = bench::troughContact(20.0);
+  const auto methods = bench::methodsOver(trough);
+  CHECK(methods.size() == 7);
+  const auto rests = [&](const std::string& name) {
+    const bench::StabilityMap map = mapOf(setting, trough, named(methods, name), 17);
+    return std::count_if(map.cells.begin(), map.cells.end(), [](const bench::MapCell& cell) {
+      return cell.outcome == Outcome::kRests;
+    });
+  };
+  const long ours = rests("palpate");
+  // No proxy: the force jumps at the wall. An answer that chatters shakes soft couplings as well.
+  CHECK(rests("force function") == 0);
+  CHECK(rests("Euler, adaptive step") < ours);
+  CHECK(rests("Euler, fixed step") < ours);
+  CHECK(rests("constraint approach") < ours);
+}
+
+TEST_CASE("what lies among equals is as they are", "[stability]") {
+  const bench::MapSetting setting;
+  const bench::Contact wall = bench::wallContact();
+  const bench::MapMethod method = named(bench::methodsOver(wall), "palpate");
+  const bench::StabilityMap map = mapOf(setting, wall, method);
+  long other = 0;
+  for (std::size_t i = 0; i < map.cells.size(); ++i) {
+    const auto n = static_cast<std::size_t>(kSize);
+    const bench::MapCell cell = bench::tryCoupling(
+        setting, wall, method.make(map.stiffness[i % n], map.damping[i / n], 1.0 / setting.rate));
+    other += static_cast<long>(cell.outcome != map.cells[i].outcome);
+  }
+  CHECK(other == 0);
+}
