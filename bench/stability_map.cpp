@@ -40,9 +40,9 @@ MapMethod standing(const Contact& contact, const Contender& contender, int size)
       if (!placed) before = offset;
       placed = true;
       problem->start = probe + offset;
-      const Vec3 force = couplingForce(coupling, offset, (offset - before) / period);
+      const Vec3 rate = (offset - before) / period;
       before = offset;
-      return force;
+      return couplingForce(coupling, offset, rate);
     };
   };
   return {contender.method, size, make};
@@ -73,12 +73,12 @@ std::vector<MapMethod> methodsOver(const Contact& contact) {
       {"smallest residual", ""}};
   const std::vector<Contender> all = makeContenders(false);
   std::vector<MapMethod> methods;
-  for (const auto& [name, setting] : chosen) {
+  for (const auto& choice : chosen) {
     const auto found = std::find_if(all.rbegin(), all.rend(), [&](const Contender& c) {
-      return c.method == name && (setting.empty() || c.setting == setting);
+      return c.method == choice.first && (choice.second.empty() || c.setting == choice.second);
     });
     if (found == all.rend()) continue;
-    const bool slow = name == "Nelder-Mead" || name.rfind("Euler", 0) == 0;
+    const bool slow = choice.first == "Nelder-Mead" || choice.first.rfind("Euler", 0) == 0;
     methods.push_back(standing(contact, *found, slow ? 17 : 65));
   }
   return methods;
@@ -103,7 +103,7 @@ MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start
   return {"whole tick", 65, make};
 }
 
-MapCell tryCoupling(const MapSetting& setting, const Contact& contact, Feel feel) {
+MapCell tryCoupling(const MapSetting& setting, const Contact& contact, const Feel& feel) {
   // The hand means to be where its spring presses with the load.
   const Vec3 aim = contact.place - setting.load / setting.grip.stiffness * contact.outwards;
   const Vec3 start =

@@ -67,7 +67,8 @@ struct MapSetting {
 };
 
 /// One cell: virtual time, deterministic.
-[[nodiscard]] MapCell tryCoupling(const MapSetting& setting, const Contact& contact, Feel feel);
+[[nodiscard]] MapCell tryCoupling(const MapSetting& setting, const Contact& contact,
+                                  const Feel& feel);
 
 struct StabilityMap {
   std::string method;

@@ -120,11 +120,9 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.amplitude = holdingAmplitude(arm, rate, stiffness);
   // By search: delays stay what they are in seconds, and their part of a period does not.
   constexpr double kFastest = 1e5;  // [Hz]
-  for (double r = rate; r <= kFastest; r *= 1.01) {
-    if (passiveStiffness(arm, r, damping) < stiffness) continue;
-    room.rate = r;
-    break;
-  }
+  double faster = rate;
+  while (faster <= kFastest && passiveStiffness(arm, faster, damping) < stiffness) faster *= 1.01;
+  room.rate = faster <= kFastest ? faster : 0.0;
   ArmParams more = arm;
   double low = 0.0;
   double high = 1e3;
