@@ -20,6 +20,7 @@ constexpr double kFar = 0.02;       // [m]: no hand is held there
 constexpr double kMade = 1e-5;      // [J]
 constexpr std::size_t kCoarse = 8;  // cells between the first ones
 constexpr double kLastly = 0.75;    // of the time: what counts comes after
+constexpr double kDying = 0.8;      // from the third quarter to the last
 
 /// A plane that holds what comes from its normal's other side.
 Primitive plane(const Vec3& normal, double strength) {
@@ -140,7 +141,8 @@ MapCell tryCoupling(const MapSetting& setting, const Contact& contact, const Fee
         -acted.dot(moved) + arm.viscous * moved.squaredNorm() / dt + arm.coulomb * moved.norm();
     least = std::min(least, energy);
     const auto share = static_cast<double>(i) / static_cast<double>(ticks);
-    if (share > 0.25 && share <= 0.5) early.extend(device.position());
+    // By then what the first touch has brought is over.
+    if (share > 0.5 && share <= kLastly) early.extend(device.position());
     if (share > kLastly) {
       lastly.extend(device.position());
       force += wanted.norm();
@@ -158,7 +160,7 @@ MapCell tryCoupling(const MapSetting& setting, const Contact& contact, const Fee
   cell.swing = 0.5 * lastly.diagonal().norm();
   const double first = 0.5 * early.diagonal().norm();
   // A step or two of the encoder is rest; so is what goes on dying away.
-  if (cell.swing <= 2.5 * std::max(arm.encoder, 1e-7) || cell.swing < 0.5 * first) {
+  if (cell.swing <= 2.5 * std::max(arm.encoder, 1e-7) || cell.swing < kDying * first) {
     cell.outcome = Outcome::kRests;
   } else {
     cell.outcome = cell.swing > kFar ? Outcome::kLeaves : Outcome::kCycles;

@@ -1,0 +1,139 @@
+/// Speed, accuracy and stability in one: per method the largest stable stiffness on a wall and
+/// between two planes at 1, 4 and 10 kHz, beside the error of its force and what a balance costs.
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "bench/report.h"
+#include "bench/stability_map.h"
+#include "devices/stability.h"
+#include "engine/solver.h"
+
+using namespace palpate;
+using nlohmann::ordered_json;
+
+namespace {
+
+constexpr double kStiffness = 500.0;  // [N/m], where forces are compared
+constexpr double kLeast = 20.0;       // [N/m], of the search
+
+/// The largest stiffness up to which everything from kLeast on comes to rest; 0: nothing does.
+///
+/// @param step   From one stiffness to the next; then to `ratio` by halves.
+double largestStable(const bench::MapSetting& setting, const bench::Contact& contact,
+                     const bench::MapMethod& method, double most, double step, double ratio) {
+  const auto rests = [&](double k) {
+    return bench::tryCoupling(setting, contact, method.make(k, 0.0, 1.0 / setting.rate)).outcome ==
+           bench::Outcome::kRests;
+  };
+  double low = 0.0;
+  double high = kLeast;
+  while (high < most && rests(high)) {
+    low = high;
+    high *= step;
+  }
+  if (low == 0.0) return 0.0;
+  while (high > ratio * low) {
+    const double middle = std::sqrt(low * high);
+    (rests(middle) ? low : high) = middle;
+  }
+  return low;
+}
+
+struct Judged {
+  double error = 0.0;    ///< Of the force, rms over rms.
+  double cost_ns = 0.0;  ///< Of a balance, median.
+};
+
+/// Along a way that presses and slides, as a hand does.
+Judged judge(const bench::Contact& contact, const bench::MapMethod& method, int steps) {
+  bench::Feel feel = method.make(kStiffness, 0.0, 1e-3);
+  Vec3 proxy = Vec3::Zero();
+  bool placed = false;
+  double wrong = 0.0;
+  double all = 0.0;
+  std::vector<double> times;
+  for (int i = 0; i < steps; ++i) {
+    const double t = 2.0 * M_PI * i / steps;
+    const Vec3 probe = contact.place + Vec3(1e-3 * std::sin(3.0 * t), 1e-3 * std::sin(2.0 * t),
+                                            1e-3 - 3e-3 * std::pow(std::sin(0.5 * t), 2));
+    const auto start = bench::Clock::now();
+    const Vec3 force = feel(probe);
+    const std::chrono::duration<double, std::nano> spent = bench::Clock::now() - start;
+    times.push_back(spent.count());
+    if (!placed) proxy = probe;
+    placed = true;
+    const SolveResult exact = solveProxy(probe, kStiffness, contact.primitives, proxy, {1e-10});
+    proxy = probe + exact.offset;
+    wrong += (force - kStiffness * exact.offset).squaredNorm();
+    all += (kStiffness * exact.offset).squaredNorm();
+  }
+  std::nth_element(times.begin(), times.begin() + steps / 2, times.end());
+  return {std::sqrt(wrong / all), times[static_cast<std::size_t>(steps / 2)]};
+}
+
+int run(bool quick, const std::string& output) {
+  const bench::Machine machine = bench::takeMachine();
+  const double step = quick ? 1.6 : 1.25;
+  const double ratio = quick ? 1.1 : 1.01;
+  const std::vector<double> rates =
+      quick ? std::vector<double>{1000.0, 4000.0} : std::vector<double>{1000.0, 4000.0, 10000.0};
+  ordered_json results = ordered_json::array();
+  for (const bool wall : {true, false}) {
+    const bench::Contact contact = wall ? bench::wallContact() : bench::troughContact(20.0);
+    const char* const where = wall ? "a wall" : "two planes, 20 degrees";
+    for (const bench::MapMethod& method : bench::methodsOver(contact)) {
+      bench::tell(std::string(where) + ", " + method.name);
+      const Judged judged = judge(contact, method, quick ? 200 : 4000);
+      ordered_json one{{"contact", where},
+                       {"method", method.name},
+                       {"force_error", bench::rounded(judged.error)},
+                       {"cost_ns", bench::rounded(judged.cost_ns)},
+                       {"stable", ordered_json::array()}};
+      for (const double rate : rates) {
+        bench::MapSetting setting;
+        setting.rate = rate;
+        setting.arm.delay = 1.0 / rate;
+        // Coulomb's friction holds what is a small kick beyond the boundary: not by the method.
+        setting.arm.coulomb = 0.0;
+        setting.arm.encoder = 1e-7;
+        setting.seconds = quick ? 1.0 : 3.0;
+        const double formula = stableStiffness(setting.arm, setting.grip, rate);
+        const double found = largestStable(setting, contact, method, 4.0 * formula, step, ratio);
+        one["stable"].push_back({{"rate", rate},
+                                 {"stiffness", bench::rounded(found)},
+                                 {"formula", bench::rounded(formula)}});
+      }
+      results.push_back(one);
+    }
+  }
+  bench::tell("");
+  bench::writeResult({{"machine", bench::asJson(machine)},
+                      {"quick", quick},
+                      {"stiffness", kStiffness},
+                      {"results", results}},
+                     output);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    bool quick = false;
+    std::string output;
+    CLI::App app{"Largest stable stiffness, force error and cost, method by method; JSON."};
+    app.add_flag("--quick", quick, "short runs, no care for times");
+    app.add_option("--output", output, "a file instead of standard output");
+    CLI11_PARSE(app, argc, argv);
+    return run(quick, output);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_stability_accuracy: %s\n", e.what());
+    return 2;
+  }
+}

@@ -1,0 +1,79 @@
+#!/usr/bin/python3
+"""Draws what palpate_bench_stability_accuracy measured.
+
+    stability_accuracy_chart.py RESULT.json FOLDER [--doc FILE.md]
+
+Into FOLDER goes stability_accuracy as .png and .svg. The table goes to standard output, or into
+FILE.md between its markers.
+"""
+import argparse
+import json
+import sys
+from pathlib import Path
+
+sys.dont_write_bytecode = True
+from charting import Page, clear, number, plt, prepare, save, table, where  # noqa: E402
+
+# Okabe and Ito's colours.
+COLOURS = {"palpate": "#0072B2", "constraint approach": "#E69F00", "force function": "#8c8c8c",
+           "Euler, fixed step": "#CC79A7", "Euler, adaptive step": "#D55E00",
+           "Nelder-Mead": "#009E73", "smallest residual": "#56B4E9"}
+FLOOR = 1e-9  # what is better than this is drawn here
+
+
+def draw(data, folder):
+    contacts = list(dict.fromkeys(r["contact"] for r in data["results"]))
+    figure, axes = plt.subplots(1, len(contacts), figsize=(5.2 * len(contacts), 4.2), sharey=True,
+                                squeeze=False)
+    for ax, contact in zip(axes[0], contacts):
+        clear(ax)
+        for r in data["results"]:
+            if r["contact"] != contact:
+                continue
+            x, y = r["cost_ns"], max(r["force_error"], FLOOR)
+            colour = COLOURS.get(r["method"], "black")
+            # A circle for each rate; its area is the share of what one wall's formula allows.
+            shares = [s["stiffness"] / s["formula"] for s in r["stable"]]
+            for i, share in enumerate(shares):
+                at = x * 1.35 ** (i - 1)
+                ax.scatter([at], [y], s=110, facecolors="none", edgecolors=colour, linewidths=0.7)
+                ax.scatter([at], [y], s=110 * min(1.3, share), color=colour, linewidths=0)
+            ax.annotate(r["method"], (x, y), textcoords="offset points", xytext=(0, 9), ha="center",
+                        fontsize=8, color=colour)
+        ax.set_xscale("log")
+        ax.set_yscale("log")
+        ax.set_xlabel("a balance [ns], median")
+        ax.set_title(contact, fontsize=10)
+    axes[0][0].set_ylabel("error of the force, rms over rms")
+    figure.suptitle("filled: largest stable stiffness over one wall's formula, at 1, 4 and 10 kHz",
+                    fontsize=9)
+    save(figure, folder, "stability_accuracy")
+
+
+def tables(data):
+    body = []
+    for r in data["results"]:
+        stable = [f"{number(s['stiffness'])} ({100 * s['stiffness'] / s['formula']:.0f} %)"
+                  for s in r["stable"]]
+        body.append([r["contact"], r["method"], number(r["cost_ns"]), number(r["force_error"]),
+                     *stable])
+    rates = [f"stable at {s['rate'] / 1000:g} kHz [N/m]" for s in data["results"][0]["stable"]]
+    return (table(["on", "method", "balance [ns]", "force error", *rates], body) +
+            f"\n\n{where(data['machine'])}.")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("result", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--doc", type=Path)
+    arguments = parser.parse_args()
+    page = Page(arguments.doc)
+    prepare(arguments.folder)
+    data = json.loads(arguments.result.read_text())
+    draw(data, arguments.folder)
+    page.fill(tables(data))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+#!/usr/bin/env python3
+"""The chart of stability, from end to end: stability_accuracy_test.py PROGRAM CHART. No time is tested."""
+import json
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+PROGRAM = sys.argv[1]
+CHART = sys.argv[2]
+
+
+class StabilityAccuracy(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.holder = tempfile.TemporaryDirectory()
+        cls.dir = Path(cls.holder.name)
+        cls.result = cls.dir / "result.json"
+        subprocess.run([PROGRAM, "--quick", "--output", str(cls.result)], check=True, timeout=300)
+        cls.data = json.loads(cls.result.read_text())
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.holder.cleanup()
+
+    def of(self, contact, method):
+        return next(r for r in self.data["results"]
+                    if r["contact"].startswith(contact) and r["method"] == method)
+
+    def test_the_engine_is_as_stable_as_one_wall_and_exact(self):
+        for contact in ("a wall", "two planes"):
+            ours = self.of(contact, "palpate")
+            self.assertLess(ours["force_error"], 1e-5)
+            for at in ours["stable"]:
+                self.assertGreater(at["stiffness"], 0.85 * at["formula"], (contact, at))
+                self.assertLess(at["stiffness"], 1.3 * at["formula"], (contact, at))
+
+    def test_others_fail(self):
+        for contact in ("a wall", "two planes"):
+            none = self.of(contact, "force function")
+            self.assertGreater(none["force_error"], 1.0)
+            self.assertEqual([at["stiffness"] for at in none["stable"]], [0, 0])
+        # Not orthogonal: the constraint approach adds what one plane carries to the other.
+        self.assertGreater(self.of("two planes", "constraint approach")["force_error"], 0.1)
+        self.assertLess(self.of("a wall", "constraint approach")["force_error"], 1e-9)
+
+    def test_the_chart_is_drawn(self):
+        words = subprocess.run([CHART, str(self.result), str(self.dir)], check=True, text=True,
+                               capture_output=True, timeout=120).stdout
+        self.assertIn("| palpate |", words)
+        self.assertTrue((self.dir / "stability_accuracy.png").read_bytes().startswith(b"\x89PNG"))
+        self.assertIn("<svg", (self.dir / "stability_accuracy.svg").read_text())
+
+
+if __name__ == "__main__":
+    sys.argv = sys.argv[:1]
+    unittest.main()
