@@ -74,7 +74,7 @@ constexpr auto kAsDrawn = [](PassivityRun&) {};
 
 TEST_CASE("no scene gives a hand energy through the tank, and through others it does",
           "[passivity]") {
-  const long count = test::cases(1000);
+  const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, kAsDrawn);
   const Many nobody = playMany(count, Keeper::kNobody, kAsDrawn);
   const Many observer = playMany(count, Keeper::kObserver, kAsDrawn);
@@ -94,7 +94,7 @@ TEST_CASE("no hand takes energy out of the tank, whatever it knows", "[passivity
     run.adversary = true;
     run.seconds = 1.0;
   };
-  const long count = test::cases(1000);
+  const long count = test::cases(400);
   const Many tank = playMany(count, Keeper::kTank, wicked);
   const Many nobody = playMany(count, Keeper::kNobody, wicked);
   INFO("active without " << nobody.share() << ", with the tank worst " << tank.worst
@@ -113,7 +113,7 @@ TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
           run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
       run.seconds = 1.0;
     };
-    const Many tank = playMany(test::cases(300), Keeper::kTank, lagging);
+    const Many tank = playMany(test::cases(120), Keeper::kTank, lagging);
     INFO("worst " << tank.worst << " J, margin " << tank.margin);
     CHECK(tank.broken == 0);
     CHECK(tank.debt == 0.0);
@@ -128,7 +128,7 @@ TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passi
       run.delay = 0.0;
       run.seconds = 0.5;
     };
-    const Many tank = playMany(test::cases(300), Keeper::kTank, early);
+    const Many tank = playMany(test::cases(120), Keeper::kTank, early);
     INFO("margin " << tank.margin);
     CHECK(tank.broken == 0);
     CHECK(tank.debt == 0.0);
@@ -136,7 +136,7 @@ TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passi
       early(run);
       run.late = 0.05;
     };
-    const Many debtors = playMany(test::cases(300), Keeper::kTank, late);
+    const Many debtors = playMany(test::cases(120), Keeper::kTank, late);
     INFO("late: margin " << debtors.margin << ", debt " << debtors.debt);
     CHECK(debtors.broken == 0);
     CHECK(debtors.debt > 0.0);
@@ -146,7 +146,7 @@ TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passi
       run.jitter = 0.3;
       run.delay = 1.5 * run.period;
     };
-    const Many between = playMany(test::cases(300), Keeper::kTank, delayed);
+    const Many between = playMany(test::cases(120), Keeper::kTank, delayed);
     INFO("delayed: margin " << between.margin << ", debt " << between.debt);
     CHECK(between.broken == 0);
   }
