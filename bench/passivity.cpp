@@ -19,45 +19,13 @@ using bench::PassivityRun;
 
 namespace {
 
-struct Sum {
-  long runs = 0;
-  long active = 0;
-  long large = 0;   ///< More than a millijoule.
-  long broken = 0;  ///< More than the tank promises.
-  long indebted = 0;
-  double worst = 0.0;
-  double scaled = 0.0;
-  double lost = 0.0;
-
-  void add(const bench::PassivityResult& r) {
-    ++runs;
-    active += static_cast<long>(r.least < -1e-12);
-    large += static_cast<long>(r.least < -1e-3);
-    broken += static_cast<long>(r.margin < -1e-12);
-    indebted += static_cast<long>(r.debt > 0.0);
-    worst = std::min(worst, r.least);
-    scaled += r.scaled;
-    lost += r.lost;
-  }
-  void add(const Sum& s) {
-    runs += s.runs;
-    active += s.active;
-    large += s.large;
-    broken += s.broken;
-    indebted += s.indebted;
-    worst = std::min(worst, s.worst);
-    scaled += s.scaled;
-    lost += s.lost;
-  }
-};
-
 template <class Change>
 void show(const char* what, Keeper keeper, long runs, Change change) {
-  Sum sum;
+  bench::PassivityTally sum;
   std::mutex mutex;
   std::atomic<long> next{0};
   const auto work = [&] {
-    Sum own;
+    bench::PassivityTally own;
     for (long i = next++; i < runs; i = next++) {
       PassivityRun run = bench::randomRun(static_cast<std::uint64_t>(i), true);
       change(run);

@@ -298,4 +298,24 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   return result;
 }
 
+void PassivityTally::add(const PassivityResult& r) {
+  // Rounding of sums of up to 2,000 ticks of up to a joule.
+  constexpr double kRounding = 1e-12;
+  add(PassivityTally{1, r.least < -kRounding, r.least < -1e-3, r.margin<-kRounding, r.debt> 0.0,
+                     r.least, r.margin, r.debt, r.scaled, r.lost});
+}
+
+void PassivityTally::add(const PassivityTally& other) {
+  runs += other.runs;
+  active += other.active;
+  large += other.large;
+  broken += other.broken;
+  indebted += other.indebted;
+  worst = std::min(worst, other.worst);
+  margin = std::min(margin, other.margin);
+  debt = std::max(debt, other.debt);
+  scaled += other.scaled;
+  lost += other.lost;
+}
+
 }  // namespace palpate::bench

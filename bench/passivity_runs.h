@@ -69,4 +69,21 @@ struct PassivityResult {
 /// the work of the force that acts is integrated in closed form.
 [[nodiscard]] PassivityResult play(const PassivityRun& run, Keeper keeper);
 
+/// Many of them.
+struct PassivityTally {
+  long runs = 0;
+  long active = 0;      ///< Energy came out, more than rounding,
+  long large = 0;       ///< more than a millijoule,
+  long broken = 0;      ///< more than the tank promises.
+  long indebted = 0;    ///< The tank could not pay for something.
+  double worst = 0.0;   ///< The lowest energy [J],
+  double margin = 0.0;  ///< and PassivityResult::margin.
+  double debt = 0.0;    ///< [J], the most.
+  double scaled = 0.0;  ///< Sums of what runs say.
+  double lost = 0.0;
+
+  void add(const PassivityResult& r);
+  void add(const PassivityTally& other);
+};
+
 }  // namespace palpate::bench

@@ -9,6 +9,7 @@
 #include <tbb/parallel_for.h>
 
 #include "bench/contenders.h"
+#include "devices/stability.h"
 #include "engine/coupling.h"
 #include "engine/step.h"
 
@@ -119,9 +120,9 @@ MapCell tryCoupling(const MapSetting& setting, const Contact& contact, const Fee
   double energy = 0.0;
   double least = 0.0;
   // What acts: the forces of this many ticks ago, and of one more for a part of the tick.
-  const double late = setting.arm.delay * setting.rate;
-  const auto whole = static_cast<std::size_t>(late + 1e-9);
-  const double part = std::max(0.0, late - static_cast<double>(whole));
+  const DelayInPeriods delay = inPeriods(setting.arm.delay, setting.rate);
+  const auto whole = static_cast<std::size_t>(delay.whole);
+  const double part = delay.part;
   std::vector<Vec3> sent(whole + 2, Vec3::Zero());
   Eigen::AlignedBox3d early;
   Eigen::AlignedBox3d lastly;

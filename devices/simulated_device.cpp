@@ -87,12 +87,10 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   position_ = target_.at(0.0);
 
   // A force acts from `delay` after its reading: ceil(delay * rate) forces are on their way.
-  const double ticks = arm.delay * rate;
-  const double whole = std::floor(ticks + 1e-9);
-  const double fraction = std::max(0.0, ticks - whole);
-  queue_.assign(static_cast<std::size_t>(whole) + 2, Vec3::Zero());
-  early_ = propagator(fraction / rate);
-  late_ = propagator((1.0 - fraction) / rate);
+  const DelayInPeriods delay = inPeriods(arm.delay, rate);
+  queue_.assign(static_cast<std::size_t>(delay.whole) + 2, Vec3::Zero());
+  early_ = propagator(delay.part / rate);
+  late_ = propagator((1.0 - delay.part) / rate);
 }
 
 SimulatedDevice::Propagator SimulatedDevice::propagator(double time) const {

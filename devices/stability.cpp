@@ -9,21 +9,11 @@
 
 namespace palpate {
 
-namespace {
-
-/// A delay in whole periods and what is left of one.
-struct Delay {
-  int whole;
-  double part;
-};
-
-Delay inPeriods(double delay, double rate) {
+DelayInPeriods inPeriods(double delay, double rate) noexcept {
   const double periods = delay * rate;
   const double whole = std::floor(periods + 1e-9);
   return {static_cast<int>(whole), std::max(0.0, periods - whole)};
 }
-
-}  // namespace
 
 AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time) {
   // d/dt (x, v, f, u), u constant.
@@ -45,7 +35,7 @@ AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time) {
 
 Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
                            double stiffness, double damping) {
-  const Delay delay = inPeriods(arm.delay, rate);
+  const DelayInPeriods delay = inPeriods(arm.delay, rate);
   const AxisStep early = axisStep(arm, grip, delay.part / rate);
   const AxisStep late = axisStep(arm, grip, (1.0 - delay.part) / rate);
   // State: x, v, f, then the readings x_{k-1}, x_{k-2}, ... that orders on their way come from.

@@ -8,6 +8,13 @@
 
 namespace palpate {
 
+/// A delay in whole periods of 1/rate, and what is left: 0 to 1 of one.
+struct DelayInPeriods {
+  int whole = 0;
+  double part = 0.0;
+};
+[[nodiscard]] DelayInPeriods inPeriods(double delay, double rate) noexcept;
+
 /// What an axis does in a time over which its force is ordered the same: the next (x, v, f) of
 /// (x, v, f, u), exactly. f is the force that the amplifier gives, u its order; without lag f = u.
 /// Coulomb's friction is not in it, nor the hand's target.

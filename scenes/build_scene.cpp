@@ -364,8 +364,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
 }
 
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device) {
-  const double asked =
-      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
+  const CouplingParams asked = stiffestCoupling(spec);
   const auto check = [&](const char* key, double value, const char* unit, double most) {
     if (value <= most) return;
     throw SceneError(at(spec, std::string("/coupling/") + key),
@@ -373,8 +372,14 @@ void checkDevice(const SceneSpec& spec, const DeviceInfo& device) {
                                  device.name),
                      fmt::format("use at most {}", most));
   };
-  check("stiffness", asked, "N/m", device.max_stiffness);
-  check("damping", spec.coupling.damping, "N s/m", device.max_damping);
+  check("stiffness", asked.stiffness, "N/m", device.max_stiffness);
+  check("damping", asked.damping, "N s/m", device.max_damping);
+}
+
+CouplingParams stiffestCoupling(const SceneSpec& spec) {
+  CouplingParams most = spec.coupling;
+  if (spec.graph.stiffness) most.stiffness = spec.graph.stiffness->highest();
+  return most;
 }
 
 }  // namespace palpate

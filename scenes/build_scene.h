@@ -100,5 +100,7 @@ struct BuiltScene {
 /// Throws SceneError where the coupling asks for more stiffness or damping than a device renders
 /// stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);
+/// The coupling at the most that a varying stiffness comes to.
+[[nodiscard]] CouplingParams stiffestCoupling(const SceneSpec& spec);
 
 }  // namespace palpate

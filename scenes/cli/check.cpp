@@ -134,9 +134,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
   }
   // On the arm that feel tries a scene on.
   const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kRate);
-  const double stiffest =
-      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
-  json["coupling"]["room"] = roomFor(arm.info(), kRate, {stiffest, spec.coupling.damping});
+  json["coupling"]["room"] = roomFor(arm.info(), kRate, stiffestCoupling(spec));
   json["max_substeps"] = spec.step.max_substeps;
   json["tolerance_voxels"] = spec.step.tolerance_voxels;
   json["volumes"] = OrderedJson::object();

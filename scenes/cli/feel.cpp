@@ -574,9 +574,7 @@ OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec&
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
-  const double stiffest =
-      spec.graph.stiffness ? spec.graph.stiffness->highest() : spec.coupling.stiffness;
-  summary["room"] = roomFor(hand.device->info(), options.rate, {stiffest, spec.coupling.damping});
+  summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(spec));
   if (options.realtime) {
     summary["realtime"] = hand.granted;
   } else {

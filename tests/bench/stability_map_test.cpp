@@ -8,7 +8,7 @@
 #include <catch2/catch.hpp>
 
 #include "devices/stability.h"
-#include "samplers/analytic_field.h"
+#include "tests/loop/scenes.h"
 
 using namespace palpate;
 using bench::Outcome;
@@ -34,13 +34,7 @@ const bench::MapMethod& named(const std::vector<bench::MapMethod>& methods,
 }
 
 std::shared_ptr<const Scene> wallScene() {
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = ModeKind::kIsosurface;
-  spec.modes[0].of = "wall";
-  spec.modes[0].solid = Solid::kBelow;
-  spec.modes[0].strength = 5.0;
-  return makeScene(spec, {{"wall", makeSphere(Vec3(0, 0, -10.0), 10.0)}});
+  return test::ballScene(makeSphere(Vec3(0, 0, -10.0), 10.0), 5.0);
 }
 
 }  // namespace

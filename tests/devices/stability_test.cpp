@@ -9,7 +9,7 @@
 #include <catch2/catch.hpp>
 
 #include "engine/haptic_loop.h"
-#include "samplers/analytic_field.h"
+#include "tests/loop/scenes.h"
 #include "tests/support/random.h"
 
 using namespace palpate;
@@ -302,14 +302,8 @@ namespace {
 
 /// A flat wall below z = 0 that yields to no hand, felt by a coupling of this stiffness.
 std::shared_ptr<const Scene> wallScene(double stiffness) {
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = ModeKind::kIsosurface;
-  spec.modes[0].of = "wall";
-  spec.modes[0].solid = Solid::kBelow;
-  spec.modes[0].strength = 50.0;
   const double radius = 100.0;
-  return makeScene(spec, {{"wall", makeSphere(Vec3(0, 0, -radius), radius)}}, {stiffness, 0.0});
+  return test::ballScene(makeSphere(Vec3(0, 0, -radius), radius), 50.0, {stiffness, 0.0});
 }
 
 struct Pressed {

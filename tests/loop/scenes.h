@@ -19,14 +19,15 @@ inline FieldPtr ballField() {
   constexpr double kRadius = 0.03;
   return makeSphere(Vec3::Zero(), kRadius);
 }
-inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double strength = 3.0) {
+inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double strength = 3.0,
+                                              const CouplingParams& coupling = {}) {
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kIsosurface;
   spec.modes[0].of = "ball";
   spec.modes[0].solid = Solid::kBelow;
   spec.modes[0].strength = strength;
-  return makeScene(spec, {{"ball", ball}});
+  return makeScene(spec, {{"ball", ball}}, coupling);
 }
 
 /// A hand that is where it is told to be, and keeps what it is sent.
