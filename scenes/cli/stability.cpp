@@ -112,9 +112,9 @@ void check(const Options& options) {
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "a scene has planes of its own", "leave one of them out");
   }
-  if (options.size < 17 || options.size > 257 || options.size % 8 != 1) {
+  if (options.size < 9 || options.size > 257 || options.size % 8 != 1) {
     throw Error("--size",
-                fmt::format("{} is not 17 to 257 and one more than a multiple of 8", options.size),
+                fmt::format("{} is not 9 to 257 and one more than a multiple of 8", options.size),
                 "use 65");
   }
 }

@@ -27,7 +27,7 @@ PALPATE = str(BIN / "palpate")
 
 def run(*words, stdin="", status=0, statuses=None):
     done = subprocess.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
-                          timeout=120)
+                          timeout=300)  # sanitized, on a loaded machine
     if done.returncode not in (statuses or (status,)):
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done
@@ -665,26 +665,28 @@ class Feel(Case):
 
 class Stability(Case):
     def test_maps_of_planes_and_of_a_scene(self):
-        planes = json.loads(run("stability", "--planes", 20, "--size", 17, "--json").stdout)
+        # 250 ticks a second: four times sooner done.
+        planes = json.loads(run("stability", "--planes", 20, "--size", 9, "--rate", 250,
+                                "--json").stdout)
         names = [method["name"] for method in planes["methods"]]
         self.assertEqual(len(names), 7)
         for method in planes["methods"]:
-            self.assertEqual([len(row) for row in method["rows"]], [17] * 17)
+            self.assertEqual([len(row) for row in method["rows"]], [9] * 9)
         rests = {method["name"]: method["rests"] for method in planes["methods"]}
         self.assertGreater(rests["palpate"], 0.6)
         self.assertEqual(rests["force function"], 0.0)
-        self.assertAlmostEqual(planes["boundaries"][0]["passive"], 1000 / 3, places=3)
 
         out = self.dir / "ball"
-        words = run("stability", self.dir / "ball.vdb", "--size", 17, "--map", out).stdout
+        words = run("stability", self.dir / "ball.vdb", "--size", 9, "--map", out).stdout
         self.assertIn("whole tick", words)
         self.assertEqual(Path(f"{out}.png").read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         self.assertIn("<svg", Path(f"{out}.svg").read_text())
         drawn = json.loads(Path(f"{out}.json").read_text())
         self.assertEqual(drawn["methods"][0]["name"], "whole tick")
+        self.assertAlmostEqual(drawn["boundaries"][0]["passive"], 1000 / 3, places=3)
         # Deterministic.
         again = self.dir / "again.json"
-        run("stability", self.dir / "ball.vdb", "--size", 17, "--map", again)
+        run("stability", self.dir / "ball.vdb", "--size", 9, "--map", again)
         self.assertEqual(again.read_text(), Path(f"{out}.json").read_text())
         for ending in (".json", ".png", ".svg"):
             os.remove(f"{out}{ending}")
