@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "bench/buzz.h"
 #include "bench/motion_problems.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
@@ -39,7 +40,8 @@ class Outline {
     field.reset(*cache);
     std::vector<double> found(kRays, 0.0);
     for (int i = 0; i < kRays; ++i) {
-      found[static_cast<std::size_t>(i)] = lookIn(field, level, angle(i), *cache);
+      found[static_cast<std::size_t>(i)] =
+          skinRadius(field, level, -1.0, {0.0, 0.0, z_}, angle(i), kFar, kNear, *cache);
     }
     constexpr double kTypical = 0.08;  // [m], of a head
     const int half =
@@ -75,21 +77,6 @@ class Outline {
  private:
   static double angle(int i) { return 2.0 * std::numbers::pi * i / kRays; }
 
-  /// From outside; 0 where there is no skin.
-  double lookIn(const ScalarField& field, double level, double a, FieldCache& cache) const {
-    constexpr int kParts = 60;
-    const Vec3 d(std::cos(a), std::sin(a), 0.0);
-    const Vec3 axis(0.0, 0.0, z_);
-    Vec3 p = axis + kFar * d;
-    for (int k = 1; k <= kParts; ++k) {
-      const Vec3 q = axis + (kFar + (kNear - kFar) * k / kParts) * d;
-      const Crossing crossing = field.firstFall(p, q, level, -1.0, cache);
-      if (crossing.found) return (p + crossing.share * (q - p) - axis).norm();
-      p = q;
-    }
-    return 0.0;
-  }
-
   double z_;
   std::vector<double> radius_;
 };
@@ -117,7 +104,7 @@ struct Sums {
 
 }  // namespace
 
-Rubbing rub(const std::string& file, double level, double scale, double speed) {
+std::shared_ptr<const ScalarField> scanField(const std::string& file, double scale) {
   const auto volume = loadVolume(file, "");
   Placement placement;
   placement.scale = scale;
@@ -125,9 +112,13 @@ Rubbing rub(const std::string& file, double level, double scale, double speed) {
   const FieldPtr any = makeVdbField(volume, placement);
   const auto* field = std::get_if<std::shared_ptr<const ScalarField>>(&any);
   if (field == nullptr) throw std::runtime_error(file + ": its first grid holds no scalars");
+  return *field;
+}
 
+Rubbing rub(const std::string& file, double level, double scale, double speed) {
+  const std::shared_ptr<const ScalarField> field = scanField(file, scale);
   SurfaceMotion motion;
-  motion.field = any;
+  motion.field = field;
   motion.level = level;
   motion.solid = Solid::kAbove;
 
@@ -135,7 +126,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed) {
   Sums engine;
   Sums held;
   for (int slice = 0; slice < kSlices; ++slice) {
-    const Outline skin(**field, kBetween * (slice - 0.5 * (kSlices - 1)), level, speed / kFollows);
+    const Outline skin(*field, kBetween * (slice - 0.5 * (kSlices - 1)), level, speed / kFollows);
     for (int arc = 0; arc < kArcs; ++arc) {
       const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
       double a = 2.0 * std::numbers::pi * arc / kArcs;

@@ -3,7 +3,10 @@
 /// energy. Would it help to let it do so only as the hand goes on?
 #pragma once
 
+#include <memory>
 #include <string>
+
+#include "engine/field.h"
 
 namespace palpate::bench {
 
@@ -26,10 +29,13 @@ struct Rubbing {
   Felt held;  ///< The proxy turns about the hand, and is never farther from it than before.
 };
 
-/// Slides along the surface V = level, solid above, of a scan's first grid, a voxel of which is
-/// `scale` times the file's in the hand's metres: in seven slices about the middle of
-/// the data four arcs of 5 cm each, 1 mm below the skin as a hand finds it that cannot follow what
-/// comes oftener than five times a second. Throws where a file cannot be read.
+/// A scan's first grid about the origin, a voxel of which is `scale` times the file's in the hand's
+/// metres. Throws where it cannot be read, or holds no scalars.
+[[nodiscard]] std::shared_ptr<const ScalarField> scanField(const std::string& file, double scale);
+
+/// Slides along the surface V = level, solid above, of a scan's field (scanField): in seven slices
+/// about the middle of the data four arcs of 5 cm each, 1 mm below the skin as a hand finds it that
+/// cannot follow what comes oftener than five times a second.
 Rubbing rub(const std::string& file, double level, double scale, double speed);
 
 }  // namespace palpate::bench
