@@ -138,10 +138,12 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   if (profile_.output) {
     zero_.assign(profile_.output->size + 1, std::byte{0});
     zero_[0] = static_cast<std::byte>(profile_.output->id.value_or(0));
+    const std::span<std::byte> body = std::span(zero_).subspan(1);
+    for (const ReportField& field : profile_.output->fields) putRaw(body, field, field.rest);
     for (const HidJoint& joint : profile_.joints) {
       if (!joint.to) continue;
       const ReportField& field = profile_.output->fields[*joint.to];
-      putRaw(std::span(zero_).subspan(1), field, field.offset);
+      putRaw(body, field, field.offset);
     }
   }
   prepare(*port_, input_);

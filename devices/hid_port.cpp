@@ -131,7 +131,8 @@ std::unique_ptr<ReportPort> openHid(const std::string& path) {
     if (error == EACCES || error == EPERM) {
       throw DeviceError(
           path, "you may not open it",
-          "install palpate's udev rules (70-palpate-arms.rules) and plug it in again");
+          "install palpate's udev rules, with a line for this arm (palpate devices writes it out), "
+          "and plug it in again");
     }
     throw DeviceError(path, std::strerror(error), "plug it in again");
   }

@@ -5,7 +5,9 @@
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
 #include <sstream>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -14,6 +16,7 @@
 
 #include "devices/hid_data.h"
 #include "devices/json_node.h"
+#include "devices/profile_facts.h"
 #include "engine/device.h"
 #include "engine/error.h"
 
@@ -24,6 +27,16 @@ using Node = JsonNode<DeviceError>;
 constexpr std::size_t kMostBytes = 1024;  // of a report
 constexpr std::size_t kMostReports = 16;
 constexpr std::size_t kMostSteps = 64;
+// No desktop arm is larger, stronger or faster: who writes more has another unit in mind.
+constexpr double kMostLength = 2.0;     // [m]
+constexpr double kMostAngle = 6.2832;   // [rad]
+constexpr double kMostForce = 100.0;    // [N]
+constexpr double kMostSlew = 1e5;       // [N/s]
+constexpr double kMostStiffness = 1e5;  // [N/m]
+constexpr double kMostDamping = 500.0;  // [N s/m]
+constexpr double kMostStep = 5e-3;      // [m], of the tip by one count
+constexpr double kMostAsked = 20.0;     // of what its field lets a motor have
+constexpr double kLeastAsked = 1e-3;
 
 /// Numbers that a device is named by are written as people write them: "16C0".
 std::uint16_t readHex(const Node& node) {
@@ -56,8 +69,9 @@ std::vector<HidMatch> readMatches(const Node& node) {
   return matches;
 }
 
-ReportField readField(const std::string& name, const Node& node, std::size_t size) {
-  node.object({"bit", "bits", "type", "big_endian", "scale", "offset", "least", "most", "wraps"});
+ReportField readField(const std::string& name, const Node& node, std::size_t size, bool output) {
+  node.object(
+      {"bit", "bits", "type", "big_endian", "scale", "offset", "least", "most", "wraps", "rest"});
   ReportField field;
   field.name = name;
   using Type = ReportField::Type;
@@ -95,13 +109,26 @@ ReportField readField(const std::string& name, const Node& node, std::size_t siz
     field.least = -3e38;
     field.most = 3e38;
   }
-  if (node.has("least")) field.least = std::max(field.least, node.child("least").number());
-  if (node.has("most")) field.most = std::min(field.most, node.child("most").number());
+  const auto fits = [&, lowest = field.least, highest = field.most](const Node& number) {
+    const double value = number.number();
+    if (value < lowest || value > highest) {
+      number.fail(fmt::format("{} does not fit: its bits hold {} to {}", value, lowest, highest),
+                  "mend it, or the field's type and bits");
+    }
+    return value;
+  };
+  if (node.has("least")) field.least = fits(node.child("least"));
+  if (node.has("most")) field.most = fits(node.child("most"));
   if (!(field.least <= field.most)) node.fail("least is above most", "exchange them");
+  field.bounded = node.has("least") && node.has("most");
+  if (node.has("rest")) {
+    if (!output) node.child("rest").fail("nothing is sent in it", "remove it");
+    field.rest = fits(node.child("rest"));
+  }
   return field;
 }
 
-HidReportSpec readReport(const Node& node) {
+HidReportSpec readReport(const Node& node, bool output) {
   node.object({"id", "size", "fields"});
   HidReportSpec report;
   if (node.has("id")) report.id = static_cast<std::uint8_t>(node.child("id").whole(1, 255));
@@ -109,14 +136,14 @@ HidReportSpec readReport(const Node& node) {
   const Node fields = node.need("fields");
   if (!fields.json().is_object()) fields.fail("it is not an object", "write { \"name\": {...} }");
   for (const auto& [name, value] : fields.json().items()) {
-    report.fields.push_back(readField(name, fields.child(name), report.size));
+    report.fields.push_back(readField(name, fields.child(name), report.size, output));
   }
   return report;
 }
 
 /// A report that drives motors: no two fields share a bit, and what a guardian writes fits.
 HidReportSpec readOutput(const Node& node) {
-  HidReportSpec report = readReport(node);
+  HidReportSpec report = readReport(node, true);
   constexpr std::size_t kMostOut = ZeroForce::kMostBytes - 1;
   if (report.size > kMostOut) {
     node.child("size").fail(fmt::format("more than {} bytes", kMostOut), "use a shorter report");
@@ -150,12 +177,16 @@ class Fields {
     }
     unknown(node, name, names, "input");
   }
-  [[nodiscard]] std::size_t output(const Node& node, const std::string& name) const {
+  /// @param motors  Whether a motor's may be meant.
+  [[nodiscard]] std::size_t output(const Node& node, const std::string& name, bool motors) const {
     std::vector<std::string> names;
     if (!profile_.output) node.fail("this arm has no output", "remove it, or add \"output\"");
     for (std::size_t f = 0; f < profile_.output->fields.size(); ++f) {
-      names.push_back(profile_.output->fields[f].name);
-      if (names.back() == name) return f;
+      const std::string& here = profile_.output->fields[f].name;
+      if (here == name) return f;
+      const bool motor = std::any_of(profile_.joints.begin(), profile_.joints.end(),
+                                     [&](const HidJoint& joint) { return joint.to == f; });
+      if (motors || !motor) names.push_back(here);
     }
     unknown(node, name, names, "output");
   }
@@ -192,12 +223,19 @@ void readFlags(const Node& node, const Fields& fields, HidProfile& profile) {
   }
 }
 
-Vec3 readVector(const Node& node) {
+/// In metres.
+Vec3 readPlace(const Node& node) {
   const auto v = node.numbers<3>();
+  for (std::size_t i = 0; i < 3; ++i) (void)node.element(i).sized(kMostLength, "metres");
   return {v[0], v[1], v[2]};
 }
 
 std::shared_ptr<const Kinematics> readModel(const Node& node) {
+  const auto length = [&](const char* key) {
+    const Node at = node.need(key);
+    (void)at.positive();
+    return at.sized(kMostLength, "metres");
+  };
   const std::string model = node.need("model").text();
   const auto common = [&](std::initializer_list<const char*> own) {
     std::vector<const char*> keys(own);
@@ -218,28 +256,38 @@ std::shared_ptr<const Kinematics> readModel(const Node& node) {
     const Node list = node.need("links");
     if (!list.json().is_array()) list.fail("it is not a list of links", "write [{...}, ...]");
     std::vector<ChainLink> links;
-    for (std::size_t i = 0; i < list.json().size() && i <= kMostJoints; ++i) {
-      const Node at = list.element(i).object({"turn", "along", "across", "twist"});
-      const auto number = [&](const char* key) {
-        return at.has(key) ? at.child(key).number() : 0.0;
-      };
-      links.push_back({number("turn"), number("along"), number("across"), number("twist")});
+    if (list.json().size() < 3 || list.json().size() > kMostJoints) {
+      list.fail(fmt::format("{} links", list.json().size()), "give 3 to 6");
     }
-    return makeChain(links, node.has("tip") ? readVector(node.child("tip")) : Vec3(Vec3::Zero()));
+    for (std::size_t i = 0; i < list.json().size(); ++i) {
+      const Node at = list.element(i).object({"turn", "along", "across", "twist"});
+      const auto number = [&](const char* key, double most, const char* unit) {
+        return at.has(key) ? at.child(key).sized(most, unit) : 0.0;
+      };
+      links.push_back(
+          {number("turn", kMostAngle, "radians"), number("along", kMostLength, "metres"),
+           number("across", kMostLength, "metres"), number("twist", kMostAngle, "radians")});
+    }
+    return makeChain(links, node.has("tip") ? readPlace(node.child("tip")) : Vec3(Vec3::Zero()));
   }
   if (model == "capstan-arm") {
     common({"a", "b", "c"});
-    return makeCapstanArm(node.need("a").number(), node.need("b").positive(),
-                          node.need("c").positive());
+    return makeCapstanArm(node.need("a").sized(kMostLength, "metres"), length("b"), length("c"));
   }
   if (model == "pantograph") {
     common({"lengths", "base"});
-    return makePantograph(node.need("lengths").numbers<4>(), node.need("base").notNegative());
+    const Node lengths = node.need("lengths");
+    const auto bars = lengths.numbers<4>();
+    for (std::size_t i = 0; i < bars.size(); ++i) {
+      (void)lengths.element(i).positive();
+      (void)lengths.element(i).sized(kMostLength, "metres");
+    }
+    (void)node.need("base").notNegative();
+    return makePantograph(bars, node.child("base").sized(kMostLength, "metres"));
   }
   if (model == "delta") {
     common({"base", "plate", "upper", "fore"});
-    return makeDelta(node.need("base").positive(), node.need("plate").positive(),
-                     node.need("upper").positive(), node.need("fore").positive());
+    return makeDelta(length("base"), length("plate"), length("upper"), length("fore"));
   }
   const std::string near =
       nearestName(model, {"cartesian", "chain", "capstan-arm", "pantograph", "delta"});
@@ -261,25 +309,53 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
     HidJoint joint;
     joint.from = fields.input(at.need("from"));
     if (at.has("ratio")) joint.ratio = at.child("ratio").number();
-    if (joint.ratio == 0.0) at.child("ratio").fail("it is 0", "write counts' units a joint unit");
-    if (at.has("home")) joint.home = at.child("home").number();
+    if (joint.ratio == 0.0) {
+      at.child("ratio").fail("it is 0",
+                             "write the encoder's radians a joint radian, 1 without gear");
+    }
+    if (at.has("home")) joint.home = at.child("home").sized(kMostAngle, "radians");
+    for (const HidJoint& other : profile.joints) {
+      const ReportField& one = profile.input[joint.from.report].fields[joint.from.field];
+      const ReportField& two = profile.input[other.from.report].fields[other.from.field];
+      const bool apart = joint.from.report != other.from.report || one.bit >= two.bit + two.bits ||
+                         two.bit >= one.bit + one.bits;
+      if (!apart) {
+        at.child("from").fail("its bits are another joint's as well", "mend from, or bit and bits");
+      }
+    }
     if (at.has("motor") != at.has("torque_constant")) {
       at.fail("a motor and its torque constant belong together", "give both or none");
     }
     if (at.has("motor")) {
       if (i >= 3) at.child("motor").fail("only the first three joints have motors", "remove it");
-      joint.to = fields.output(at.child("motor"), at.child("motor").name());
+      joint.to = fields.output(at.child("motor"), at.child("motor").name(), true);
       joint.torque_constant = at.need("torque_constant").positive();
       const ReportField& motor = profile.output->fields[*joint.to];
-      if (std::round(motor.offset) < motor.least || std::round(motor.offset) > motor.most) {
+      if (!motor.bounded) {
+        at.child("motor").fail("nothing says what it may be given at most",
+                               "give its field \"least\" and \"most\", small at first");
+      }
+      const double none = std::round(motor.offset);
+      if (none < motor.least || none > motor.most) {
         at.child("motor").fail("its field cannot say that there is no force",
                                "mend offset, least and most");
+      }
+      if (none == motor.least || none == motor.most) {
+        at.child("motor").fail("its field cannot pull and push",
+                               "mend offset, type, least and most");
       }
       for (const HidJoint& other : profile.joints) {
         if (other.to == joint.to) at.child("motor").fail("it drives another joint", "name its own");
       }
     }
     profile.joints.push_back(joint);
+  }
+  const std::size_t driven = std::min<std::size_t>(3, count);
+  for (std::size_t i = 0; i < driven; ++i) {
+    if (profile.joints[i].to.has_value() != profile.joints[0].to.has_value()) {
+      joints.fail("some of the first joints have motors and some have none",
+                  fmt::format("give the first {} one each, or none", driven));
+    }
   }
   if (node.has("home_at_open")) profile.home_at_open = node.child("home_at_open").flag();
   if (node.has("home_words")) profile.home_words = node.child("home_words").text();
@@ -306,7 +382,14 @@ std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
       if (!send.json().is_object()) send.fail("it is not an object", "write {\"field\": number}");
       for (const auto& [name, value] : send.json().items()) {
         const Node field = send.child(name);
-        step.values.emplace_back(fields.output(field, name), field.number());
+        const std::size_t to = fields.output(field, name, false);
+        const ReportField& of = profile.output->fields[to];
+        const double raw = field.number();
+        if (raw < of.least || raw > of.most) {
+          field.fail(fmt::format("{} does not fit: {} to {} do", raw, of.least, of.most),
+                     "mend it, or the field's type and bits");
+        }
+        step.values.emplace_back(to, raw);
       }
       // A motor is driven by the gate of the engine and by nothing else.
       for (const auto& sent : step.values) {
@@ -343,11 +426,16 @@ std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
 void readLimits(const Node& node, HidLimits& limits) {
   node.object({"force", "slew", "stiffness", "damping", "workspace_radius", "stale", "speed",
                "continuous", "heating"});
-  limits.force = node.need("force").positive();
-  limits.stiffness = node.need("stiffness").positive();
-  limits.damping = node.need("damping").notNegative();
-  limits.workspace_radius = node.need("workspace_radius").positive();
-  if (node.has("slew")) limits.slew = node.child("slew").positive();
+  const auto positive = [](const Node& at, double most, const char* unit) {
+    (void)at.positive();
+    return at.sized(most, unit);
+  };
+  limits.force = positive(node.need("force"), kMostForce, "newtons");
+  limits.stiffness = positive(node.need("stiffness"), kMostStiffness, "N/m");
+  (void)node.need("damping").notNegative();
+  limits.damping = node.child("damping").sized(kMostDamping, "N s/m");
+  limits.workspace_radius = positive(node.need("workspace_radius"), kMostLength, "metres");
+  if (node.has("slew")) limits.slew = positive(node.child("slew"), kMostSlew, "N/s");
   if (node.has("stale")) limits.stale = node.child("stale").positive();
   if (node.has("speed")) limits.speed = node.child("speed").positive();
   if (node.has("continuous") != node.has("heating")) {
@@ -356,6 +444,60 @@ void readLimits(const Node& node, HidLimits& limits) {
   if (node.has("continuous")) {
     limits.continuous = node.child("continuous").positive();
     limits.heating = node.child("heating").positive();
+  }
+}
+
+/// What is sent and is no motor's rests; a motor's does not.
+void checkOutput(const Node& fields, const HidProfile& profile) {
+  for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
+    const bool motor = std::any_of(profile.joints.begin(), profile.joints.end(),
+                                   [&](const HidJoint& joint) { return joint.to == f; });
+    const Node at = fields.child(profile.output->fields[f].name);
+    if (motor && at.has("rest")) at.child("rest").fail("a motor drives it", "remove it");
+    for (const char* key : {"scale", "offset"}) {
+      if (motor || !at.has(key)) continue;
+      at.child(key).fail("no motor drives it",
+                         "remove it; \"rest\" is what is sent in it, raw, where no step sends it");
+    }
+  }
+}
+
+/// Numbers that fit together: in other units than they are meant they do not.
+void checkFacts(const Node& root, const HidProfile& profile) {
+  const ProfileFacts facts = factsOf(profile);
+  constexpr double kReached = 1e-3;  // [m]
+  if (!(facts.off <= kReached)) {
+    const std::string why =
+        std::isfinite(facts.off)
+            ? fmt::format("the middle of the hand's world is {:.3g} m out of the tip's reach",
+                          facts.off)
+            : "the tip reaches no place from the joints' home";
+    const Node at = root.has("mount") && root.child("mount").has("origin")
+                        ? root.child("mount").child("origin")
+                        : root;
+    at.fail(why, "mend mount/origin, home, or the lengths, all in metres and radians");
+  }
+  if (facts.step > kMostStep) {
+    root.child("kinematics")
+        .child("joints")
+        .fail(fmt::format("one count moves the tip {:.3g} m", facts.step),
+              "mend the inputs' scale (radians a count) or the ratio");
+  }
+  double share = 0.0;
+  for (const MotorFact& motor : facts.motors) share = std::max(share, motor.asked / motor.room);
+  for (const MotorFact& motor : facts.motors) {
+    const Node at = root.child("kinematics").child("joints").element(motor.joint);
+    const char* const remedy = "mend torque_constant, ratio, or its field's scale, least and most";
+    if (motor.asked > kMostAsked * motor.room) {
+      at.fail(fmt::format("{} N would ask {:.3g} of {}, which may be given {:.3g}",
+                          profile.limits.force, motor.asked, motor.field, motor.room),
+              remedy);
+    }
+    if (share < kLeastAsked) {
+      at.fail(fmt::format("{} N would ask but {:.2g} % of what {} may be given",
+                          profile.limits.force, 100.0 * share, motor.field),
+              remedy);
+    }
   }
 }
 
@@ -385,7 +527,7 @@ HidProfile readProfile(const Node& root) {
   }
   std::set<std::string> names;
   for (std::size_t i = 0; i < input.json().size(); ++i) {
-    profile.input.push_back(readReport(input.element(i)));
+    profile.input.push_back(readReport(input.element(i), false));
     for (const ReportField& field : profile.input.back().fields) {
       if (!names.insert(field.name).second) {
         input.element(i)
@@ -418,7 +560,7 @@ HidProfile readProfile(const Node& root) {
   readKinematics(root.need("kinematics"), fields, profile);
   if (root.has("mount")) {
     const Node mount = root.child("mount").object({"origin", "rotation_wxyz"});
-    if (mount.has("origin")) profile.origin_D = readVector(mount.child("origin"));
+    if (mount.has("origin")) profile.origin_D = readPlace(mount.child("origin"));
     if (mount.has("rotation_wxyz")) {
       const auto q = mount.child("rotation_wxyz").numbers<4>();
       const Eigen::Quaterniond turn(q[0], q[1], q[2], q[3]);
@@ -472,16 +614,34 @@ HidProfile readProfile(const Node& root) {
   if (profile.output && motors == 0) {
     root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");
   }
+  if (profile.output && profile.firmware.empty()) {
+    root.fail("nothing says how its firmware takes the force off when no message comes",
+              "add \"firmware\"");
+  }
   if (profile.rate_control > 0.0 && profile.output) {
     root.child("kinematics")
         .fail("an arm that gives velocities takes no forces",
               "remove \"output\" or \"rate_control\"");
+  }
+  if (profile.output) {
+    checkOutput(root.child("output").child("fields"), profile);
+    checkFacts(root, profile);
   }
   if (root.has("sources")) {
     const Node sources = root.child("sources");
     if (!sources.json().is_object())
       sources.fail("it is not an object", "write {\"/limits\": ...}");
     for (const auto& [pointer, text] : sources.json().items()) {
+      bool there = pointer.empty() || pointer[0] == '/';
+      try {
+        there = there && root.json().contains(Json::json_pointer(pointer));
+      } catch (const Json::exception&) {
+        there = false;
+      }
+      if (!there) {
+        sources.fail("\"" + pointer + "\" is nothing in this file",
+                     "write the path of a number, as \"/limits/force\"");
+      }
       profile.sources[pointer] = sources.child(pointer).text();
     }
   }
@@ -538,7 +698,23 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
   std::set<std::string> broken;
   for (const auto& file : files) {
     try {
-      profiles.push_back(readHidProfile(file));
+      HidProfile profile = readHidProfile(file);
+      const bool taken = std::any_of(profiles.begin(), profiles.end(),
+                                     [&](const HidProfile& p) { return p.name == profile.name; });
+      if (taken) {
+        notes.push_back(file.string() + ": /name: another file here calls itself " + profile.name +
+                        ": give it its own");
+        continue;
+      }
+      const bool hides = std::any_of(
+          std::begin(kHidProfiles), std::end(kHidProfiles),
+          [&](const auto& own) { return std::string_view(own.first) == profile.name + ".json"; });
+      if (hides && file.stem() != profile.name) {
+        notes.push_back(file.string() + ": /name: it calls itself " + profile.name +
+                        ", as one of palpate's own, and is used instead: give it its own name if "
+                        "that is not meant");
+      }
+      profiles.push_back(std::move(profile));
     } catch (const DeviceError& e) {
       notes.emplace_back(e.what());
       broken.insert(file.stem());

@@ -67,7 +67,7 @@ struct HidJoint {
 struct HidStep {
   enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
   Kind kind = Kind::kPause;
-  std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others 0.
+  std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others rest.
   FieldRef field;                                      ///< kWait: until it
   double equals = 0.0;                                 ///< has this value,
   double seconds = 0.0;                                ///< at most so long; of a pause: how long.
@@ -120,8 +120,8 @@ struct HidProfile {
 [[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
 
 /// Those that come with palpate, and the user's own in `folder`, which win over them. What is wrong
-/// with a file of the user's is put in `notes`, one line each; the one that it would have replaced,
-/// by its name or its file's, is then not there either.
+/// with a file of the user's, or its name, is put in `notes`, one line each; the one that it would
+/// have replaced, by its name or its file's, is then not there either.
 [[nodiscard]] std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
                                                   std::vector<std::string>& notes);
 /// Where a user's profiles are: $XDG_CONFIG_HOME/palpate/arms or ~/.config/palpate/arms.

@@ -23,7 +23,9 @@ struct ReportField {
   double offset = 0.0;      ///< scale * value + offset.
   double least = 0.0;       ///< Raw, of what is sent: beyond these it is cut off.
   double most = 0.0;
-  bool wraps = false;  ///< A counter that begins anew beyond its bits.
+  bool bounded = false;  ///< Whoever described it gave both.
+  bool wraps = false;    ///< A counter that begins anew beyond its bits.
+  double rest = 0.0;     ///< Raw, of what is sent, where nothing else is to be.
 
   /// Bytes of a report that has it.
   [[nodiscard]] std::size_t end() const noexcept { return (bit + bits + 7) / 8; }

@@ -61,7 +61,10 @@ class JsonNode {
         here.fail("this version does not have it yet", "remove it");
       }
       const std::string near = nearestName(key, known);
-      here.fail("unknown key", near.empty() ? "remove it" : "did you mean \"" + near + "\"?");
+      std::string all;
+      for (const std::string& one : known) all += (all.empty() ? "" : ", ") + one;
+      here.fail("unknown key",
+                near.empty() ? "known are " + all : "did you mean \"" + near + "\"?");
     }
     return *this;
   }
@@ -79,6 +82,15 @@ class JsonNode {
   [[nodiscard]] double notNegative() const {
     const double value = number();
     if (value < 0.0) fail(json_->dump() + " is negative", "write a number >= 0");
+    return value;
+  }
+  /// A number of a size that such a thing has: tells who wrote millimetres, or degrees.
+  [[nodiscard]] double sized(double most, const char* unit) const {
+    const double value = number();
+    if (std::abs(value) > most) {
+      fail(fmt::format("{} is more than {} {}", json_->dump(), most, unit),
+           std::string("write it in ") + unit);
+    }
     return value;
   }
   [[nodiscard]] std::string text() const {

@@ -159,6 +159,11 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     for (const HidProfile& profile : profiles) names.push_back(profile.name);
     if (!wanted.empty() && std::find(names.begin(), names.end(), wanted) == names.end()) {
       const std::string near = nearestName(wanted, names);
+      const bool refused = std::any_of(notes.begin(), notes.end(), [&](const std::string& note) {
+        return note.find("/" + wanted + ".json: ") != std::string::npos;
+      });
+      if (refused)
+        throw DeviceError(name, "its file cannot be used as that", "mend what was said of it");
       throw DeviceError(name, "there is no profile \"" + wanted + "\"",
                         near.empty() ? "palpate devices lists them; a file ends in .json"
                                      : "did you mean \"" + near + "\"?");

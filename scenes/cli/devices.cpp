@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cmath>
 #include <csignal>
+#include <filesystem>
 #include <optional>
 #include <poll.h>
 #include <termios.h>
@@ -12,6 +13,7 @@
 
 #include "devices/guardian.h"
 #include "devices/open_arm.h"
+#include "devices/profile_facts.h"
 #include "devices/self_test.h"
 #include "engine/error.h"
 #include "engine/haptic_loop.h"
@@ -33,6 +35,7 @@ constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
 
 struct Options {
+  std::string profile;
   std::string test;
   double force = 0.5;
   double ruler = 0.1;
@@ -55,8 +58,12 @@ OrderedJson limitsOf(const HidProfile& profile) {
 /// Why it cannot be felt as it is, with a remedy; empty: it can.
 std::string trouble(const FoundArm& arm) {
   if (!arm.may_open) {
-    return "you may not open it: install 70-palpate-arms.rules in /etc/udev/rules.d, then udevadm "
-           "control --reload, and plug it in again";
+    return fmt::format(
+        "you may not open it: put SUBSYSTEM==\"hidraw\", KERNEL==\"hidraw*\", "
+        "ATTRS{{idVendor}}==\"{:04x}\", ATTRS{{idProduct}}==\"{:04x}\", TAG+=\"uaccess\" in "
+        "/etc/udev/rules.d/70-palpate-arms.rules, then udevadm control --reload, and plug it in "
+        "again",
+        arm.device.vendor, arm.device.product);
   }
   if (const auto others = whoHas(arm.device.path); !others.empty()) {
     return "another program has it: " + others[0] + ": end that first";
@@ -67,6 +74,73 @@ std::string trouble(const FoundArm& arm) {
     return "its numbers fit several profiles: name one of " + names;
   }
   return {};
+}
+
+OrderedJson factsIn(const HidProfile& profile) {
+  const ProfileFacts facts = factsOf(profile);
+  OrderedJson json;
+  json["home"] = {facts.home_W.x(), facts.home_W.y(), facts.home_W.z()};
+  json["step"] = facts.step;
+  json["motors"] = OrderedJson::array();
+  for (const MotorFact& motor : facts.motors) {
+    json["motors"].push_back(
+        {{"field", motor.field}, {"asked", motor.asked}, {"most", motor.room}});
+  }
+  return json;
+}
+
+/// What was understood of one profile: a name, or a file.
+int show(const Options& options) {
+  const std::optional<ArmName> parsed = parseArmName(options.profile);
+  const std::string name = parsed ? parsed->profile : options.profile;
+  const std::filesystem::path file(name);
+  std::optional<HidProfile> found;
+  if (file.extension() == ".json") {
+    found = readHidProfile(file);
+  } else {
+    std::vector<std::string> notes;
+    std::vector<std::string> names;
+    for (HidProfile& profile : hidProfiles(hidProfileFolder(), notes)) {
+      names.push_back(profile.name);
+      if (profile.name == name) found = std::move(profile);
+    }
+    for (const std::string& note : notes) complain(note);
+    if (!found) {
+      const std::string near = nearestName(name, names);
+      throw Error(options.profile, "there is no profile of that name",
+                  near.empty() ? "palpate devices lists them; a file ends in .json"
+                               : "did you mean \"" + near + "\"?");
+    }
+  }
+  const HidProfile& profile = *found;
+  if (options.json) {
+    OrderedJson out;
+    out["name"] = profile.name;
+    out["file"] = profile.source;
+    out["limits"] = limitsOf(profile);
+    out["facts"] = factsIn(profile);
+    fmt::print("{}\n", dump(out, 2));
+    return kDone;
+  }
+  const ProfileFacts facts = factsOf(profile);
+  fmt::print("{}: {} ({})\n", profile.name, profile.description, profile.source);
+  fmt::print("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
+             rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
+  if (facts.step > 0.0 && profile.rate_control == 0.0) {
+    fmt::print("  in the middle one count moves the tip by {} mm at most\n",
+               rounded(1e3 * facts.step));
+  }
+  for (const MotorFact& motor : facts.motors) {
+    fmt::print("  {} N in the middle ask at most {} of {}, which gives at most {}{}\n",
+               rounded(profile.limits.force), rounded(motor.asked), motor.field,
+               rounded(motor.room), motor.asked > motor.room ? ": there it is weakened" : "");
+  }
+  if (profile.output) {
+    fmt::print("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
+               rounded(profile.limits.stiffness), rounded(profile.limits.damping),
+               rounded(profile.limits.workspace_radius));
+  }
+  return kDone;
 }
 
 int list(const Options& options) {
@@ -103,8 +177,10 @@ int list(const Options& options) {
                                  {"description", profile.description},
                                  {"file", profile.source},
                                  {"limits", limitsOf(profile)},
+                                 {"facts", factsIn(profile)},
                                  {"sources", profile.sources}});
     }
+    out["notes"] = notes;
     out["known"] = OrderedJson::array();
     for (const KnownArm& arm : knownArms()) {
       out["known"].push_back({{"name", arm.name},
@@ -445,6 +521,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "devices", "What arms are plugged in, their limits and where those come from; tests one");
   auto options = std::make_shared<Options>();
+  verb->add_option("PROFILE", options->profile,
+                   "What a profile's numbers come to: a name, or a file");
   verb->add_option("--test", options->test,
                    "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
   verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
@@ -452,9 +530,15 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
                    "How far you move the tip so that the test knows its scale [m] (default 0.1; 0: "
                    "leave it out, and the arm stays held)");
   verb->add_flag("--json", options->json, "Print JSON");
-  verb->footer("Example:\n  palpate devices --test hid:polhem");
+  verb->footer("Example:\n  palpate devices mine.json\n  palpate devices --test hid:polhem");
   verb->callback([=, &body] {
-    body = [=] { return options->test.empty() ? list(*options) : test(*options); };
+    body = [=] {
+      if (!options->test.empty() && !options->profile.empty()) {
+        throw Error(options->profile, "--test names its own arm", "leave one of them out");
+      }
+      if (!options->profile.empty()) return show(*options);
+      return options->test.empty() ? list(*options) : test(*options);
+    };
   });
 }
 

@@ -417,6 +417,29 @@ TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hi
   CHECK(device->read().fault == Fault::kGone);
 }
 
+TEST_CASE("what no motor drives rests, in every report that says nothing else of it", "[hid]") {
+  HidProfile profile = slides();
+  profile.output->fields[3].rest = 5.0;
+  HidStep send;
+  send.kind = HidStep::Kind::kSend;
+  send.values = {{3, 1.0}};
+  profile.open = {send};
+  FakeArm arm;
+  {
+    const auto device = open(arm, profile);
+    device->write({1.0, 0.0, 0.0});
+    await([&] { return arm.driven() == std::array<int, 3>{1000, 0, 0}; });
+    const ZeroForce zero = device->zeroForce();
+    CHECK(zero.bytes[7] == std::byte{5});
+  }
+  int ones = 0;
+  for (const auto& report : arm.sent()) {
+    ones += report[7] == std::byte{1} ? 1 : 0;
+    CHECK((report[7] == std::byte{1} || report[7] == std::byte{5}));
+  }
+  CHECK(ones == 1);
+}
+
 TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid]") {
   HidProfile profile = slides();
   HidStep send;

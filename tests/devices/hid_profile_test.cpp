@@ -16,6 +16,7 @@
 #include <valijson/validator.hpp>
 
 #include "devices/open_arm.h"
+#include "devices/profile_facts.h"
 #include "engine/error.h"
 #include "tests/support/vdb_files.h"
 
@@ -34,11 +35,13 @@ Json full() {
       "a": {"bit": 96, "bits": 32, "scale": 1e-6, "wraps": true},
       "b": {"bit": 128, "bits": 32, "scale": 1e-6},
       "c": {"bit": 160, "bits": 32, "scale": 1e-6, "offset": 0.5},
+      "d": {"bit": 192, "bits": 32, "scale": 1e-6},
       "state": {"bit": 240, "bits": 3, "type": "unsigned"}}}],
     "output": {"id": 2, "size": 16, "fields": {
       "fa": {"bit": 48, "bits": 16, "scale": 1000, "least": -5000, "most": 5000},
-      "fb": {"bit": 64, "bits": 16, "scale": 1000}, "fc": {"bit": 80, "bits": 16, "scale": 1000},
-      "command": {"bit": 0, "bits": 8, "type": "unsigned"}}},
+      "fb": {"bit": 64, "bits": 16, "scale": 1000, "least": -5000, "most": 5000},
+      "fc": {"bit": 80, "bits": 16, "scale": 1000, "least": -5000, "most": 5000},
+      "command": {"bit": 0, "bits": 8, "type": "unsigned", "rest": 3}}},
     "flags": [{"field": "state", "equals": 1, "means": "homed"}],
     "kinematics": {"model": "cartesian", "joints": [
       {"from": "a", "motor": "fa", "torque_constant": 1},
@@ -126,6 +129,31 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/output/fields/fb/bit", 56, "its bits are another field's as well", false},
       {"/output/fields/fa/offset", 6000, "cannot say that there is no force", false},
       {"/output/fields/fa/most", -1, "cannot say that there is no force", false},
+      {"/output/fields/fa/most", 0, "cannot pull and push", false},
+      {"/output/fields/fa/most", 40000, "/most: 40000 does not fit: its bits hold -32768", false},
+      {"/output/fields/fa/type", "unsigned", "/least: -5000 does not fit", false},
+      {"/output/fields/fa/rest", 1, "a motor drives it", false},
+      {"/output/fields/command/offset", 1, "no motor drives it", false},
+      {"/output/fields/command/rest", 300, "/rest: 300 does not fit", false},
+      {"/input/0/fields/a/rest", 1, "nothing is sent in it", false},
+      {"/home/0/send/command", 300, "/home/0/send/command: 300 does not fit", false},
+      {"/home/0/send", {{"comand", 1}}, "did you mean \"command\"?", false},
+      {"/home/0/send", {{"f", 1}}, "name one of its fields", false},
+      {"/kinematics/joints/1/from", "a", "its bits are another joint's as well", false},
+      {"/input/0/fields/b/bit", 100, "its bits are another joint's as well", false},
+      {"/kinematics/joints/1/home", 90, "90 is more than 6.2832 radians", true},
+      {"/kinematics/joints/1/torque_constant", 0.01, "5 N would ask 500 of fb", false},
+      {"/kinematics/joints",
+       {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}, {"motor", "fc"}, {"torque_constant", 1}}},
+       "some of the first joints have motors",
+       false},
+      {"/input/0/fields/b/scale", 0.01, "one count moves the tip 0.01 m", false},
+      {"/mount/origin", {0, 0, 100}, "/mount/origin/2: 100 is more than 2 metres", true},
+      {"/mount/turned", 1, "known are origin, rotation_wxyz", true},
+      {"/limits/force", 400, "400 is more than 100 newtons", true},
+      {"/limits/slew", 1e9, "is more than 100000 N/s", true},
+      {"/limits/workspace_radius", 100, "100 is more than 2 metres", true},
+      {"/sources", {{"/nonsense", "x"}}, "\"/nonsense\" is nothing in this file", false},
       {"/output/size", 256, "more than 255 bytes", false},
       {"/kinematics/joints/1/motor", "fa", "it drives another joint", false},
       {"/flags/0/equals", 9, "state is never 9", false},
@@ -178,11 +206,11 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
 }
 
 TEST_CASE("every geometry is read from a profile", "[profile]") {
-  const auto with = [](const char* kinematics, std::size_t joints) {
+  const auto with = [](const char* kinematics, std::size_t joints, const Vec3& middle) {
     Json json = full();
     Json& model = json["kinematics"];
     model = Json::parse(kinematics);
-    const std::array from{"a", "b", "c", "a", "b", "c"};
+    const std::array from{"a", "b", "c", "d"};
     for (std::size_t i = 0; i < joints; ++i) {
       Json joint{{"from", from[i]}};
       if (i < 3) {
@@ -191,29 +219,59 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
       }
       model["joints"].push_back(joint);
     }
+    if (joints < 3) json["output"]["fields"].erase("fc");
     CAPTURE(json["kinematics"].dump());
     CHECK(schemaAccepts(json));
+    // The middle of the world has to be where the tip can be.
+    json["mount"]["origin"] = {0.0, 0.0, 1.9};
+    CHECK_THAT(trouble(json), Contains("/mount/origin: the middle of the hand's world is"));
+    json["mount"]["origin"] = {middle.x(), middle.y(), middle.z()};
     const HidProfile profile = parseHidProfile(json.dump(), "arm.json");
+    CHECK(factsOf(profile).off < 1e-3);
     CHECK(profile.joints.size() == joints);
     return profile.kinematics->at({0.3, 0.3, 0.3, 0.1, 0.2, 0.3}).position_D;
   };
-  CHECK((with(R"({"model": "capstan-arm", "a": 0.08, "b": 0.2, "c": 0.25})", 3) -
-         makeCapstanArm(0.08, 0.2, 0.25)->at({0.3, 0.3, 0.3}).position_D)
-            .norm() == 0.0);
   CHECK(
-      (with(R"({"model": "delta", "base": 0.08, "plate": 0.03, "upper": 0.06, "fore": 0.12})", 3) -
-       makeDelta(0.08, 0.03, 0.06, 0.12)->at({0.3, 0.3, 0.3}).position_D)
+      (with(R"({"model": "capstan-arm", "a": 0.08, "b": 0.2, "c": 0.25})", 3, Vec3(0.2, 0.0, 0.1)) -
+       makeCapstanArm(0.08, 0.2, 0.25)->at({0.3, 0.3, 0.3}).position_D)
           .norm() == 0.0);
-  CHECK((with(R"({"model": "pantograph", "lengths": [0.08, 0.1, 0.1, 0.08], "base": 0.05})", 2) -
+  CHECK((with(R"({"model": "delta", "base": 0.08, "plate": 0.03, "upper": 0.06, "fore": 0.12})", 3,
+              Vec3(0.0, 0.01, -0.1)) -
+         makeDelta(0.08, 0.03, 0.06, 0.12)->at({0.3, 0.3, 0.3}).position_D)
+            .norm() == 0.0);
+  CHECK((with(R"({"model": "pantograph", "lengths": [0.08, 0.1, 0.1, 0.08], "base": 0.05})", 2,
+              Vec3(-0.02, 0.12, 0.0)) -
          makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05)->at({0.3, 0.3}).position_D)
             .norm() == 0.0);
   const std::vector<ChainLink> links{
       {0, 0.1, 0, 1.5}, {0.2, 0, 0.2, 0}, {0, 0, 0.15, 0}, {0, 0.02, 0, 0}};
   CHECK((with(R"({"model": "chain", "tip": [0.01, 0, 0], "links": [{"along": 0.1, "twist": 1.5},
                {"turn": 0.2, "across": 0.2}, {"across": 0.15}, {"along": 0.02}]})",
-              4) -
+              4, Vec3(0.2, 0.1, 0.2)) -
          makeChain(links, {0.01, 0, 0})->at({0.3, 0.3, 0.3, 0.1}).position_D)
             .norm() == 0.0);
+}
+
+TEST_CASE("what a profile's numbers come to", "[profile]") {
+  const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
+  CHECK(facts.off < 1e-6);
+  CHECK(facts.step == Approx(1e-6));
+  // Joints at home: (0, 0, 0.1), which is the middle.
+  CHECK(facts.home_W.norm() < 1e-12);
+  REQUIRE(facts.motors.size() == 3);
+  CHECK(facts.motors[0].asked == Approx(5.0));
+  CHECK(facts.motors[2].asked == Approx(2.5));
+  CHECK(facts.motors[0].room == Approx(5.0));
+  // The Polhem: 5 N across the arm, 0.14 m from its axis, by a gear and a motor constant.
+  std::vector<std::string> notes;
+  for (const HidProfile& arm : hidProfiles("/nowhere", notes)) {
+    if (arm.name != "polhem") continue;
+    const ProfileFacts polhem = factsOf(arm);
+    const HidJoint& base = arm.joints[0];
+    const double away = std::hypot(arm.origin_D.x(), arm.origin_D.y());
+    CHECK(polhem.motors[0].asked ==
+          Approx(5.0 * away / std::abs(base.ratio * base.torque_constant)).epsilon(1e-4));
+  }
 }
 
 TEST_CASE("what was tested is remembered by serial number and profile", "[profile]") {
@@ -358,8 +416,14 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   CHECK(arms[0].name == "polhem");
   CHECK(arms[1].name == "spacemouse");
   CHECK(arms[0].match[0].vendor == 0x1209);
-  CHECK(notes.size() == 3);
-  CHECK_THAT(notes[0], Contains("b.json") && Contains("not valid JSON"));
+  CHECK(notes.size() == 4);
+  CHECK_THAT(notes[0], Contains("a.json: /name: it calls itself polhem, as one of palpate's own"));
+  CHECK_THAT(notes[1], Contains("b.json") && Contains("not valid JSON"));
+  // Two of one name.
+  std::ofstream(folder / "b.json") << mine.dump();
+  notes.clear();
+  CHECK(hidProfiles(folder.path(), notes).size() == 2);
+  CHECK_THAT(notes[1], Contains("b.json: /name: another file here calls itself polhem"));
 }
 
 TEST_CASE("the known arms have limits and sources", "[profile]") {

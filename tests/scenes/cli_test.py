@@ -723,6 +723,22 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", "--force", 9, says="at most 3")
         self.refused("devices", "--test", "hid:polhem", says="no such arm is plugged in")
 
+    def test_what_a_profile_comes_to(self):
+        words = run("devices", "polhem").stdout
+        self.assertIn("current_b, which gives at most 3", words)
+        facts = json.loads(run("devices", "polhem", "--json").stdout)["facts"]
+        self.assertEqual(len(facts["motors"]), 3)
+        profiles = Path(__file__).resolve().parents[2] / "devices/profiles"
+        mine = json.loads((profiles / "teensy-arm.json").read_text())
+        for joint in mine["kinematics"]["joints"]:
+            joint["torque_constant"] /= 1000
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "mine.json"
+            file.write_text(json.dumps(mine))
+            self.refused("devices", file, says="mend torque_constant")
+        self.refused("devices", "polhm", says='did you mean "polhem"?')
+        self.refused("devices", "polhem", "--test", "hid", says="--test names its own arm")
+
     def test_a_broken_profile_of_ones_own_is_told(self):
         with tempfile.TemporaryDirectory() as folder:
             arms = Path(folder) / "palpate/arms"
@@ -732,6 +748,11 @@ class Devices(Case):
                                     env={**os.environ, "XDG_CONFIG_HOME": folder}, timeout=60)
             self.assertEqual(result.returncode, 0)
             self.assertIn('mine.json: /: "match" is missing: add it', result.stderr)
+            result = subprocess.run([PALPATE, "devices", "--test", "hid:mine"], text=True,
+                                    capture_output=True, timeout=60,
+                                    env={**os.environ, "XDG_CONFIG_HOME": folder})
+            self.assertEqual(result.returncode, 2)
+            self.assertIn("its file cannot be used as that: mend what was said", result.stderr)
 
 
 class Examples(Case):

@@ -9,3 +9,4 @@ cmake --install "$1" --prefix "$place" >/dev/null
 "$place/bin/palpate" info "$place/bodies.vdb" | grep -q voxels
 grep -q uaccess "$place/lib/udev/rules.d/70-palpate-arms.rules"
 test -f "$place/share/palpate/scene.schema.json"
+"$place/bin/palpate" devices "$place/share/palpate/profiles/teensy-arm.json" | grep -q current_a

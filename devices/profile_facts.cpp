@@ -1,0 +1,96 @@
+#include "devices/profile_facts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Cholesky>
+
+namespace palpate {
+
+namespace {
+
+Joints jointsAtHome(const HidProfile& profile) {
+  Joints joints{};
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) joints[i] = profile.joints[i].home;
+  return joints;
+}
+
+/// Towards a place, from some joints; they become the nearest that was found.
+double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
+  constexpr int kSteps = 60;
+  const std::size_t n = arm.joints();
+  double damping = 1e-3;  // as a share of the Jacobian's own size
+  ArmPose pose = arm.at(joints);
+  const auto offOf = [&](const ArmPose& p) {
+    return p.reachable ? (place - p.position_D).norm() : std::numeric_limits<double>::infinity();
+  };
+  double off = offOf(pose);
+  for (int i = 0; i < kSteps && std::isfinite(off) && off > 1e-9; ++i) {
+    // J J^T has three rows however many joints there are.
+    Mat3 square = Mat3::Zero();
+    for (std::size_t j = 0; j < n; ++j) square += pose.jacobian[j] * pose.jacobian[j].transpose();
+    square.diagonal().array() += damping * square.trace() + 1e-12;
+    const Vec3 pull = square.ldlt().solve(place - pose.position_D);
+    Joints next = joints;
+    for (std::size_t j = 0; j < n; ++j) next[j] += pose.jacobian[j].dot(pull);
+    const ArmPose there = arm.at(next);
+    const double left = offOf(there);
+    if (left < off) {
+      joints = next;
+      pose = there;
+      off = left;
+      damping = std::max(1e-9, 0.3 * damping);
+    } else {
+      damping *= 4.0;
+    }
+  }
+  return off;
+}
+
+}  // namespace
+
+ProfileFacts factsOf(const HidProfile& profile) {
+  const Kinematics& arm = *profile.kinematics;
+  const Joints home = jointsAtHome(profile);
+  ProfileFacts facts;
+  facts.home_W = profile.world_from_device * (arm.at(home).position_D - profile.origin_D);
+  facts.off = std::numeric_limits<double>::infinity();
+  Joints middle = home;
+  // From home, then from about it: the first three joints bring the tip where it is to be.
+  constexpr double kTurn = 0.8;  // [rad]
+  constexpr int kWide = 5;
+  constexpr double kThere = 1e-6;  // [m]
+  for (int start = 0; start < kWide * kWide * kWide && !(facts.off < kThere); ++start) {
+    Joints joints = home;
+    // 0, 1, -1, 2, -2 turns of each.
+    int rest = start;
+    for (std::size_t j = 0; j < 3; ++j, rest /= kWide) {
+      const int step = rest % kWide;
+      joints[j] += kTurn * (step % 2 == 1 ? (step + 1) / 2 : -step / 2);
+    }
+    const double off = reach(arm, profile.origin_D, joints);
+    if (off >= facts.off) continue;
+    facts.off = off;
+    middle = joints;
+  }
+
+  const ArmPose pose = arm.at(middle);
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    const HidJoint& joint = profile.joints[i];
+    const double way = pose.jacobian[i].norm();
+    const ReportField& from = profile.input[joint.from.report].fields[joint.from.field];
+    if (from.type != ReportField::Type::kFloat) {
+      facts.step = std::max(facts.step, way * std::abs(from.scale / joint.ratio));
+    }
+    if (!joint.to) continue;
+    const ReportField& to = profile.output->fields[*joint.to];
+    const double room = std::min(to.most - to.offset, to.offset - to.least);
+    facts.motors.push_back(
+        {i, to.name, profile.limits.force * way / std::abs(joint.ratio * joint.torque_constant),
+         room / std::abs(to.scale)});
+  }
+  return facts;
+}
+
+}  // namespace palpate
