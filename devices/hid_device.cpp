@@ -175,6 +175,7 @@ void HidDevice::begin() {
   follow(0.0);
   if (profile_.output && host_.measured.viscous > 0.0) {
     info_.limits.tank.use = host_.tank;
+    info_.limits.tank.refill = host_.refill;
     info_.limits.tank.arm = dissipation();
     info_.mass = host_.measured.mass;
   }

@@ -81,6 +81,7 @@ struct HidHost {
   /// is not known.
   MeasuredArm measured = {};
   TankUse tank = TankUse::kObserve;
+  double refill = 0.0;  ///< TankParams::refill [W].
 };
 
 /// What an arm that has not passed `palpate devices --test` is held to.

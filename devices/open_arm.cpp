@@ -77,6 +77,26 @@ void write(const Json& json) {
   }
 }
 
+/// The profile of a name; throws where there is none.
+const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile>& profiles,
+                           const std::vector<std::string>& notes) {
+  std::vector<std::string> names;
+  for (const HidProfile& profile : profiles) {
+    if (profile.name == name) return profile;
+    names.push_back(profile.name);
+  }
+  const bool refused = std::any_of(notes.begin(), notes.end(), [&](const std::string& note) {
+    return note.find("/" + name + ".json: ") != std::string::npos;
+  });
+  if (refused) {
+    throw DeviceError("hid:" + name, "its file cannot be used as that", "mend what was said of it");
+  }
+  const std::string near = nearestName(name, names);
+  throw DeviceError("hid:" + name, "there is no profile \"" + name + "\"",
+                    near.empty() ? "palpate devices lists them; a file ends in .json"
+                                 : "did you mean \"" + near + "\"?");
+}
+
 }  // namespace
 
 std::string FoundArm::serial() const {
@@ -137,6 +157,16 @@ std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
   return arms;
 }
 
+HidProfile namedProfile(const ArmName& name, const std::function<void(const std::string&)>& say) {
+  if (name.isFile()) return readHidProfile(name.profile);
+  std::vector<std::string> notes;
+  const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
+  if (say) {
+    for (const std::string& note : notes) say(note);
+  }
+  return oneNamed(name.profile, profiles, notes);
+}
+
 OpenedArm openArm(const std::string& name, HidHost host) {
   const std::optional<ArmName> parsed = parseArmName(name);
   if (!parsed) {
@@ -154,20 +184,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     if (host.say) {
       for (const std::string& note : notes) host.say(note);
     }
-    std::vector<std::string> names;
-    names.reserve(profiles.size());
-    for (const HidProfile& profile : profiles) names.push_back(profile.name);
-    if (!wanted.empty() && std::find(names.begin(), names.end(), wanted) == names.end()) {
-      const std::string near = nearestName(wanted, names);
-      const bool refused = std::any_of(notes.begin(), notes.end(), [&](const std::string& note) {
-        return note.find("/" + wanted + ".json: ") != std::string::npos;
-      });
-      if (refused)
-        throw DeviceError(name, "its file cannot be used as that", "mend what was said of it");
-      throw DeviceError(name, "there is no profile \"" + wanted + "\"",
-                        near.empty() ? "palpate devices lists them; a file ends in .json"
-                                     : "did you mean \"" + near + "\"?");
-    }
+    if (!wanted.empty()) (void)oneNamed(wanted, profiles, notes);
   }
 
   std::vector<std::pair<const FoundArm*, const HidProfile*>> choices;
@@ -239,6 +256,18 @@ std::filesystem::path testedArmsFile() {
 
 bool isTested(const HidProfile& profile, const std::string& serial) {
   return !recordOf(profile, serial).is_null();
+}
+
+std::vector<std::string> testedSerials(const HidProfile& profile) {
+  std::vector<std::string> serials;
+  const std::string prefix = keyFor(profile, "");
+  const Json json = tested();
+  for (const auto& [key, record] : json.items()) {
+    if (key.rfind(prefix, 0) != 0) continue;
+    const std::string serial = key.substr(prefix.size());
+    if (isTested(profile, serial)) serials.push_back(serial);
+  }
+  return serials;
 }
 
 MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {

@@ -39,6 +39,13 @@ struct ArmName {
 /// Nothing where it is no arm's name.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
 
+/// The profile that is meant; of `hid` alone none is. Throws DeviceError: there is none of that
+/// name, and which is near.
+///
+/// @param say  Told of files of the user's that cannot be used; may be empty.
+[[nodiscard]] HidProfile namedProfile(const ArmName& name,
+                                      const std::function<void(const std::string&)>& say);
+
 struct OpenedArm {
   std::unique_ptr<HidDevice> device;
   std::string serial;  ///< As FoundArm::serial.
@@ -58,6 +65,8 @@ struct OpenedArm {
 [[nodiscard]] bool isTested(const HidProfile& profile, const std::string& serial);
 /// What was measured then; zeros where it is not tested. What is uncertain is taken from it.
 [[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial);
+/// The serial numbers of those that have passed with this very profile.
+[[nodiscard]] std::vector<std::string> testedSerials(const HidProfile& profile);
 /// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
 ///
 /// @pre result.scale is measured.

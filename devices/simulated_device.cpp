@@ -79,6 +79,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
   info_.mass = arm.mass;
   if (arm.viscous > 0.0) {
     info_.limits.tank.use = arm.tank;
+    info_.limits.tank.refill = arm.refill;
     // Three axes, each read to half a step.
     info_.limits.tank.arm = {arm.viscous, arm.coulomb, std::sqrt(3.0) * arm.encoder, arm.delay,
                              arm.lag};

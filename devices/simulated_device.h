@@ -18,6 +18,7 @@ struct ArmParams {
   double delay = 1e-3;               ///< From reading to the force that follows from it [s], >= 0.
   double lag = 0.0;                  ///< Time constant of the amplifiers, first order [s], >= 0.
   TankUse tank = TankUse::kObserve;  ///< Of the energy tank, which relies on just these numbers.
+  double refill = 0.0;               ///< TankParams::refill [W].
   bool hand = false;  ///< True: treated as one that a force could hurt (DeviceInfo::hand).
 };
 

@@ -92,27 +92,8 @@ OrderedJson factsIn(const HidProfile& profile) {
 /// What was understood of one profile: a name, or a file.
 int show(const Options& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
-  const std::string name = parsed ? parsed->profile : options.profile;
-  const std::filesystem::path file(name);
-  std::optional<HidProfile> found;
-  if (file.extension() == ".json") {
-    found = readHidProfile(file);
-  } else {
-    std::vector<std::string> notes;
-    std::vector<std::string> names;
-    for (HidProfile& profile : hidProfiles(hidProfileFolder(), notes)) {
-      names.push_back(profile.name);
-      if (profile.name == name) found = std::move(profile);
-    }
-    for (const std::string& note : notes) complain(note);
-    if (!found) {
-      const std::string near = nearestName(name, names);
-      throw Error(options.profile, "there is no profile of that name",
-                  near.empty() ? "palpate devices lists them; a file ends in .json"
-                               : "did you mean \"" + near + "\"?");
-    }
-  }
-  const HidProfile& profile = *found;
+  const HidProfile profile = namedProfile(parsed ? *parsed : ArmName{options.profile, ""},
+                                          [](const std::string& note) { complain(note); });
   if (options.json) {
     OrderedJson out;
     out["name"] = profile.name;

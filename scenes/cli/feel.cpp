@@ -50,6 +50,7 @@ struct Options {
   bool realtime = false;
   bool watch = false;
   bool passive = false;
+  double refill = 0.0;
   std::string trace;
   std::string summary;
   std::string picture;
@@ -64,6 +65,7 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     ArmParams arm;
     arm.hand = options.realtime;
     if (options.passive) arm.tank = TankUse::kAct;
+    arm.refill = options.refill;
     return std::make_unique<SimulatedDevice>(arm, GripParams{}, target, options.rate);
   }
   if (name.rfind("path:", 0) == 0) {
@@ -81,6 +83,7 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     host.say = [](const std::string& words) { complain("feel: " + words); };
     host.stop = [] { return interrupted != 0; };
     if (options.passive) host.tank = TankUse::kAct;
+    host.refill = options.refill;
     auto arm = openArm(name, std::move(host)).device;
     if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
       throw Error("--passive", "the friction of " + arm->info().name + " is not known",
@@ -561,6 +564,14 @@ void checkOptions(const Options& options) {
   if (options.devices.size() > 1 && options.trace == "-") {
     throw Error("--trace", "the rows of several hands would be mixed", "give a file");
   }
+  constexpr double kMostRefill = 10.0;  // [W]: a hand gives less
+  if (!(options.refill >= 0.0 && options.refill <= kMostRefill)) {
+    throw Error("--refill", fmt::format("{} W is not 0 to {}", options.refill, kMostRefill),
+                "use 0.1");
+  }
+  if (options.refill > 0.0 && !options.passive) {
+    throw Error("--refill", "nothing is held back that it would let through", "add --passive");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
@@ -693,6 +704,9 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/stability.md)");
+  verb->add_option("--refill", options->refill,
+                   "But what primitives that do work add (a moving volume pushes), at most [W]; "
+                   "with --passive (default 0)");
   verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");

@@ -10,6 +10,8 @@
 #include <fmt/format.h>
 
 #include "bench/stability_map.h"
+#include "devices/open_arm.h"
+#include "devices/profile_facts.h"
 #include "engine/error.h"
 #include "scenes/build_scene.h"
 #include "scenes/cli/common.h"
@@ -22,6 +24,7 @@ namespace {
 struct Options {
   std::string scene;
   std::optional<double> planes;
+  std::string device;
   std::string map;
   double rate = 1000.0;
   double mass = ArmParams{}.mass;
@@ -94,6 +97,41 @@ Setup setupOf(const Options& options) {
   return setup;
 }
 
+/// The numbers of an arm that has passed its test, where the user has given no others.
+void takeDevice(Options& options, const CLI::App& verb) {
+  const std::optional<ArmName> name = parseArmName(options.device);
+  if (!name || name->profile.empty()) {
+    throw Error("--device", "\"" + options.device + "\" names no profile",
+                "write hid:PROFILE, hid:PROFILE@SERIAL or hid:FILE.json");
+  }
+  const HidProfile profile =
+      namedProfile(*name, [](const std::string& note) { complain("stability: " + note); });
+  std::string serial = name->serial;
+  if (const auto serials = testedSerials(profile); serial.empty()) {
+    if (serials.size() > 1) {
+      throw Error("--device", "several arms of that profile have been tested",
+                  "add one's serial number: hid:" + profile.name + "@" + serials[0]);
+    }
+    if (!serials.empty()) serial = serials[0];
+  }
+  const MeasuredArm arm = measuredArm(profile, serial);
+  const auto take = [&](const char* option, double& to, double value) {
+    if (verb.count(option) == 0) to = value;
+  };
+  if (arm.mass > 0.0) {
+    take("--mass", options.mass, arm.mass);
+    take("--viscous", options.viscous, arm.viscous);
+    take("--coulomb", options.coulomb, arm.coulomb);
+    take("--delay", options.delay, arm.delay);
+  } else if (verb.count("--mass") == 0 || verb.count("--viscous") == 0) {
+    throw Error("--device", "mass and friction of " + options.device + " are not known",
+                "run palpate devices --test " + options.device +
+                    ", or give --mass and --viscous (--coulomb, --delay)");
+  }
+  take("--encoder", options.encoder, factsOf(profile).step);
+  if (profile.output_rate > 0.0) take("--rate", options.rate, profile.output_rate);
+}
+
 void check(const Options& options) {
   const auto within = [](const char* name, double value, double least, double most) {
     if (value >= least && value <= most) return;
@@ -123,6 +161,7 @@ OrderedJson report(const Options& options, const Setup& setup, const bench::MapS
                    double most, const std::vector<bench::StabilityMap>& maps) {
   OrderedJson json;
   json["of"] = setup.name;
+  json["device"] = options.device.empty() ? OrderedJson() : OrderedJson(options.device);
   json["rate"] = options.rate;
   json["arm"] = {{"mass", options.mass},
                  {"viscous", options.viscous},
@@ -257,6 +296,9 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   auto o = std::make_shared<Options>();
   verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
   verb->add_option("--planes", o->planes, "Two planes so many degrees apart instead of a wall");
+  verb->add_option("--device", o->device,
+                   "An arm that has passed palpate devices --test, as hid:PROFILE: its rate, mass, "
+                   "friction, steps and delay");
   verb->add_option("--map", o->map, "Draws it: a name for .json, .png and .svg, or one of them");
   verb->add_option("--rate", o->rate, "Ticks a second (default 1000)");
   verb->add_option("--mass", o->mass, "Of the arm [kg] (default 0.1)");
@@ -270,7 +312,13 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--size", o->size, "Cells along an axis (default 65)");
   verb->add_flag("--json", o->json, "Print JSON");
   verb->footer("Example:\n  palpate stability --planes 20 --map planes");
-  verb->callback([=, &body] { body = [=] { return draw(*o); }; });
+  verb->callback([=, &body] {
+    body = [=] {
+      Options options = *o;
+      if (!options.device.empty()) takeDevice(options, *verb);
+      return draw(options);
+    };
+  });
 }
 
 }  // namespace palpate::cli

@@ -292,6 +292,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
   CHECK_FALSE(isTested(arm, "S2"));
+  CHECK(testedSerials(arm) == std::vector<std::string>{"S1"});
   CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
   CHECK(measuredArm(arm, "S1").coulomb == 0.0);
   CHECK(measuredArm(arm, "S1").delay == 1e-3);

@@ -692,6 +692,36 @@ class Stability(Case):
             os.remove(f"{out}{ending}")
         os.remove(again)
 
+    def test_what_pushes_needs_a_refill(self):
+        """A ball that comes and goes does work on the hand: held back, but for what is let in."""
+        scene = self.dir / "beating.json"
+        place = {"keyframes": [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
+                               for t, z in ((0, 0), (0.5, 0.01), (1, 0))],
+                 "repeat": True, "fit": 0.1}
+        scene.write_text(json.dumps({
+            "palpate": 1, "coupling": {"stiffness": 300},
+            "volumes": {"ball": {"file": "ball.vdb", "place": place}},
+            "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3,
+                       "solid": "below"}]}))
+        felt = {watts: json.loads(run("feel", scene, "--seconds", 5, "--passive", "--refill", watts,
+                                      "--json").stdout)["tank"] for watts in (0, 5)}
+        self.assertEqual(felt[0]["refilled"], 0.0)
+        self.assertGreater(felt[5]["refilled"], 0.0)
+        self.assertLessEqual(felt[5]["force_lost"], felt[0]["force_lost"])
+        self.refused("feel", scene, "--refill", 1, says="add --passive")
+        self.refused("feel", scene, "--passive", "--refill", 50, says="0 to 10")
+        os.remove(scene)
+
+    def test_the_map_of_an_arm(self):
+        """What its self-test has measured, where the user says nothing else."""
+        self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
+        self.refused("stability", "--device", "simulated", says="names no profile")
+        map_of = json.loads(run("stability", "--device", "hid:polhem", "--mass", 0.2, "--viscous", 1,
+                                "--size", 9, "--rate", 250, "--json").stdout)
+        self.assertAlmostEqual(map_of["arm"]["encoder"], 5.466e-5, places=7)
+        self.assertEqual(map_of["arm"]["mass"], 0.2)
+        self.assertEqual(map_of["rate"], 250)
+
     def test_refusals(self):
         self.refused("stability", "--rate", 5, says="100 to 20000")
         self.refused("stability", "--size", 20, says="one more than a multiple of 8")

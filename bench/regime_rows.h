@@ -40,4 +40,7 @@ struct Regime {
 /// Devices that say what is not so: unplugged, stale, no number, late.
 [[nodiscard]] Regime brokenDevices();
 
+/// All of them.
+[[nodiscard]] std::vector<Regime> allRegimes();
+
 }  // namespace palpate::bench

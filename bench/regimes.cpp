@@ -1,0 +1,27 @@
+/// Where other methods fail and what the engine does there, as a table for documents:
+/// palpate_bench_regimes. Ends with 1 where a half is not as it should be.
+#include <cstdio>
+
+#include "bench/regime_rows.h"
+
+using palpate::bench::Finding;
+using palpate::bench::Regime;
+
+int main() {
+  bool all = true;
+  std::puts("| where | method | what | found | asked |\n|---|---|---|---|---|");
+  for (const Regime& row : palpate::bench::allRegimes()) {
+    const char* where = row.where.c_str();
+    const auto show = [&](const Finding& f, bool fails) {
+      const bool as_said = fails ? f.value >= f.bound : f.value <= f.bound;
+      all = all && as_said;
+      std::printf("| %s | %s | %s | %.3g | %s %.3g%s |\n", where, f.who.c_str(), f.what.c_str(),
+                  f.value, fails ? "at least" : "at most", f.bound, as_said ? "" : ": **NOT SO**");
+      where = "";
+    };
+    for (const Finding& f : row.fails) show(f, true);
+    for (const Finding& f : row.holds) show(f, false);
+    std::fflush(stdout);
+  }
+  return all ? 0 : 1;
+}

@@ -1,0 +1,64 @@
+/// STABILITY.md, section 6, row by row: where other methods fail, they do, and the engine does not.
+/// The numbers are printed: ctest -V -R regime.
+#include <cmath>
+#include <iostream>
+
+#include <catch2/catch.hpp>
+
+#include "bench/regime_rows.h"
+
+using namespace palpate::bench;
+
+namespace {
+
+void judge(const Regime& row) {
+  std::cout << row.where << '\n';
+  REQUIRE_FALSE(row.fails.empty());
+  REQUIRE_FALSE(row.holds.empty());
+  for (const Finding& f : row.fails) {
+    std::cout << "  fails: " << f.who << ", " << f.what << ": " << f.value << " (at least "
+              << f.bound << ")\n";
+    CAPTURE(f.who, f.what);
+    CHECK(f.value >= f.bound);
+  }
+  for (const Finding& f : row.holds) {
+    std::cout << "  holds: " << f.who << ", " << f.what << ": " << f.value << " (at most "
+              << f.bound << ")\n";
+    CAPTURE(f.who, f.what);
+    CHECK(f.value <= f.bound);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("regime: weak constraints that are not orthogonal", "[stability]") {
+  judge(weakConstraints());
+}
+
+TEST_CASE("regime: acute troughs, slots and corners", "[stability]") {
+  judge(acuteWalls());
+}
+
+TEST_CASE("regime: strengths and stiffness of all sizes", "[stability]") {
+  judge(extremeSprings());
+}
+
+TEST_CASE("regime: strikes and jumps", "[stability]") {
+  judge(strikesAndJumps());
+}
+
+TEST_CASE("regime: steep and noisy data", "[stability]") {
+  judge(steepAndNoisy());
+}
+
+TEST_CASE("regime: stiff, late and coarse", "[stability]") {
+  judge(stiffAndLate());
+}
+
+TEST_CASE("regime: scenes that change under the hand", "[stability]") {
+  judge(scenesThatChange());
+}
+
+TEST_CASE("regime: devices that are broken", "[stability]") {
+  judge(brokenDevices());
+}
