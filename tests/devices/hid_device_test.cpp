@@ -803,9 +803,9 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again", "
     auto device = open(arm, profile, true, {find, nullptr, nullptr});
     struct Patient final : public Device {
       HidDevice& inner;
-      DeviceInfo info_;
-      explicit Patient(HidDevice& d) : inner(d), info_(d.info()) { info_.watch.late = 1e3; }
-      [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+      DeviceInfo about;
+      explicit Patient(HidDevice& d) : inner(d), about(d.info()) { about.watch.late = 1e3; }
+      [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
       [[nodiscard]] HandState read() noexcept override { return inner.read(); }
       void write(const Vec3& force) noexcept override { inner.write(force); }
     } patient(*device);

@@ -129,7 +129,7 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
   rig.go(kPressed, 0.2);
   double last = rig.device.sent.norm();
   REQUIRE(last == Approx(1.5).margin(0.01));
-  const double pace = rig.device.info_.limits.peak / kEngageEdit * kDt;
+  const double pace = rig.device.about.limits.peak / kEngageEdit * kDt;
   rig.loop.publish(stiff(1000.0));
   for (int i = 0; i < 60; ++i) {
     const double force = rig.tick().report.force.norm();
@@ -323,22 +323,22 @@ TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
     for (double WatchLimits::*limit :
          {&WatchLimits::stale, &WatchLimits::max_speed, &WatchLimits::late}) {
       TestDevice device;
-      device.info_.watch.*limit = bad;
+      device.about.watch.*limit = bad;
       CHECK_THROWS_AS(HapticLoop(device, 1000.0), DeviceError);
     }
     for (double ForceLimits::*limit : {&ForceLimits::peak, &ForceLimits::slew}) {
       TestDevice device;
-      device.info_.limits.*limit = bad;
+      device.about.limits.*limit = bad;
       CHECK_THROWS_AS(HapticLoop(device, 1000.0), DeviceError);
     }
     TestDevice device;
-    device.info_.limits.continuous = 2.0;
-    device.info_.limits.heating = bad;
+    device.about.limits.continuous = 2.0;
+    device.about.limits.heating = bad;
     CHECK_THROWS_AS(HapticLoop(device, 1000.0), DeviceError);
-    device.info_.limits.continuous = bad;
-    device.info_.limits.heating = 1.0;
+    device.about.limits.continuous = bad;
+    device.about.limits.heating = 1.0;
     if (bad != 0.0) CHECK_THROWS_AS(HapticLoop(device, 1000.0), DeviceError);
-    device.info_.limits.continuous = 0.0;
+    device.about.limits.continuous = 0.0;
     if (bad != 0.0) CHECK_THROWS_AS(HapticLoop(device, 1000.0, nullptr, bad), DeviceError);
   }
 }
@@ -452,7 +452,7 @@ TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {
 
 TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
   TestDevice device;
-  device.info_.hand = false;
+  device.about.hand = false;
   device.hand.position = kOut;
   HapticLoop loop(device, 1000.0);
   loop.publish(ballScene(ballField()));
@@ -504,12 +504,12 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   for (int i = 0; i < 200; ++i) scenes.push_back(scene());
 
   TestDevice device;
-  device.info_.limits.continuous = 6.0;
-  device.info_.limits.heating = 2.0;
+  device.about.limits.continuous = 6.0;
+  device.about.limits.heating = 2.0;
   constexpr double kHeartbeat = 0.2;  // [s]
   std::atomic<std::uint64_t> guard{0};
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
-  const ForceLimits limits = device.info_.limits;
+  const ForceLimits limits = device.about.limits;
   long silent = 0;       // ticks without the application's beat,
   long unguarded = 0;    // and without the guardian's
   double ramp_at = 0.0;  // when the last engagement can have begun

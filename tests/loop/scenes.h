@@ -34,10 +34,10 @@ inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double stren
 class TestDevice final : public Device {
  public:
   TestDevice() {
-    info_.name = "test";
-    info_.limits = {8.0, 2000.0};
+    about.name = "test";
+    about.limits = {8.0, 2000.0};
   }
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override { return hand; }
   void write(const Vec3& force) noexcept override {
     sent = force;
@@ -49,7 +49,7 @@ class TestDevice final : public Device {
   Vec3 sent = Vec3::Zero();
   long writes = 0;
   int write_ms = 0;  ///< What a write takes.
-  DeviceInfo info_;
+  DeviceInfo about;
 };
 
 }  // namespace palpate::test

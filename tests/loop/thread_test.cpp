@@ -26,10 +26,10 @@ using namespace std::chrono_literals;
 class SharedDevice final : public Device {
  public:
   SharedDevice() {
-    info_.name = "shared";
-    info_.watch.late = 1e3;
+    about.name = "shared";
+    about.watch.late = 1e3;
   }
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override {
     HandState hand;
     hand.position = {0, 0, z.load()};
@@ -47,7 +47,7 @@ class SharedDevice final : public Device {
   std::atomic<bool> over{false};
 
  private:
-  DeviceInfo info_;
+  DeviceInfo about;
 };
 
 LoopParams quiet() {

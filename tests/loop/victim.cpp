@@ -45,10 +45,10 @@ int connectTo(const std::string& path) {
 class SocketDevice final : public Device {
  public:
   explicit SocketDevice(int descriptor) : descriptor_(descriptor) {
-    info_.name = "socket";
-    info_.watch.late = 1.0;  // machines that run tests are late at times
+    about.name = "socket";
+    about.watch.late = 1.0;  // machines that run tests are late at times
   }
-  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
   [[nodiscard]] HandState read() noexcept override {
     // A stuck tick, wherever it is: here.
     while (hang.load()) {
@@ -74,7 +74,7 @@ class SocketDevice final : public Device {
   int descriptor_;
   bool stuck_ = false;
   std::atomic<bool> pressed_{false};
-  DeviceInfo info_;
+  DeviceInfo about;
   long ticks_ = 0;
 };
 

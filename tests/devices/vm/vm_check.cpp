@@ -337,19 +337,19 @@ void checkChain(const std::string& volume, const std::string& profile_file) {
   SimulatedDevice simulated(armParams(), GripParams{}, path, 1000.0);
   struct Limited final : public Device {
     SimulatedDevice& inner;
-    DeviceInfo info_;
+    DeviceInfo about;
     Vec3 sent = Vec3::Zero();
-    Limited(SimulatedDevice& d, const DeviceInfo& info) : inner(d), info_(info) {
-      info_.hand = false;
+    Limited(SimulatedDevice& d, const DeviceInfo& info) : inner(d), about(info) {
+      about.hand = false;
     }
-    [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
     [[nodiscard]] HandState read() noexcept override { return inner.read(); }
     void write(const Vec3& force) noexcept override {
       sent = force;
       inner.write(force);
     }
   } limited(simulated, simulated.info());
-  limited.info_.limits = {5.0, 2000.0};
+  limited.about.limits = {5.0, 2000.0};
   HapticLoop loop(limited, 1000.0);
   loop.publish(built.scene);
   TickTime time;
