@@ -46,18 +46,19 @@ void lowPass(std::vector<double>& values) {
   }
 }
 
-Path pathAround(const ScalarField& field, double level, double sign, const Vec3& axis, double far,
-                double first, double speed, double depth) {
+Path pathAround(const ScalarField& field, const SkinWay& way, double sign, const Vec3& axis,
+                double first, double depth) {
   auto cache = std::make_unique<FieldCache>();
   field.reset(*cache);
   const auto n = static_cast<std::size_t>(kSeconds * kRate);
   const auto angle = [&](std::size_t i) {
-    return first + speed / kTurning / kRate * static_cast<double>(i);
+    return first + way.speed / kTurning / kRate * static_cast<double>(i);
   };
   std::vector<double> radius(n);
   double last = kTurning;
   for (std::size_t i = 0; i < n; ++i) {
-    const double r = skinRadius(field, level, sign, axis, angle(i), far, 0.1 * far, *cache);
+    const double r =
+        skinRadius(field, way.level, sign, axis, angle(i), way.far, 0.1 * way.far, *cache);
     if (r > 0.0) last = r;
     radius[i] = last;
   }
@@ -210,22 +211,21 @@ double quieter(const Buzz& one, const Buzz& other) {
   return 10.0 * std::log10(relative(other) / relative(one));
 }
 
-std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field, double level,
-                             bool above, double far, double raise, double apart, int slices,
-                             double speed, BuzzHand hand) {
-  const double sign = above ? -1.0 : 1.0;
-  const double depth = hand == BuzzHand::kHeld ? kDepth + kDeeper : kDepth;
+std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field, const SkinWay& way) {
+  const double sign = way.above ? -1.0 : 1.0;
+  const double depth = way.hand == BuzzHand::kHeld ? kDepth + kDeeper : kDepth;
   std::vector<Buzzes> all;
-  for (int slice = 0; slice < slices; ++slice) {
-    const double off = slice - 0.5 * (slices - 1);
-    const Vec3 axis = field->frame().bounds.centre() + (raise + apart * off) * Vec3::UnitZ();
-    const Path path = pathAround(*field, level, sign, axis, far, off, speed, depth);
+  for (int slice = 0; slice < way.slices; ++slice) {
+    const double off = slice - 0.5 * (way.slices - 1);
+    const Vec3 axis =
+        field->frame().bounds.centre() + (way.raise + way.apart * off) * Vec3::UnitZ();
+    const Path path = pathAround(*field, way, sign, axis, off, depth);
     Buzzes one;
-    one.polynomial = buzzOf(forcesAlong(path, hand, penalty(field, level, sign, true)));
-    one.continuous = buzzOf(forcesAlong(path, hand, penalty(field, level, sign, false)));
-    Engine engine(field, level, above);
+    one.polynomial = buzzOf(forcesAlong(path, way.hand, penalty(field, way.level, sign, true)));
+    one.continuous = buzzOf(forcesAlong(path, way.hand, penalty(field, way.level, sign, false)));
+    Engine engine(field, way.level, way.above);
     one.engine =
-        buzzOf(forcesAlong(path, hand, [&](const Vec3& probe) { return engine.force(probe); }));
+        buzzOf(forcesAlong(path, way.hand, [&](const Vec3& probe) { return engine.force(probe); }));
     one.clicks = engine.clicks();
     all.push_back(one);
   }

@@ -42,15 +42,22 @@ struct Buzzes {
   Buzz engine;      ///< The whole tick, an isosurface.
 };
 
-/// Goes about the axis through the middle of the data in `slices` planes `apart` [m], 5 s each at
-/// so many metres a second, 2 mm below the skin as a hand finds it that cannot follow what comes
-/// oftener than five times a second. 500 N/m, at most 3 N, 1 kHz.
-///
-/// @param above  The solid's values are above the level.
-/// @param raise  Of the middle slice over the middle of the data [m].
-/// @param far    From where the skin is looked for [m].
+/// How a hand goes over a skin.
+struct SkinWay {
+  double level = 0.0;   ///< Of the skin.
+  bool above = true;    ///< The solid's values are above it.
+  double far = 0.12;    ///< From where the skin is looked for, from the axis [m].
+  double raise = 0.0;   ///< Of the middle slice over the middle of the data [m].
+  double apart = 4e-3;  ///< Slices [m].
+  int slices = 7;
+  double speed = 0.02;  ///< [m/s]
+  BuzzHand hand = BuzzHand::kLed;
+};
+
+/// Goes about the axis along z through the middle of the data, 5 s in each slice, 2 mm below the
+/// skin as a hand finds it that cannot follow what comes oftener than five times a second. 500 N/m,
+/// at most 3 N, 1 kHz.
 [[nodiscard]] std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field,
-                                           double level, bool above, double far, double raise,
-                                           double apart, int slices, double speed, BuzzHand hand);
+                                           const SkinWay& way);
 
 }  // namespace palpate::bench

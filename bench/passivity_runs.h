@@ -31,6 +31,8 @@ struct PassivityRun {
   double encoder = 1e-5;       ///< Of each of three axes [m].
   double period = 1e-3;        ///< [s]
   double jitter = 0.0;         ///< Ticks come after (1 - jitter) to 1 of the period.
+  int every = 1;               ///< A new position comes every so many ticks,
+  bool admits = true;          ///< and the others are said to be old.
   double late = 0.0;           ///< Share of ticks that come after up to ten periods.
   double delay = 0.0;          ///< [s]
   double lag = 0.0;            ///< [s]
@@ -57,11 +59,11 @@ struct PassivityRun {
 [[nodiscard]] PassivityRun randomRun(std::uint64_t seed, bool fractional);
 
 struct PassivityResult {
-  double least = 0.0;   ///< The lowest energy that the hand had put in, over all samples [J].
-  double margin = 0.0;  ///< The lowest of that + D/2 |force| + debt: below zero breaks the promise.
-  double debt = 0.0;    ///< [J]
-  double scaled = 0.0;  ///< Share of ticks in which the keeper changed the force.
-  double lost = 0.0;    ///< Of the force, mean.
+  double least = 0.0;    ///< The lowest energy that the hand had put in, over all samples [J].
+  double margin = 0.0;   ///< The lowest of that + debt: below zero breaks the promise.
+  double debt = 0.0;     ///< [J]
+  double scaled = 0.0;   ///< Share of ticks in which the keeper changed the force.
+  double lost = 0.0;     ///< Of the force, mean.
   double nominal = 0.0;  ///< The largest force [N].
 };
 

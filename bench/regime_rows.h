@@ -7,16 +7,19 @@
 
 namespace palpate::bench {
 
-/// A number that was found, and what it is held against.
+/// A number that was found, and the bound that it is held against.
 struct Finding {
-  std::string who;   ///< A method.
+  std::string who;   ///< The method, or what was left out.
   std::string what;  ///< With its unit.
   double value = 0.0;
   double bound = 0.0;
+
+  [[nodiscard]] bool fails() const { return value >= bound; }
+  [[nodiscard]] bool holds() const { return value <= bound; }
 };
 
-/// Both halves: a method fails where its value is at least the bound, and the engine holds where
-/// its value is at most that.
+/// Both halves: in `fails` every finding fails, in `holds`, which are the engine's, every one
+/// holds.
 struct Regime {
   std::string where;
   std::vector<Finding> fails;

@@ -174,9 +174,9 @@ void HidDevice::begin() {
   heard_ = !silent();
   follow(0.0);
   if (profile_.output && host_.measured.viscous > 0.0) {
-    info_.limits.tank.use = host_.tank;
-    info_.limits.tank.refill = host_.refill;
     info_.limits.tank.arm = dissipation();
+    info_.limits.tank.use = info_.limits.tank.arm.viscous > 0.0 ? host_.tank : TankUse::kOff;
+    info_.limits.tank.refill = host_.refill;
     info_.mass = host_.measured.mass;
   }
   read_at_ = heard_at_ = counted_at_ = nowNs();
@@ -498,10 +498,11 @@ void HidDevice::mendLoop() noexcept {
 
 ArmDissipation HidDevice::dissipation() const noexcept {
   ArmDissipation arm;
-  arm.viscous = host_.measured.viscous;
-  arm.coulomb = host_.measured.coulomb;
+  // In another pose a lever may be so much longer: a count's way and, at the tip, friction by it.
+  constexpr double kElsewhere = 2.0;
+  arm.viscous = host_.measured.viscous / (kElsewhere * kElsewhere);
+  arm.coulomb = host_.measured.coulomb / kElsewhere;
   arm.delay = host_.measured.delay;
-  constexpr double kElsewhere = 2.0;  // a count may be so much longer in another pose
   const auto steps = resolution();
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     arm.step += kElsewhere * steps[i];
@@ -514,7 +515,8 @@ ArmDissipation HidDevice::dissipation() const noexcept {
       arm.coulomb -= std::abs(joint.ratio * joint.torque_constant / motor.scale) / lever;
     }
   }
-  arm.coulomb = std::max(0.0, arm.coulomb);
+  // Steps that add more than friction takes: nothing can be relied on.
+  if (arm.coulomb < 0.0) arm = {};
   return arm;
 }
 

@@ -480,24 +480,34 @@ void checkFacts(const Node& root, const HidProfile& profile) {
   if (facts.step > kMostStep) {
     root.child("kinematics")
         .child("joints")
-        .fail(fmt::format("one count moves the tip {:.3g} m", facts.step),
+        .fail(fmt::format("a count of every joint moves the tip {:.3g} m", facts.step),
               "mend the inputs' scale (radians a count) or the ratio");
   }
-  double share = 0.0;
-  for (const MotorFact& motor : facts.motors) share = std::max(share, motor.asked / motor.room);
+  const char* const remedy = "mend torque_constant, ratio, or its field's scale, least and most";
+  const MotorFact* strongest = nullptr;
   for (const MotorFact& motor : facts.motors) {
-    const Node at = root.child("kinematics").child("joints").element(motor.joint);
-    const char* const remedy = "mend torque_constant, ratio, or its field's scale, least and most";
     if (motor.asked > kMostAsked * motor.room) {
-      at.fail(fmt::format("{} N would ask {:.3g} of {}, which may be given {:.3g}",
-                          profile.limits.force, motor.asked, motor.field, motor.room),
-              remedy);
+      root.child("kinematics")
+          .child("joints")
+          .element(motor.joint)
+          .fail(fmt::format("{} N would ask {:.3g} of {}, which may be given {:.3g}",
+                            profile.limits.force, motor.asked, motor.field, motor.room),
+                remedy);
     }
-    if (share < kLeastAsked) {
-      at.fail(fmt::format("{} N would ask but {:.2g} % of what {} may be given",
-                          profile.limits.force, 100.0 * share, motor.field),
-              remedy);
+    if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
+      strongest = &motor;
     }
+  }
+  // One that stands across the force has little to do; not all of them have.
+  if (strongest != nullptr && strongest->asked < kLeastAsked * strongest->room) {
+    root.child("kinematics")
+        .child("joints")
+        .element(strongest->joint)
+        .fail(
+            fmt::format(
+                "{} N would ask but {:.2g} % of what {} may be given, and less of the others",
+                profile.limits.force, 100.0 * strongest->asked / strongest->room, strongest->field),
+            remedy);
   }
 }
 

@@ -22,10 +22,10 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
   const std::size_t n = arm.joints();
   double damping = 1e-3;  // as a share of the Jacobian's own size
   ArmPose pose = arm.at(joints);
-  const auto offOf = [&](const ArmPose& p) {
+  const auto off_of = [&](const ArmPose& p) {
     return p.reachable ? (place - p.position_D).norm() : std::numeric_limits<double>::infinity();
   };
-  double off = offOf(pose);
+  double off = off_of(pose);
   for (int i = 0; i < kSteps && std::isfinite(off) && off > 1e-9; ++i) {
     // J J^T has three rows however many joints there are.
     Mat3 square = Mat3::Zero();
@@ -35,7 +35,7 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
     Joints next = joints;
     for (std::size_t j = 0; j < n; ++j) next[j] += pose.jacobian[j].dot(pull);
     const ArmPose there = arm.at(next);
-    const double left = offOf(there);
+    const double left = off_of(there);
     if (left < off) {
       joints = next;
       pose = there;
@@ -58,16 +58,18 @@ ProfileFacts factsOf(const HidProfile& profile) {
   facts.off = std::numeric_limits<double>::infinity();
   Joints middle = home;
   // From home, then from about it: the first three joints bring the tip where it is to be.
-  constexpr double kTurn = 0.8;  // [rad]
+  constexpr double kApart = 0.8;  // [rad]; [m] of a slide
   constexpr int kWide = 5;
   constexpr double kThere = 1e-6;  // [m]
-  for (int start = 0; start < kWide * kWide * kWide && !(facts.off < kThere); ++start) {
+  const std::size_t turned = std::min<std::size_t>(3, arm.joints());
+  const int starts = static_cast<int>(std::pow(kWide, turned));
+  for (int start = 0; start < starts && !(facts.off < kThere); ++start) {
     Joints joints = home;
-    // 0, 1, -1, 2, -2 turns of each.
+    // 0, 1, -1, 2, -2 times of each.
     int rest = start;
-    for (std::size_t j = 0; j < 3; ++j, rest /= kWide) {
+    for (std::size_t j = 0; j < turned; ++j, rest /= kWide) {
       const int step = rest % kWide;
-      joints[j] += kTurn * (step % 2 == 1 ? (step + 1) / 2 : -step / 2);
+      joints[j] += kApart * (step % 2 == 1 ? (step + 1) / 2 : -step / 2);
     }
     const double off = reach(arm, profile.origin_D, joints);
     if (off >= facts.off) continue;
@@ -81,7 +83,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
     const double way = pose.jacobian[i].norm();
     const ReportField& from = profile.input[joint.from.report].fields[joint.from.field];
     if (from.type != ReportField::Type::kFloat) {
-      facts.step = std::max(facts.step, way * std::abs(from.scale / joint.ratio));
+      facts.step += way * std::abs(from.scale / joint.ratio);
     }
     if (!joint.to) continue;
     const ReportField& to = profile.output->fields[*joint.to];

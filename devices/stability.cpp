@@ -61,22 +61,23 @@ double growth(const ArmParams& arm, const GripParams& grip, double rate, double 
 
 double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate, double damping) {
   const auto rests = [&](double k) { return growth(arm, grip, rate, k, damping) < 1.0; };
-  // 4 m / T^2 is where no mass without friction comes to rest.
-  const double most = 4.0 * arm.mass * rate * rate;
-  constexpr int kSteps = 130;
-  const auto at = [&](int i) { return most * std::pow(10.0, -6.0 + 6.5 * i / kSteps); };
-  if (!rests(at(0))) return 0.0;
-  for (int i = 1; i <= kSteps; ++i) {
-    if (rests(at(i))) continue;
-    double low = at(i - 1);
-    double high = at(i);
-    while (high - low > 1e-9 * high) {
-      const double middle = 0.5 * (low + high);
-      (rests(middle) ? low : high) = middle;
-    }
-    return low;
+  // 4 m / T^2 is where no mass without friction comes to rest; an arm that friction or a hand
+  // brings to rest between two ticks goes on to multiples of it.
+  const double inertial = 4.0 * arm.mass * rate * rate;
+  const double stiffest = 1e3 * (inertial + (arm.viscous + grip.damping) * rate + grip.stiffness);
+  const double step = std::pow(10.0, 0.05);
+  double low = 1e-6 * inertial;
+  if (!rests(low)) return 0.0;
+  double high = step * low;
+  for (; rests(high); high *= step) {
+    if (high > stiffest) return std::numeric_limits<double>::infinity();
+    low = high;
   }
-  return at(kSteps);
+  while (high - low > 1e-9 * high) {
+    const double middle = 0.5 * (low + high);
+    (rests(middle) ? low : high) = middle;
+  }
+  return low;
 }
 
 double passiveStiffness(const ArmParams& arm, double rate, double damping) {
@@ -115,10 +116,15 @@ CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate, 
   room.rate = faster <= kFastest ? faster : 0.0;
   ArmParams more = arm;
   double low = 0.0;
-  double high = 1e3;
+  double high = 1.0;
+  const auto lacks = [&](double viscous) {
+    more.viscous = viscous;
+    return passiveStiffness(more, rate, damping) < stiffness;
+  };
+  while (lacks(high)) high *= 2.0;  // as friction grows so does what it makes passive
   while (high - low > 1e-6 * high) {
-    more.viscous = 0.5 * (low + high);
-    (passiveStiffness(more, rate, damping) < stiffness ? low : high) = more.viscous;
+    const double middle = 0.5 * (low + high);
+    (lacks(middle) ? low : high) = middle;
   }
   room.viscous = high;
   return room;

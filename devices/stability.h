@@ -31,14 +31,15 @@ using AxisStep = Eigen::Matrix<double, 3, 4>;
                             double stiffness, double damping);
 
 /// The least stiffness at which that loop does not come to rest [N/m], to 1e-9 of it; 0: not at
-/// any. Takes a few milliseconds.
+/// any; infinite: at any that was tried, to a thousand times what mass, friction and hand make of a
+/// tick. Takes a few milliseconds, with many periods of delay seconds.
 [[nodiscard]] double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate,
                                      double damping = 0.0);
 
 /// The stiffness up to which no hand at all, nothing but a spring and damper or a machine, can get
 /// energy out of the wall [N/m]; 0: not at any. Exact for damping <= 0 and for no delay (Colgate
-/// and Schenkel), else on the safe side. Amplifier lag counts as that much delay, on the safe side
-/// only where period and delay are longer. Reads of an encoder: see quietStiffness.
+/// and Schenkel), else on the safe side. Amplifier lag counts as that much delay, on the safe
+/// side. Reads of an encoder: see quietStiffness.
 [[nodiscard]] double passiveStiffness(const ArmParams& arm, double rate, double damping = 0.0);
 
 /// The stiffness up to which Coulomb's friction swallows the encoder's steps [N/m]: 2 c / D, less

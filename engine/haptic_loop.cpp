@@ -14,10 +14,12 @@ namespace {
 
 constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blocked.
 
+constexpr double kClock = 1.2;  ///< No tick of a clock comes later, in periods, but late ones.
+
 /// At a hand a force comes in gently, whatever the device's maker says.
 ForceLimits gently(ForceLimits limits, bool hand, double rate) noexcept {
   if (hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
-  if (limits.tank.arm.period == 0.0) limits.tank.arm.period = 1.0 / rate;
+  if (limits.tank.arm.period == 0.0) limits.tank.arm.period = kClock / rate;
   return limits;
 }
 
@@ -46,8 +48,15 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
          {arm.coulomb, arm.step, arm.delay, arm.lag, arm.period, limits.tank.refill}) {
       require(no_less(x), "a number of the tank", x);
     }
-    require(arm.delay * rate < static_cast<double>(Tank::kForces - 2), "the tank's delay",
-            arm.delay);
+    const double most = static_cast<double>(Tank::kForces - 2) / arm.delay;
+    if (rate >= most) {
+      throw DeviceError(info.name,
+                        "at " + std::to_string(std::lround(rate)) +
+                            " Hz more forces are on their way at once than the tank remembers",
+                        "use less than " + std::to_string(std::lround(most)) + " Hz");
+    }
+    require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
+            arm.period);
   }
   require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
   return info;

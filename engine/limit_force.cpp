@@ -28,16 +28,16 @@ double engaged(double asked, double time, LimiterState& state) noexcept {
   return state.share;
 }
 
-double passTank(const Vec3& force, const Vec3& hand, double dt, const ForceLimits& limits,
-                Tank& tank) noexcept {
+double passTank(const Vec3& force, const Vec3& hand, bool fresh, double dt,
+                const ForceLimits& limits, Tank& tank) noexcept {
   const double most = limits.peak * limits.peak / (2.0 * limits.tank.soft);
-  return tank.pass(force, hand, dt, limits.tank, most);
+  return tank.pass(force, hand, fresh, dt, limits.tank, most);
 }
 
 }  // namespace
 
 LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const ForceLimits& limits,
-                        LimiterState& state) noexcept {
+                        LimiterState& state, bool fresh) noexcept {
   LimitedForce out;
   const Vec3 previous = state.sent;
   const double time = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
@@ -53,7 +53,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   const double asked = wanted.stableNorm();
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
-    (void)passTank(Vec3::Zero(), hand, dt, limits, state.tank);
+    (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
     return out;
   }
   // A hair below the peak, so that no rounding can carry the result over it.
@@ -90,7 +90,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
 
   // Energy. Nothing below changes the force.
-  out.share = passTank(out.force, hand, dt, limits, state.tank);
+  out.share = passTank(out.force, hand, fresh, dt, limits, state.tank);
   out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
   if (out.drained) out.force *= out.share;
   state.sent = out.force;

@@ -29,17 +29,26 @@ struct Tank::Amplifier {
 };
 
 void Tank::forget() noexcept {
-  energy_ = 0.0;
+  sure_ = 0.0;
+  counted_ = 0.0;
   known_ = false;
+  recovers_ = true;
+  since_ = {};
+  span_ = 0.0;
   mean_.setZero();
   acting_.setZero();
   count_ = 1;
   sent_[0] = {};
 }
 
-void Tank::account(const Vec3& hand, double dt, const ArmDissipation& arm) noexcept {
-  // The force of the interval, whose mean does the work; what it varies about the mean a hand could
-  // take out by moving with it, against b.
+void Tank::refill(double energy) noexcept {
+  if (!(energy > 0.0) || !std::isfinite(energy)) return;
+  sure_ += energy;
+  counted_ += energy;
+  refilled_ += energy;
+}
+
+void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   Amplifier amplifier{acting_, arm.lag};
   Acting acting;
   std::size_t first = 0;
@@ -55,107 +64,110 @@ void Tank::account(const Vec3& hand, double dt, const ArmDissipation& arm) noexc
     sent_[i - first] = {sent_[i].force, sent_[i].from - dt};
   }
   count_ -= first;
+  since_.sum += acting.sum;
+  since_.square += acting.square;
+  span_ += dt;
+  // Whatever the hand did in it.
+  sure_ -= acting.square / (4.0 * arm.viscous);
+}
 
-  const Vec3 mean = acting.sum / dt;
-  const double varies = std::max(0.0, acting.square - dt * mean.squaredNorm());
+void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
+  if (!(span_ > 0.0)) return;
+  // The mean of the force does the work; what it varies about the mean a hand could take out by
+  // moving with it, against b.
+  const Vec3 mean = since_.sum / span_;
+  const double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   const Vec3 moved = hand - last_;
   // Forces are on the hand: work that it does against them is minus their product.
-  energy_ -=
+  counted_ -=
       mean.dot(moved) + varies / (4.0 * arm.viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, moved.norm() - arm.step);
-  energy_ += arm.viscous / dt * surely * surely;
+  counted_ += arm.viscous / span_ * surely * surely;
   // Coulomb's friction: of a way that is known to D/2 only what drags an anchor on a rope of length
   // D is certain, and of that the cosine of 30 degrees.
   const Vec3 rope = hand - anchor_;
   const double length = rope.norm();
   if (length > arm.step) {
     const double certain = arm.step > 0.0 ? 0.5 * std::sqrt(3.0) : 1.0;
-    energy_ += certain * arm.coulomb * (length - arm.step);
+    counted_ += certain * arm.coulomb * (length - arm.step);
     anchor_ += (1.0 - arm.step / length) * rope;
   }
   mean_ = mean;
   last_ = hand;
+  since_ = {};
+  span_ = 0.0;
 }
 
 double Tank::reserve(const Vec3& next, const ArmDissipation& arm) const noexcept {
   Amplifier amplifier{acting_, arm.lag};
-  double square = 0.0;     // integral of the force's square
-  double sum = 0.0;        // of the means of intervals,
-  double variation = 0.0;  // and how much those change
-  Vec3 mean = mean_;
-  const auto over = [&](const Acting& interval) {
-    const Vec3 now = interval.sum / arm.period;
-    square += interval.square;
-    sum += now.norm();
-    variation += (now - mean).norm();
-    mean = now;
-  };
-  // Interval by interval, until `next` has had its time.
+  Acting acting;
   const double begins = std::max(arm.delay, count_ > 1 ? sent_[count_ - 1].from : 0.0);
-  const double ends = begins + arm.period;
   double at = 0.0;
-  for (std::size_t i = 0; at < ends;) {
-    Acting interval;
-    const double until = at + arm.period;
-    while (at < until) {
-      // The order that holds now, and until when.
-      while (i + 1 < count_ && sent_[i + 1].from <= at) ++i;
-      const bool pending = i + 1 < count_;
-      const double change = at < begins ? (pending ? sent_[i + 1].from : begins)
-                            : at < ends ? ends
-                                        : until;
-      const Vec3 order = at < begins ? sent_[i].force : at < ends ? next : Vec3(Vec3::Zero());
-      const double stop = std::min(change, until);
-      amplifier.hold(order, stop - at, interval);
-      at = stop;
-    }
-    over(interval);
+  for (std::size_t i = 0; i < count_; ++i) {
+    const double until = std::max(at, i + 1 < count_ ? sent_[i + 1].from : begins);
+    amplifier.hold(sent_[i].force, until - at, acting);
+    at = until;
   }
+  amplifier.hold(next, arm.period, acting);
   // What the amplifier still gives then dies away.
-  if (arm.lag > 0.0) {
-    const double left = amplifier.force.norm();
-    const double share = arm.lag / arm.period;
-    const Vec3 first = share * (1.0 - std::exp(-1.0 / share)) * amplifier.force;
-    square += 0.5 * arm.lag * left * left;
-    sum += share * left;
-    variation += (first - mean).norm();
-    mean = first;
-  }
-  variation += mean.norm();
-  return square / (4.0 * arm.viscous) + arm.step * (sum + 0.5 * variation);
+  const double left = arm.lag > 0.0 ? 0.5 * arm.lag * amplifier.force.squaredNorm() : 0.0;
+  return (acting.square + left) / (4.0 * arm.viscous);
 }
 
-double Tank::pass(const Vec3& wanted, const Vec3& hand, double dt, const TankParams& params,
-                  double cap) noexcept {
+double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
+                  const TankParams& params, double cap) noexcept {
   const ArmDissipation& arm = params.arm;
   if (params.use == TankUse::kOff) return 1.0;
   const bool acts = params.use == TankUse::kAct;
-  if (!hand.allFinite() || !(arm.viscous > 0.0) || !(arm.period > 0.0)) {
+  constexpr double kFarthest = 1e6;  // [m]: no hand is there; false for NaN as well
+  if (!(hand.cwiseAbs().maxCoeff() < kFarthest) || !(arm.viscous > 0.0) || !(arm.period > 0.0)) {
     forget();
     return acts ? 0.0 : 1.0;
   }
-  if (!known_) {
+  if (recovers_) {
+    constexpr double kDead = 10.0;  // lags after which nothing acts any more
+    recovers_ = false;
+    blind_ = arm.delay + kDead * arm.lag + arm.period;
+  }
+  const bool timed = dt > 0.0 && std::isfinite(dt);
+  if (timed) elapse(dt, arm);
+  if (!known_ || blind_ > 0.0) {
+    // Nothing is credited for a time in which something unknown may have acted.
+    if (timed) blind_ -= dt;
     known_ = true;
     last_ = anchor_ = hand;
-  } else if (dt > 0.0 && std::isfinite(dt)) {
-    account(hand, dt, arm);
-    energy_ = std::min(energy_, cap);
+    sure_ = std::min(sure_, 0.0);
+    counted_ = sure_;
+    since_ = {};
+    span_ = 0.0;
+    mean_ = acting_;
+    if (blind_ > 0.0 && acts) {
+      sent_[0] = {};
+      count_ = 1;
+      sure_ = counted_ = 0.0;
+      return 0.0;
+    }
+  } else if (timed && fresh) {
+    arrive(hand, arm);
+    counted_ = std::min(counted_, cap);
+    sure_ = std::min(cap, std::max(sure_, counted_ - 0.5 * arm.step * mean_.norm()));
   }
   double share = 1.0;
-  if (reserve(wanted, arm) > energy_) {
+  // Asked this way round a number that is none pays for nothing.
+  if (!(reserve(wanted, arm) <= sure_)) {
     // Convex in the share: where zero can be paid for, so can all up to the largest.
     double more = 1.0;
     share = 0.0;
     constexpr int kHalvings = 30;
     for (int i = 0; i < kHalvings; ++i) {
       const double middle = 0.5 * (share + more);
-      (reserve(middle * wanted, arm) > energy_ ? more : share) = middle;
+      (reserve(middle * wanted, arm) <= sure_ ? share : more) = middle;
     }
-    const double least = acts && share == 0.0 ? reserve(Vec3::Zero(), arm) : 0.0;
-    // Rounding is no debt.
-    if (least > energy_ + 1e-15) {
-      debt_ += least - energy_;
-      energy_ = least;
+    const double owed = acts && share == 0.0 ? reserve(Vec3::Zero(), arm) - sure_ : 0.0;
+    if (owed > 1e-15) {  // rounding is no debt
+      debt_ += owed;
+      counted_ += owed;
+      sure_ += owed;
     }
   }
   Vec3 sent = acts ? Vec3(share * wanted) : wanted;

@@ -11,7 +11,7 @@
 
 namespace palpate {
 
-/// What is relied on of an arm; every number from its safe side.
+/// What is relied on of an arm; every number but the delay from its safe side.
 struct ArmDissipation {
   double viscous =
       0.0;  ///< b [N s/m], at most the arm's, > 0: without it no force can be paid for.
@@ -19,10 +19,11 @@ struct ArmDissipation {
                          ///< from the one that was sent (rounding to the motors' steps).
   double step = 0.0;     ///< D [m]: a position that is read is within D/2 of the arm's. Of three
                          ///< encoders of one step it is sqrt(3) of them.
-  double delay = 0.0;    ///< From a reading to the force that follows from it [s].
+  double delay = 0.0;    ///< From a reading to the force that follows from it [s]: neither side is
+                         ///< the safe one (docs/stability.md says what half a tick costs).
   double lag = 0.0;      ///< Time constant of the amplifiers, of first order [s].
-  double period = 0.0;   ///< The longest time between two ticks [s], > 0; later ones are debts. 0:
-                         ///< HapticLoop puts its own.
+  double period = 0.0;   ///< The longest time between two ticks [s], > 0; later ones may be debts.
+                         ///< 0: HapticLoop puts its own.
 };
 
 enum class TankUse : std::uint8_t {
@@ -49,10 +50,11 @@ struct SentForce {
 /// hand has put in counts positive.
 class Tank {
  public:
-  /// The energy that is certainly there [J]; below zero only where the tank observes or is in debt.
-  [[nodiscard]] double energy() const noexcept { return energy_; }
+  /// The energy that is certainly there [J]; below zero only where the tank observes.
+  [[nodiscard]] double energy() const noexcept { return sure_; }
   /// What could not be paid, all together [J]: ticks later than ArmDissipation::period, more forces
-  /// on their way than kForces. By so much the guarantee is weaker.
+  /// on their way than kForces. By so much the guarantee is weaker. It is forgiven: the tank goes
+  /// on as if it had been paid.
   [[nodiscard]] double debt() const noexcept { return debt_; }
   /// What has been added from outside, all together [J].
   [[nodiscard]] double refilled() const noexcept { return refilled_; }
@@ -60,43 +62,50 @@ class Tank {
   /// The largest share of `wanted` that can be paid for, and what is done about it.
   ///
   /// @param wanted  After every other limit [N], finite.
-  /// @param hand    As read [m]; not finite: nothing is known of the last interval, and no force
-  ///                can be paid for.
+  /// @param hand    As read [m]; not finite, or where no hand is: nothing is known of it, and no
+  ///                force can be paid for.
+  /// @param fresh   Read since the last call; else it is the one of then, and says nothing of the
+  ///                time between.
   /// @param dt      Since the last call [s].
   /// @param cap     The most that the tank holds [J].
   /// Returns the share, 1: all. Where the tank acts, share * wanted must be sent, else all of it.
   /// RT: no allocation; 0.1 us, with a delay or where the force is scaled 1 to 3 us.
-  [[nodiscard]] double pass(const Vec3& wanted, const Vec3& hand, double dt,
+  [[nodiscard]] double pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
                             const TankParams& params, double cap) noexcept PALPATE_NONBLOCKING;
-  /// Adds energy that somebody answers for [J].
-  void refill(double energy) noexcept PALPATE_NONBLOCKING {
-    energy_ += energy;
-    refilled_ += energy;
-  }
-  /// Something else than what pass() said is sent, or the arm is another one: begins anew, empty.
+  /// Adds energy that somebody answers for [J]; what is not positive adds nothing.
+  void refill(double energy) noexcept PALPATE_NONBLOCKING;
+  /// Something else than what pass() said is sent, zero where it acts, or the position is not to be
+  /// trusted, or the arm is another one: begins anew, empty, when all forces on their way are over.
   void forget() noexcept;
 
   static constexpr std::size_t kForces = 64;  ///< On their way at once.
 
  private:
-  /// What the force is over an interval.
+  /// What the force is over a time.
   struct Acting {
     Vec3 sum = Vec3::Zero();  ///< Integral of the force [N s],
     double square = 0.0;      ///< of its square [N^2 s].
   };
   struct Amplifier;
-  /// The last interval is over: what it has brought.
-  void account(const Vec3& hand, double dt, const ArmDissipation& arm) noexcept;
-  /// The most energy that can still leave if `next` is sent now and zero from the next tick on.
+  /// A time is over: the forces that acted in it.
+  void elapse(double dt, const ArmDissipation& arm) noexcept;
+  /// A position is read: what has been brought since the last one.
+  void arrive(const Vec3& hand, const ArmDissipation& arm) noexcept;
+  /// The most that can still leave if `next` is sent now and zero from the next tick on [J].
   [[nodiscard]] double reserve(const Vec3& next, const ArmDissipation& arm) const noexcept;
 
-  double energy_ = 0.0;
+  double sure_ = 0.0;     ///< At most what is there now [J].
+  double counted_ = 0.0;  ///< What there was at the last reading, but for what stays open [J].
   double debt_ = 0.0;
   double refilled_ = 0.0;
   bool known_ = false;          ///< There is a last position.
-  Vec3 last_ = Vec3::Zero();    ///< It [m].
+  bool recovers_ = false;       ///< Forces may be on their way that nobody knows of,
+  double blind_ = 0.0;          ///< for so long [s].
+  Vec3 last_ = Vec3::Zero();    ///< The last position [m].
   Vec3 anchor_ = Vec3::Zero();  ///< Of the play operator that Coulomb's path is counted by [m].
-  Vec3 mean_ = Vec3::Zero();    ///< The force over the last interval [N].
+  Acting since_;                ///< The last reading,
+  double span_ = 0.0;           ///< so long ago [s].
+  Vec3 mean_ = Vec3::Zero();    ///< The force between the last two readings [N].
   Vec3 acting_ = Vec3::Zero();  ///< What the amplifier gives now [N].
   std::array<SentForce, kForces> sent_{};  ///< The first acts; those after it will.
   std::size_t count_ = 1;

@@ -135,6 +135,7 @@ class ProxyState {
   friend class Tick;
 
   ForceLimits limits_;
+  double age_ = 0.0;  ///< Of the last tick's position [s].
   std::vector<ModeMemory> memories_;
   std::vector<Body> bodies_;
   PrimitiveSet primitives_;

@@ -34,7 +34,7 @@ def draw_map(ax, method, boundaries):
     place = np.interp(np.log([max(b["damping"], damping[1] / 2) for b in boundaries]),
                       np.log(np.maximum(damping, damping[1] / 2)), rows)
     for key, style in (("stable", "-"), ("passive", ":")):
-        values = np.array([b[key] for b in boundaries])
+        values = np.array([b[key] if b[key] is not None else np.nan for b in boundaries])
         ax.plot(np.where(values > 0, values, np.nan), place, style, color="black", linewidth=1.2)
     ticks = np.linspace(0, len(damping) - 1, 5).astype(int)
     ax.set_yticks(ticks, [f"{damping[i]:.2g}" for i in ticks])

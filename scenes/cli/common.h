@@ -1,6 +1,7 @@
 /// What the verbs of `palpate` share.
 #pragma once
 
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -39,6 +40,10 @@ void addDevices(CLI::App& app, std::function<int()>& body);
 
 /// JSON as text, any bytes in names made printable.
 [[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
+/// A number, or null for what has no end.
+[[nodiscard]] inline OrderedJson finite(double value) {
+  return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
+}
 
 /// One line on stderr: `palpate: ...`.
 void complain(const std::string& line);

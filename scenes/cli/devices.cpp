@@ -92,6 +92,9 @@ OrderedJson factsIn(const HidProfile& profile) {
 /// What was understood of one profile: a name, or a file.
 int show(const Options& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
+  if (parsed && parsed->profile.empty()) {
+    throw Error(options.profile, "it names no profile", "palpate devices lists them");
+  }
   const HidProfile profile = namedProfile(parsed ? *parsed : ArmName{options.profile, ""},
                                           [](const std::string& note) { complain(note); });
   if (options.json) {
@@ -108,7 +111,7 @@ int show(const Options& options) {
   fmt::print("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
              rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
   if (facts.step > 0.0 && profile.rate_control == 0.0) {
-    fmt::print("  in the middle one count moves the tip by {} mm at most\n",
+    fmt::print("  in the middle a count of every joint moves the tip by {} mm at most\n",
                rounded(1e3 * facts.step));
   }
   for (const MotorFact& motor : facts.motors) {

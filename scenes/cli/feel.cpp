@@ -564,6 +564,12 @@ void checkOptions(const Options& options) {
   if (options.devices.size() > 1 && options.trace == "-") {
     throw Error("--trace", "the rows of several hands would be mixed", "give a file");
   }
+  const bool paths = std::any_of(options.devices.begin(), options.devices.end(),
+                                 [](const std::string& d) { return d.rfind("path:", 0) == 0; });
+  if (options.passive && paths) {
+    throw Error("--passive", "a recorded path is no hand that could be given energy",
+                "leave it out");
+  }
   constexpr double kMostRefill = 10.0;  // [W]: a hand gives less
   if (!(options.refill >= 0.0 && options.refill <= kMostRefill)) {
     throw Error("--refill", fmt::format("{} W is not 0 to {}", options.refill, kMostRefill),

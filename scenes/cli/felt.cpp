@@ -229,8 +229,8 @@ std::string Felt::words() const {
     text += tank_ == TankUse::kAct
                 ? fmt::format(
                       "tank      acted in {} % of ticks and took {} % of the force; {} J of "
-                      "debt\n",
-                      rounded(share), rounded(lost), rounded(debt_))
+                      "debt, {} J let in\n",
+                      rounded(share), rounded(lost), rounded(debt_), rounded(refilled_))
                 : fmt::format(
                       "tank      looked on; --passive would have acted in {} % of ticks and "
                       "taken {} % of the force\n",

@@ -12,10 +12,6 @@ namespace {
 /// A hand that holds the arm as one holds a pen.
 constexpr GripParams kRelaxed{};
 
-OrderedJson finite(double value) {
-  return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
-}
-
 }  // namespace
 
 OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams& coupling) {
@@ -36,7 +32,7 @@ OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams&
   json["stiffness"] = coupling.stiffness;
   json["damping"] = coupling.damping;
   json["passive"] = room.passive;
-  json["stable"] = room.stable;
+  json["stable"] = finite(room.stable);
   json["hand"] = {{"stiffness", kRelaxed.stiffness}, {"damping", kRelaxed.damping}};
   json["quiet"] = finite(quietStiffness(arm, rate, coupling.damping));
   json["holds"] = finite(room.amplitude);
@@ -52,7 +48,8 @@ std::string roomWords(const OrderedJson& room) {
       rounded(room["stiffness"].get<double>()), room["device"].get<std::string>(),
       rounded(room["rate"].get<double>()), rounded(room["passive"].get<double>()),
       rounded(room["hand"]["stiffness"].get<double>()),
-      rounded(room["hand"]["damping"].get<double>()), rounded(room["stable"].get<double>()),
+      rounded(room["hand"]["damping"].get<double>()),
+      room["stable"].is_null() ? "any" : rounded(room["stable"].get<double>()),
       room["holds"].is_null() ? "any" : rounded(1e3 * room["holds"].get<double>()));
   if (room["stiffness"].get<double>() > room["passive"].get<double>()) {
     words += fmt::format("; passive at {} or with {} N s/m of friction",
@@ -65,6 +62,7 @@ std::string roomWords(const OrderedJson& room) {
 }
 
 std::string roomWarning(const OrderedJson& room) {
+  if (room["stable"].is_null()) return {};
   if (room["stiffness"].get<double>() <= room["stable"].get<double>()) return {};
   return fmt::format("the coupling swings up even in a relaxed hand: use less than {} N/m: {}",
                      rounded(room["stable"].get<double>()), roomWords(room));

@@ -106,6 +106,9 @@ void takeDevice(Options& options, const CLI::App& verb) {
   }
   const HidProfile profile =
       namedProfile(*name, [](const std::string& note) { complain("stability: " + note); });
+  if (!profile.output) {
+    throw Error("--device", profile.name + " gives no force", "name an arm that does");
+  }
   std::string serial = name->serial;
   if (const auto serials = testedSerials(profile); serial.empty()) {
     if (serials.size() > 1) {
@@ -127,6 +130,11 @@ void takeDevice(Options& options, const CLI::App& verb) {
     throw Error("--device", "mass and friction of " + options.device + " are not known",
                 "run palpate devices --test " + options.device +
                     ", or give --mass and --viscous (--coulomb, --delay)");
+  } else {
+    complain(
+        fmt::format("stability: {} has not been measured: its Coulomb friction is taken as {} N, "
+                    "its delay as {} s",
+                    profile.name, options.coulomb, options.delay));
   }
   take("--encoder", options.encoder, factsOf(profile).step);
   if (profile.output_rate > 0.0) take("--rate", options.rate, profile.output_rate);
@@ -135,18 +143,26 @@ void takeDevice(Options& options, const CLI::App& verb) {
 void check(const Options& options) {
   const auto within = [](const char* name, double value, double least, double most) {
     if (value >= least && value <= most) return;
-    throw Error(name, fmt::format("{} is not {} to {}", value, least, most), "see --help");
+    throw Error(name, fmt::format("{} is not {} to {}", value, least, most), "give one between");
   };
   within("--rate", options.rate, 100.0, 20000.0);
   within("--mass", options.mass, 1e-3, 10.0);
   within("--viscous", options.viscous, 0.0, 100.0);
   within("--coulomb", options.coulomb, 0.0, 10.0);
-  within("--encoder", options.encoder, 0.0, 1e-3);
+  within("--encoder", options.encoder, 0.0, 5e-4);
   within("--delay", options.delay, 0.0, 0.02);
   within("--grip", options.grip, 1.0, 1e4);
   within("--grip-damping", options.grip_damping, 0.0, 1e3);
   within("--load", options.load, 0.01, 5.0);
-  if (options.planes) within("--planes", *options.planes, 0.1, 180.0);
+  constexpr double kMostPeriods = 60.0;
+  if (options.delay * options.rate > kMostPeriods) {
+    throw Error(
+        "--delay",
+        fmt::format("{} s are {} ticks", options.delay, rounded(options.delay * options.rate)),
+        fmt::format("give at most {}, or a lower rate", kMostPeriods));
+  }
+  // Beyond, the hand lies between them and touches neither.
+  if (options.planes) within("--planes", *options.planes, 0.1, 170.0);
   if (options.planes && !options.scene.empty()) {
     throw Error("--planes", "a scene has planes of its own", "leave one of them out");
   }
@@ -176,7 +192,7 @@ OrderedJson report(const Options& options, const Setup& setup, const bench::MapS
     const double b = i == 0 ? 0.0 : kMostDamping * std::pow(1e-3, 1.0 - i / 40.0);
     json["boundaries"].push_back(
         {{"damping", b},
-         {"stable", stableStiffness(setting.arm, setting.grip, options.rate, b)},
+         {"stable", finite(stableStiffness(setting.arm, setting.grip, options.rate, b))},
          {"passive", passiveStiffness(setting.arm, options.rate, b)}});
   }
   json["most_stiffness"] = most;
@@ -238,7 +254,8 @@ int draw(const Options& options) {
   setting.rate = options.rate;
   setting.load = options.load;
   const double stable = stableStiffness(setting.arm, setting.grip, options.rate);
-  const double most = 6.0 * std::max(stable, 10.0 * kLeastStiffness);
+  constexpr double kMost = 1e5;  // [N/m]: of a loop that nothing makes swing
+  const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
 
   std::vector<bench::StabilityMap> maps;
   {
@@ -267,15 +284,17 @@ int draw(const Options& options) {
     return kDone;
   }
   fmt::print(
-      "{} at {} Hz, {} kg, {} N s/m, {} N, delay {} ms; hand {} N/m, {} N s/m, pressing with "
-      "{} N\n",
-      setup.name, rounded(options.rate), rounded(options.mass), rounded(options.viscous),
-      rounded(options.coulomb), rounded(1e3 * options.delay), rounded(options.grip),
+      "{}{} at {} Hz, {} kg, {} N s/m, {} N, steps of {} um, delay {} ms; hand {} N/m, {} N s/m, "
+      "pressing with {} N\n",
+      setup.name, options.device.empty() ? "" : ", " + options.device, rounded(options.rate),
+      rounded(options.mass), rounded(options.viscous), rounded(options.coulomb),
+      rounded(1e6 * options.encoder), rounded(1e3 * options.delay), rounded(options.grip),
       rounded(options.grip_damping), rounded(options.load));
   fmt::print(
       "one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
       "{}\n",
-      rounded(passiveStiffness(setting.arm, options.rate)), rounded(stable));
+      rounded(passiveStiffness(setting.arm, options.rate)),
+      std::isfinite(stable) ? rounded(stable) : "any stiffness");
   for (const auto& method : json["methods"]) {
     fmt::print("{:22} rests {}; in {} % of the map ({} cells tried)\n",
                method["name"].get<std::string>(),
@@ -302,12 +321,12 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--map", o->map, "Draws it: a name for .json, .png and .svg, or one of them");
   verb->add_option("--rate", o->rate, "Ticks a second (default 1000)");
   verb->add_option("--mass", o->mass, "Of the arm [kg] (default 0.1)");
-  verb->add_option("--viscous", o->viscous, "Its friction [N s/m] (default 0.5),");
-  verb->add_option("--coulomb", o->coulomb, "[N] (default 0.02),");
-  verb->add_option("--encoder", o->encoder, "the step of its encoders [m] (default 1e-5)");
-  verb->add_option("--delay", o->delay, "and from a reading to its force [s] (default 0.001)");
-  verb->add_option("--grip", o->grip, "The hand's stiffness [N/m] (default 300)");
-  verb->add_option("--grip-damping", o->grip_damping, "and damping [N s/m] (default 5)");
+  verb->add_option("--viscous", o->viscous, "Viscous friction of the arm [N s/m] (default 0.5)");
+  verb->add_option("--coulomb", o->coulomb, "Its Coulomb friction [N] (default 0.02)");
+  verb->add_option("--encoder", o->encoder, "The step of its encoders [m] (default 1e-5)");
+  verb->add_option("--delay", o->delay, "From a reading to its force [s] (default 0.001)");
+  verb->add_option("--grip", o->grip, "Stiffness of the hand [N/m] (default 300)");
+  verb->add_option("--grip-damping", o->grip_damping, "Damping of the hand [N s/m] (default 5)");
   verb->add_option("--load", o->load, "It presses with so much [N] (default 1)");
   verb->add_option("--size", o->size, "Cells along an axis (default 65)");
   verb->add_flag("--json", o->json, "Print JSON");

@@ -77,7 +77,7 @@ TEST_CASE("where other methods fail a hand is shaken", "[stability]") {
   const auto methods = bench::methodsOver(trough);
   CHECK(methods.size() == 7);
   const auto rests = [&](const std::string& name) {
-    const bench::StabilityMap map = mapOf(setting, trough, named(methods, name), 17);
+    const bench::StabilityMap map = mapOf(setting, trough, named(methods, name), 9);
     return std::count_if(map.cells.begin(), map.cells.end(), [](const bench::MapCell& cell) {
       return cell.outcome == Outcome::kRests;
     });

@@ -147,7 +147,7 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
        {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}, {"motor", "fc"}, {"torque_constant", 1}}},
        "some of the first joints have motors",
        false},
-      {"/input/0/fields/b/scale", 0.01, "one count moves the tip 0.01 m", false},
+      {"/input/0/fields/b/scale", 0.01, "a count of every joint moves the tip 0.01 m", false},
       {"/mount/origin", {0, 0, 100}, "/mount/origin/2: 100 is more than 2 metres", true},
       {"/mount/turned", 1, "known are origin, rotation_wxyz", true},
       {"/limits/force", 400, "400 is more than 100 newtons", true},
@@ -255,7 +255,7 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
 TEST_CASE("what a profile's numbers come to", "[profile]") {
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
-  CHECK(facts.step == Approx(1e-6));
+  CHECK(facts.step == Approx(3e-6));
   // Joints at home: (0, 0, 0.1), which is the middle.
   CHECK(facts.home_W.norm() < 1e-12);
   REQUIRE(facts.motors.size() == 3);

@@ -393,3 +393,35 @@ TEST_CASE("the tank takes next to nothing from a wall that is passive", "[passiv
     }
   }
 }
+
+TEST_CASE("what is passive with any hand is stable with one, whatever arm and rate",
+          "[stability]") {
+  test::Random random(31);
+  for (int i = 0; i < 60; ++i) {
+    ArmParams arm;
+    arm.mass = random.logUniform(1e-3, 1.0);
+    arm.viscous = random.logUniform(0.01, 100.0);
+    const double rate = random.logUniform(10.0, 10000.0);
+    arm.delay = random.uniform(0.0, 3.0) / rate;
+    const GripParams grip{random.logUniform(10.0, 3000.0), random.logUniform(0.1, 30.0)};
+    const double passive = passiveStiffness(arm, rate);
+    const double stable = stableStiffness(arm, grip, rate);
+    CAPTURE(arm.mass, arm.viscous, rate, arm.delay, grip.stiffness, grip.damping);
+    CHECK(stable >= passive);
+    if (!std::isfinite(stable)) continue;
+    CHECK(growth(arm, grip, rate, 0.999 * stable, 0.0) < 1.0);
+    CHECK(growth(arm, grip, rate, 1.001 * stable, 0.0) > 1.0);
+  }
+}
+
+TEST_CASE("the friction that would make a coupling passive is found, however much it is",
+          "[stability]") {
+  ArmParams arm;
+  arm.delay = 0.02;
+  for (const double stiffness : {500.0, 1e5}) {
+    const CouplingRoom room = roomFor(arm, {300.0, 5.0}, 1000.0, stiffness, 0.0);
+    arm.viscous = room.viscous;
+    CHECK(passiveStiffness(arm, 1000.0) == Approx(stiffness).epsilon(1e-4));
+    arm.viscous = ArmParams{}.viscous;
+  }
+}

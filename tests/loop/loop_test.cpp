@@ -435,6 +435,45 @@ TEST_CASE("a tick that hung is not answered with its old force", "[loop][safety]
   CHECK(rig.loop.latest().fault == Fault::kLate);
 }
 
+TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[loop][safety]") {
+  // An arm that is homed, one that jumps, one that comes back elsewhere.
+  for (const int how : {0, 1, 2}) {
+    CAPTURE(how);
+    Rig rig;
+    rig.device.about.limits.tank.use = TankUse::kAct;
+    rig.device.about.limits.tank.arm = {0.5, 0.02, 1e-5, 1e-3, 0.0, 0.0};
+    HapticLoop loop(rig.device, 1.0 / kDt, nullptr, 0.0, {nullptr, nullptr, &rig.guard});
+    loop.publish(ballScene(ballField()));
+    const auto run = [&](int ticks) {
+      for (int i = 0; i < ticks; ++i) {
+        rig.time.now += kDt;
+        ++rig.guard;
+        loop.tick(rig.time);
+      }
+    };
+    rig.device.hand.position = Vec3(0, 0, 0.2);
+    run(100);
+    CHECK(loop.latest().report.energy == 0.0);
+    if (how == 0) rig.device.hand.ready = false;
+    if (how == 2) rig.device.hand.fault = Fault::kGone;
+    run(1);
+    rig.device.hand.position = Vec3(0, 0.2, 0);
+    run(5);
+    CHECK(loop.latest().report.energy == 0.0);
+    rig.device.hand.ready = true;
+    rig.device.hand.fault = Fault::kNone;
+    loop.clear();
+    run(100);
+    CHECK(loop.latest().report.energy == 0.0);
+    // A hand that does go somewhere puts some in.
+    for (int i = 0; i < 100; ++i) {
+      rig.device.hand.position.z() += 5e-4;
+      run(1);
+    }
+    CHECK(loop.latest().report.energy > 1e-3);
+  }
+}
+
 TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {
   Rig rig;
   const auto scene = ballScene(ballField());

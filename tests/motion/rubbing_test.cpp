@@ -31,7 +31,7 @@ TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
 }
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
-  // STABILITY.md, section 7: seven slices 4 mm apart about 1 cm below the middle. Where the proxy
+  // docs/stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle. Where the proxy
   // leaps out of a groove of the skin it clicks: the targets are for slices in which it does not.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
@@ -46,7 +46,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       Buzzes quiet;
       Buzzes clicking;
       int without = 0;
-      for (const Buzzes& b : feelBuzz(skin, 500.0, true, 0.12, -0.01, 4e-3, 7, speed, hand)) {
+      for (const Buzzes& b : feelBuzz(skin, {500.0, true, 0.12, -0.01, 4e-3, 7, speed, hand})) {
         Buzzes& sum = b.clicks == 0 ? quiet : clicking;
         without += b.clicks == 0 ? 1 : 0;
         for (Buzz Buzzes::*of : {&Buzzes::polynomial, &Buzzes::continuous, &Buzzes::engine}) {
@@ -64,7 +64,8 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       CHECK(without >= 3);
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
-      // Asked: 6 dB for all.
+      // Asked: 6 dB for all. On an arm at 20 mm/s one slice has a groove that is just not deep
+      // enough for a click, and both are so quiet there that it is heard: 11 dB.
       CHECK(beside >= (hand == BuzzHand::kHeld ? -12.0 : -6.0));
     }
   }

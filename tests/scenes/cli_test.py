@@ -716,9 +716,11 @@ class Stability(Case):
         """What its self-test has measured, where the user says nothing else."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
         self.refused("stability", "--device", "simulated", says="names no profile")
+        self.refused("stability", "--device", "hid:spacemouse", "--mass", 1, "--viscous", 1,
+                     says="gives no force")
         map_of = json.loads(run("stability", "--device", "hid:polhem", "--mass", 0.2, "--viscous", 1,
                                 "--size", 9, "--rate", 250, "--json").stdout)
-        self.assertAlmostEqual(map_of["arm"]["encoder"], 5.466e-5, places=7)
+        self.assertAlmostEqual(map_of["arm"]["encoder"], 1.2088e-4, places=7)
         self.assertEqual(map_of["arm"]["mass"], 0.2)
         self.assertEqual(map_of["rate"], 250)
 
@@ -726,6 +728,10 @@ class Stability(Case):
         self.refused("stability", "--rate", 5, says="100 to 20000")
         self.refused("stability", "--size", 20, says="one more than a multiple of 8")
         self.refused("stability", "--planes", 0, says="--planes")
+        self.refused("stability", "--planes", 180, says="0.1 to 170")
+        self.refused("stability", "--delay", 0.02, "--rate", 20000, says="400 ticks")
+        self.refused("feel", self.dir / "ball.vdb", "--rate", 100000, says="use less than 62000 Hz")
+        self.refused("devices", "hid", says="names no profile")
         self.refused("stability", self.dir / "ball.vdb", "--planes", 20, says="planes of its own")
         self.refused("stability", "--map", "/no/such/place/m", says="cannot be written")
 
