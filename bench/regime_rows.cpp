@@ -392,7 +392,7 @@ Regime stiffAndLate() {
        {"nobody at the port", "the most [J]", -nobody.worst, 1e-3},
        {"observer and controller", "runs that give the hand energy", share(observer.active), 0.25},
        {"observer and controller", "the most [J]", -observer.worst, 1e-3}},
-      {{"palpate", "runs below -(D/2) force", share(tank.broken), 0.0},
+      {{"palpate", "runs that give the hand energy", share(tank.broken), 0.0},
        {"palpate", "debts [J]", tank.debt, 0.0}}};
 }
 

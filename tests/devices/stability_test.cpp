@@ -379,7 +379,7 @@ TEST_CASE("the tank takes next to nothing from a wall that is passive", "[passiv
   for (const double rate : {1000.0, 4000.0, 10000.0}) {
     for (const double encoder : {1e-7, 1e-6, 1e-5}) {
       ArmParams arm = bare(0.1, 0.5, 1.0 / rate);
-      arm.coulomb = 0.06;  // above D k, else 16 % are lost at 10 kHz and 10 um
+      arm.coulomb = 0.02;  // without, nothing is sure of what moves by less than a step
       arm.encoder = encoder;
       arm.tank = TankUse::kObserve;
       const double k = 0.95 * passiveStiffness(arm, rate);
