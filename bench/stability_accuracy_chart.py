@@ -38,10 +38,12 @@ def draw(data, folder):
                 at = x * 1.35 ** (i - 1)
                 ax.scatter([at], [y], s=110, facecolors="none", edgecolors=colour, linewidths=0.7)
                 ax.scatter([at], [y], s=110 * min(1.3, share), color=colour, linewidths=0)
-            ax.annotate(r["method"], (x, y), textcoords="offset points", xytext=(0, 9), ha="center",
-                        fontsize=8, color=colour)
+            below = r["method"] in ("palpate", "smallest residual")  # whose neighbours are above
+            ax.annotate(r["method"], (x, y), textcoords="offset points",
+                        xytext=(0, -16 if below else 9), ha="center", fontsize=8, color=colour)
         ax.set_xscale("log")
         ax.set_yscale("log")
+        ax.set_ylim(bottom=0.1 * FLOOR)
         ax.set_xlabel("a balance [ns], median")
         ax.set_title(contact, fontsize=10)
     axes[0][0].set_ylabel("error of the force, rms over rms")
