@@ -486,18 +486,22 @@ Regime brokenDevices() {
   double worst_old = 0.0;
   long bad_old = 0;
   long bad = 0;
+  long deep = 0;  // ticks in which there is much to feel,
+  long mute = 0;  // and nothing is
   double most = 0.0;
   double steepest = 0.0;
   Vec3 sent = Vec3::Zero();
   Vec3 place(0, 0, 0.025);
   Vec3 velocity = Vec3::Zero();
-  constexpr long kTicks = 50000;
+  constexpr long kTicks = 400000;
   for (long i = 0; i < kTicks; ++i) {
-    velocity += 0.05 * random.inCube(1.0) - 0.02 * velocity - 0.5 * (place - Vec3(0, 0, 0.025));
+    // In and out: after a fault a hand that is inside is not pushed out.
+    const Vec3 about(0, 0, kRadius + 6e-3 * std::sin(0.02 * static_cast<double>(i)));
+    velocity += 0.02 * random.inCube(1.0) - 0.1 * velocity - 5.0 * (place - about);
     place += kTick * velocity;
     device.hand = {};
     device.hand.position = place;
-    const int event = random.integer(3000);
+    const int event = random.integer(20000);
     if (event == 0) device.hand.position.x() = nan;
     if (event == 1) device.hand.position = 1e-3 * random.direction();
     if (event == 2) device.hand.age = random.uniform(0.0, 1.0);
@@ -506,7 +510,7 @@ Regime brokenDevices() {
     time.late = time.dt - kTick;
     time.missed = time.late > 0.0;
     time.now += time.dt;
-    if (event > 2900) loop.clear();
+    if (loop.latest().fault != Fault::kNone && random.integer(100) == 0) loop.clear();
     ++guard;
     loop.tick(time);
     // A penalty by the depth in the ball, and nothing between it and the motors.
@@ -518,16 +522,20 @@ Regime brokenDevices() {
     if (old.allFinite()) keepMost(worst_old, old.norm());
     if (!device.sent.allFinite()) ++bad;
     keepMost(most, device.sent.norm());
+    mute += old.norm() > 0.5 && device.sent.norm() == 0.0 ? 1 : 0;
+    deep += old.norm() > 0.5 ? 1 : 0;
     keepMost(steepest, (device.sent.norm() - sent.norm()) / (kSlew * time.dt));
     sent = device.sent;
   }
-  return {"positions that are none, jump, are old or late; unplugged; 50,000 ticks",
+  return {"positions that are none, jump, are old or late; unplugged; 400,000 ticks",
           {{"penalty force, no limiter", "forces that are no number or above the peak",
             static_cast<double>(bad_old), 10.0},
            {"penalty force, no limiter", "the largest [N]", worst_old, 1.5 * kPeak}},
           {{"palpate", "forces that are no number", static_cast<double>(bad), 0.0},
            {"palpate", "the largest [N]", most, kPeak * (1 + 1e-9)},
-           {"palpate", "growth over the slew limit's", steepest, 1.0 + 1e-9}}};
+           {"palpate", "growth over the slew limit's", steepest, 1.0 + 1e-9},
+           {"palpate", "share of ticks in which it is cut though the hand is deep",
+            static_cast<double>(mute) / static_cast<double>(deep), 0.1}}};
 }
 
 std::vector<Regime> allRegimes() {
