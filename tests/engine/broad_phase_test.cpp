@@ -83,7 +83,7 @@ TEST_CASE("a tree finds the boxes that looking at all of them finds", "[broad]")
   }
 }
 
-TEST_CASE("a point on a face meets; what is empty or not finite meets nothing", "[broad]") {
+TEST_CASE("a point on a face meets, and what is empty or not finite meets nothing", "[broad]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const double inf = std::numeric_limits<double>::infinity();
   std::vector<Box> boxes{boxAt({0.1, 0.2, 0.3}, {0.1, 0.1, 0.1}),
