@@ -6,30 +6,27 @@
 #include <complex>
 #include <functional>
 #include <numbers>
-#include <optional>
 #include <unsupported/Eigen/FFT>
 #include <utility>
 
+#include "bench/motion_problems.h"
 #include "devices/simulated_device.h"
-#include "engine/scene.h"
-#include "engine/step.h"
 
 namespace palpate::bench {
 
 namespace {
 
-constexpr double kRate = 1000.0;       // [Hz]
-constexpr double kStiffness = 500.0;   // [N/m]
-constexpr double kStrength = 3.0;      // [N]
-constexpr double kDepth = 2e-3;        // [m]
-constexpr double kDeeper = 1e-3;       // [m], of a hand that yields
-constexpr double kFollows = 5.0;       // [Hz], what a hand can
-constexpr double kSeconds = 5.0;       // a slice
-constexpr int kComing = 300;           // ticks from outside
-constexpr double kOutside = 4e-3;      // [m]
-constexpr std::size_t kSettled = 500;  // ticks that do not count
-constexpr double kStep = 25e-6;        // [m], of the encoder
-constexpr double kTurning = 0.08;      // [m]: a radius by which speed becomes angle
+constexpr double kRate = 1.0 / kMotionTick;  // [Hz]
+constexpr double kStrength = 3.0;            // [N]
+constexpr double kDepth = 2e-3;              // [m]
+constexpr double kDeeper = 1e-3;             // [m], of a hand that yields
+constexpr double kFollows = 5.0;             // [Hz], what a hand can
+constexpr double kSeconds = 5.0;             // a slice
+constexpr int kComing = 300;                 // ticks from outside
+constexpr double kOutside = 4e-3;            // [m]
+constexpr std::size_t kSettled = 500;        // ticks that do not count
+constexpr double kStep = 25e-6;              // [m], of the encoder
+constexpr double kTurning = 0.08;            // [m]: a radius by which speed becomes angle
 
 using Path = std::vector<Vec3>;
 
@@ -150,7 +147,7 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
     const double steep = slope.norm() / field->frame().metres_per_unit;
     const double inside = -sign * (s.value - level);
     if (!s.inside || !(inside > 0.0) || !(steep > 0.0)) return Vec3::Zero();
-    const double size = kStiffness * std::min(inside / steep, kDeepest);
+    const double size = kMotionStiffness * std::min(inside / steep, kDeepest);
     return sign * std::min(size, kStrength) * slope.normalized();
   };
 }
@@ -159,32 +156,28 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
 class Engine {
  public:
   Engine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
-    GraphSpec spec;
-    spec.modes.resize(1);
-    spec.modes[0].kind = ModeKind::kIsosurface;
-    spec.modes[0].of = "skin";
-    spec.modes[0].value = level;
-    spec.modes[0].solid = above ? Solid::kAbove : Solid::kBelow;
-    spec.modes[0].strength = kStrength;
-    scene_ = makeScene(spec, {{"skin", field}}, {kStiffness, 0.0});
+    SurfaceMotion motion;
+    motion.field = field;
+    motion.level = level;
+    motion.solid = above ? Solid::kAbove : Solid::kBelow;
+    tick_ = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
   }
   Vec3 force(const Vec3& probe) {
-    const Vec3 before = state_.proxy();
-    const StepReport r = hapticStep(*scene_, reader_, {probe}, state_, 1.0 / kRate);
+    const Ticked r = tick_(probe);
     constexpr double kMuch = 4.0;    // times the hand's way
     constexpr double kAtAll = 5e-5;  // [m]
-    const double way = (r.proxy - before).norm();
+    const double way = (r.proxy - proxy_).norm();
     const bool settled = ticks_++ > kSettled;
     if (settled && way > kMuch * (probe - probe_).norm() + kAtAll) ++clicks_;
+    proxy_ = r.proxy;
     probe_ = probe;
-    return r.wanted;
+    return r.force;
   }
   [[nodiscard]] int clicks() const { return clicks_; }
 
  private:
-  std::shared_ptr<const Scene> scene_;
-  Reader reader_;
-  ProxyState state_{ForceLimits{1e3, 1e12}};
+  Stepper tick_;
+  Vec3 proxy_ = Vec3::Zero();
   Vec3 probe_ = Vec3::Zero();
   std::size_t ticks_ = 0;
   int clicks_ = 0;

@@ -56,17 +56,7 @@ const Contender& named(const std::vector<Contender>& all, const std::string& met
   });
 }
 
-/// A ball of radius 3 cm at a place, an isosurface.
-GraphSpec ballSpec(double strength) {
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = ModeKind::kIsosurface;
-  spec.modes[0].of = "ball";
-  spec.modes[0].solid = Solid::kBelow;
-  spec.modes[0].strength = strength;
-  return spec;
-}
-constexpr double kRadius = 0.03;  // [m]
+constexpr double kRadius = test::kBallRadius;
 
 }  // namespace
 
@@ -262,7 +252,7 @@ Regime strikesAndJumps() {
   double most = 0.0;
   const FieldPtr ball = test::ballField();
   for (const double lost : {0.01, 0.02, 0.05, 0.1}) {
-    const auto scene = makeScene(ballSpec(1e4), {{"ball", ball}}, {kStiffness, 0.0});
+    const auto scene = test::ballScene(ball, 1e4, {kStiffness, 0.0});
     Reader reader;
     ProxyState state(ForceLimits{kPeak, kSlew});
     const double depth = std::min(0.25 * lost, 0.9 * kRadius);
@@ -331,7 +321,7 @@ Regime steepAndNoisy() {
              0.5 * kStiffness * ((next - probe).squaredNorm() - (proxy - probe).squaredNorm()));
   }
   double injected = 0.0;
-  GraphSpec spec = ballSpec(1.0);
+  GraphSpec spec = test::ballSpec(1.0);
   spec.modes[0].kind = ModeKind::kSurface;
   spec.modes.resize(3, spec.modes[0]);
   spec.modes[1].kind = ModeKind::kViscosity;
@@ -429,7 +419,7 @@ Regime scenesThatChange() {
   constexpr double kDeep = 4e-3;
   const Vec3 still(0, 0, kRadius + kFrom);
   const double seconds = (kFrom + kDeep) / kSpeed;
-  GraphSpec spec = ballSpec(5.0);
+  GraphSpec spec = test::ballSpec(5.0);
   const std::array keys{Keyframe{0.0, {1, 0, 0, 0}, Vec3::Zero()},
                         Keyframe{seconds, {1, 0, 0, 0}, Vec3(0, 0, kFrom + kDeep)}};
   spec.motions["ball"] = std::make_shared<const Motion>(keys, false);
@@ -449,8 +439,7 @@ Regime scenesThatChange() {
     const Vec3 centre = state.bodies()[0].pose.translate;
     const double depth = kRadius - (still - centre).norm();
     // The same ball told as a new scene every tick: nothing carries the proxy along.
-    const auto placed =
-        makeScene(ballSpec(5.0), {{"ball", makeSphere(centre, kRadius)}}, {kStiffness, 0.0});
+    const auto placed = test::ballScene(makeSphere(centre, kRadius), 5.0, {kStiffness, 0.0});
     const StepReport swapped = hapticStep(*placed, reader_of_swaps, {still}, uncarried, kTick);
     keepMost(uncounted,
              0.5 * kStiffness * ((r.proxy - still).squaredNorm() - (before - still).squaredNorm()) -

@@ -38,6 +38,17 @@ constexpr double kMostStep = 5e-3;      // [m], of the tip by one count
 constexpr double kMostAsked = 20.0;     // of what its field lets a motor have
 constexpr double kLeastAsked = 1e-3;
 
+double positiveUpTo(const Node& node, double most, const char* unit) {
+  (void)node.positive();
+  return node.sized(most, unit);
+}
+
+/// True where a motor is told by an output field.
+bool isMotor(const HidProfile& profile, std::size_t field) {
+  return std::any_of(profile.joints.begin(), profile.joints.end(),
+                     [&](const HidJoint& joint) { return joint.to == field; });
+}
+
 /// Numbers that a device is named by are written as people write them: "16C0".
 std::uint16_t readHex(const Node& node) {
   std::string text = node.text();
@@ -184,9 +195,7 @@ class Fields {
     for (std::size_t f = 0; f < profile_.output->fields.size(); ++f) {
       const std::string& here = profile_.output->fields[f].name;
       if (here == name) return f;
-      const bool motor = std::any_of(profile_.joints.begin(), profile_.joints.end(),
-                                     [&](const HidJoint& joint) { return joint.to == f; });
-      if (motors || !motor) names.push_back(here);
+      if (motors || !isMotor(profile_, f)) names.push_back(here);
     }
     unknown(node, name, names, "output");
   }
@@ -232,9 +241,7 @@ Vec3 readPlace(const Node& node) {
 
 std::shared_ptr<const Kinematics> readModel(const Node& node) {
   const auto length = [&](const char* key) {
-    const Node at = node.need(key);
-    (void)at.positive();
-    return at.sized(kMostLength, "metres");
+    return positiveUpTo(node.need(key), kMostLength, "metres");
   };
   const std::string model = node.need("model").text();
   const auto common = [&](std::initializer_list<const char*> own) {
@@ -279,8 +286,7 @@ std::shared_ptr<const Kinematics> readModel(const Node& node) {
     const Node lengths = node.need("lengths");
     const auto bars = lengths.numbers<4>();
     for (std::size_t i = 0; i < bars.size(); ++i) {
-      (void)lengths.element(i).positive();
-      (void)lengths.element(i).sized(kMostLength, "metres");
+      (void)positiveUpTo(lengths.element(i), kMostLength, "metres");
     }
     (void)node.need("base").notNegative();
     return makePantograph(bars, node.child("base").sized(kMostLength, "metres"));
@@ -393,10 +399,8 @@ std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
       }
       // A motor is driven by the gate of the engine and by nothing else.
       for (const auto& sent : step.values) {
-        const bool motor =
-            std::any_of(profile.joints.begin(), profile.joints.end(),
-                        [&](const HidJoint& joint) { return joint.to == sent.first; });
-        if (motor) send.fail("a step drives a motor", "leave motors out: they get no force");
+        if (isMotor(profile, sent.first))
+          send.fail("a step drives a motor", "leave motors out: they get no force");
       }
     } else if (at.has("wait")) {
       step.kind = HidStep::Kind::kWait;
@@ -426,16 +430,12 @@ std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
 void readLimits(const Node& node, HidLimits& limits) {
   node.object({"force", "slew", "stiffness", "damping", "workspace_radius", "stale", "speed",
                "continuous", "heating"});
-  const auto positive = [](const Node& at, double most, const char* unit) {
-    (void)at.positive();
-    return at.sized(most, unit);
-  };
-  limits.force = positive(node.need("force"), kMostForce, "newtons");
-  limits.stiffness = positive(node.need("stiffness"), kMostStiffness, "N/m");
+  limits.force = positiveUpTo(node.need("force"), kMostForce, "newtons");
+  limits.stiffness = positiveUpTo(node.need("stiffness"), kMostStiffness, "N/m");
   (void)node.need("damping").notNegative();
   limits.damping = node.child("damping").sized(kMostDamping, "N s/m");
-  limits.workspace_radius = positive(node.need("workspace_radius"), kMostLength, "metres");
-  if (node.has("slew")) limits.slew = positive(node.child("slew"), kMostSlew, "N/s");
+  limits.workspace_radius = positiveUpTo(node.need("workspace_radius"), kMostLength, "metres");
+  if (node.has("slew")) limits.slew = positiveUpTo(node.child("slew"), kMostSlew, "N/s");
   if (node.has("stale")) limits.stale = node.child("stale").positive();
   if (node.has("speed")) limits.speed = node.child("speed").positive();
   if (node.has("continuous") != node.has("heating")) {
@@ -450,8 +450,7 @@ void readLimits(const Node& node, HidLimits& limits) {
 /// What is sent and is no motor's rests; a motor's does not.
 void checkOutput(const Node& fields, const HidProfile& profile) {
   for (std::size_t f = 0; f < profile.output->fields.size(); ++f) {
-    const bool motor = std::any_of(profile.joints.begin(), profile.joints.end(),
-                                   [&](const HidJoint& joint) { return joint.to == f; });
+    const bool motor = isMotor(profile, f);
     const Node at = fields.child(profile.output->fields[f].name);
     if (motor && at.has("rest")) at.child("rest").fail("a motor drives it", "remove it");
     for (const char* key : {"scale", "offset"}) {

@@ -101,7 +101,7 @@ std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
 
 }  // namespace
 
-BroadPhase::BroadPhase(std::span<const Box> boxes) : leaf_of_(boxes.size(), kInner) {
+BroadPhase::BroadPhase(std::span<const Box> boxes) : size_(boxes.size()) {
   std::vector<std::uint32_t> items;
   for (std::size_t i = 0; i < boxes.size(); ++i) {
     if (usable(boxes[i])) items.push_back(static_cast<std::uint32_t>(i));
@@ -117,7 +117,6 @@ void BroadPhase::build(std::span<const Box> boxes, std::span<std::uint32_t> item
   nodes_.push_back({});
   if (items.size() == 1) {
     nodes_[here].item = items[0];
-    leaf_of_[items[0]] = static_cast<std::uint32_t>(here);
   } else {
     nodes_[here].item = kInner;
     const std::size_t left = part(boxes, items);

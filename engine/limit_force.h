@@ -82,9 +82,9 @@ struct LimitedForce {
 ///
 /// @param wanted    Any bits [N].
 /// @param hand      As read [m], any bits; only the tank looks at it.
-/// @param fresh     False: it is the position of the last call, read again.
 /// @param dt        Time since the last force was sent [s]; not finite or <= 0 allows no growth.
 /// @param state     Of the same device, one call a tick. A `sent` that is not finite is zero.
+/// @param fresh     False: the hand's position is that of the last call, read again.
 /// RT: no allocation.
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,
                                       const ForceLimits& limits, LimiterState& state,

@@ -15,18 +15,18 @@ void judge(const Regime& row) {
   std::cout << row.where << '\n';
   REQUIRE_FALSE(row.fails.empty());
   REQUIRE_FALSE(row.holds.empty());
+  const auto print = [](const char* half, const Finding& f, const char* than) {
+    std::cout << "  " << half << ": " << f.who << ", " << f.what << ": " << f.value << " (" << than
+              << " " << f.bound << ")\n";
+  };
   for (const Finding& f : row.fails) {
-    std::cout << "  fails: " << f.who << ", " << f.what << ": " << f.value << " (at least "
-              << f.bound << ")\n";
-    CAPTURE(f.who, f.what);
-    CAPTURE(f.value, f.bound);
+    print("fails", f, "at least");
+    CAPTURE(f.who, f.what, f.value, f.bound);
     CHECK(f.fails());
   }
   for (const Finding& f : row.holds) {
-    std::cout << "  holds: " << f.who << ", " << f.what << ": " << f.value << " (at most "
-              << f.bound << ")\n";
-    CAPTURE(f.who, f.what);
-    CAPTURE(f.value, f.bound);
+    print("holds", f, "at most");
+    CAPTURE(f.who, f.what, f.value, f.bound);
     CHECK(f.holds());
   }
 }

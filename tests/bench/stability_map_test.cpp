@@ -21,8 +21,8 @@ constexpr double kMost = 2e4;
 constexpr double kMostDamping = 50.0;
 
 bench::StabilityMap mapOf(const bench::MapSetting& setting, const bench::Contact& contact,
-                          const bench::MapMethod& method, int size = kSize) {
-  return bench::drawMap(setting, contact, method, size, kLeast, kMost, kMostDamping);
+                          const bench::MapMethod& method) {
+  return bench::drawMap(setting, contact, method, kSize, kLeast, kMost, kMostDamping);
 }
 
 const bench::MapMethod& named(const std::vector<bench::MapMethod>& methods,

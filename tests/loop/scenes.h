@@ -14,20 +14,25 @@
 
 namespace palpate::test {
 
-/// A ball of radius 3 cm about the origin that is felt with so many newtons.
+inline constexpr double kBallRadius = 0.03;  ///< [m]
+
+/// A ball about the origin.
 inline FieldPtr ballField() {
-  constexpr double kRadius = 0.03;
-  return makeSphere(Vec3::Zero(), kRadius);
+  return makeSphere(Vec3::Zero(), kBallRadius);
 }
-inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double strength = 3.0,
-                                              const CouplingParams& coupling = {}) {
+/// A volume "ball", solid inside, that is felt with so many newtons.
+inline GraphSpec ballSpec(double strength = 3.0) {
   GraphSpec spec;
   spec.modes.resize(1);
   spec.modes[0].kind = ModeKind::kIsosurface;
   spec.modes[0].of = "ball";
   spec.modes[0].solid = Solid::kBelow;
   spec.modes[0].strength = strength;
-  return makeScene(spec, {{"ball", ball}}, coupling);
+  return spec;
+}
+inline std::shared_ptr<const Scene> ballScene(const FieldPtr& ball, double strength = 3.0,
+                                              const CouplingParams& coupling = {}) {
+  return makeScene(ballSpec(strength), {{"ball", ball}}, coupling);
 }
 
 /// A hand that is where it is told to be, and keeps what it is sent.
