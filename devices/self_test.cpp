@@ -30,6 +30,7 @@ constexpr double kHeaviest = 2.0;
 constexpr double kAlike = 5.0;  // of masses along the axes
 constexpr double kRuler = 0.1;  // a hand with a ruler errs by less
 constexpr int kRuns = 6;
+constexpr int kLatest = 20;  // samples, of a force
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
 
@@ -152,12 +153,12 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
   return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
 }
 
-double SelfTest::fit(int axis, std::size_t late, AxisResult& result) const {
-  // m (v - v0) + b (x - x0) + c (time ahead - time back) - bias t = impulse, a row for every sample
-  // since the arm began to move.
-  // The impulse at the start is unknown, its own in either push: a velocity from two positions has
-  // the encoder's error, which every row would share.
-  constexpr int kUnknown = 6;
+SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
+  // Integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time ahead - time back) - bias
+  // t^2 / 2 = int impulse, a row for every sample since the arm began to move. A velocity from two
+  // positions would have the encoders' error many times over; x0 and v0 are unknown, their own in
+  // either push.
+  constexpr int kUnknown = 8;
   using Row = Eigen::Matrix<double, kUnknown, 1>;
   Eigen::Matrix<double, kUnknown, kUnknown> normal =
       Eigen::Matrix<double, kUnknown, kUnknown>::Zero();
@@ -165,6 +166,9 @@ double SelfTest::fit(int axis, std::size_t late, AxisResult& result) const {
   double square = 0.0;
   long rows = 0;
   constexpr std::size_t kHalf = 4;  // samples to either side of a velocity
+  const double whole = std::floor(late);
+  const double part = late - whole;
+  const auto back = static_cast<std::size_t>(whole);
   for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
     const auto slot = static_cast<std::size_t>(run);
     if (breakaway_[slot] == 0.0) continue;
@@ -177,41 +181,87 @@ double SelfTest::fit(int axis, std::size_t late, AxisResult& result) const {
       return (path[i + kHalf].position - path[i - kHalf].position) /
              (path[i + kHalf].time - path[i - kHalf].time);
     };
-    std::size_t start = kHalf + late;
+    // The same rows for every delay.
+    std::size_t start = kHalf + kLatest + 1;
     while (start + kHalf < path.size() && std::abs(speed(start)) < 0.01) ++start;
     if (start + kHalf >= path.size()) continue;
 
     double impulse = 0.0;
+    double pushed = 0.0;  // its integral
     double sense = 0.0;
+    double turned = 0.0;
+    double area = 0.0;
     for (std::size_t i = start + 1; i + kHalf < path.size(); ++i) {
       const double dt = path[i].time - path[i - 1].time;
-      impulse += path[i - late].force * dt;
-      sense += (speed(i) > 0.0 ? 1.0 : -1.0) * dt;
-      Row row;
-      row << speed(i), path[i].position - path[start].position, sense,
-          path[start].time - path[i].time, run % 2 == 0 ? 1.0 : 0.0, run % 2 == 0 ? 0.0 : 1.0;
+      // The force changes after `part` of the sample.
+      const double older = path[i - back - 1].force;
+      const double newer = path[i - back].force;
+      pushed += impulse * dt +
+                (older * part * (2.0 - part) + newer * (1.0 - part) * (1.0 - part)) * 0.5 * dt * dt;
+      impulse += ((1.0 - part) * newer + part * older) * dt;
+      const double way = speed(i) > 0.0 ? 1.0 : -1.0;
+      turned += sense * dt + 0.5 * way * dt * dt;
+      sense += way * dt;
+      area += 0.5 * (path[i].position + path[i - 1].position - 2.0 * path[start].position) * dt;
+      const double t = path[i].time - path[start].time;
+      Row row = Row::Zero();
+      row.head<4>() << path[i].position - path[start].position, area, turned, -0.5 * t * t;
+      row.segment<2>(run % 2 == 0 ? 4 : 6) << t, 1.0;
       normal += row * row.transpose();
-      right += impulse * row;
-      square += impulse * impulse;
+      right += pushed * row;
+      square += pushed * pushed;
       ++rows;
     }
   }
-  if (rows < 50) return std::numeric_limits<double>::infinity();
+  const long freedom = rows - kUnknown;
+  if (freedom < 50) return {};
   const Eigen::LDLT<Eigen::Matrix<double, kUnknown, kUnknown>> solver(normal);
   const Row found = solver.solve(right);
   const Eigen::Matrix<double, kUnknown, kUnknown> inverse =
       solver.solve(Eigen::Matrix<double, kUnknown, kUnknown>::Identity());
   const double left = std::max(0.0, square - found.dot(right));
-  const double variance = left / static_cast<double>(std::max(1L, rows - kUnknown));
+  const double variance = left / static_cast<double>(freedom);
   result.fitted = found.allFinite() && found[0] > 0.0;
   result.mass = found[0];
   result.viscous = found[1];
   result.coulomb = found[2];
   result.bias = found[3];
-  result.delay = static_cast<double>(late) * (last_ - began_) / static_cast<double>(ticks_);
+  result.delay = late * period();
   result.viscous_error = std::sqrt(std::max(0.0, variance * inverse(1, 1)));
   result.coulomb_error = std::sqrt(std::max(0.0, variance * inverse(2, 2)));
-  return variance;
+  return {left, freedom};
+}
+
+void SelfTest::fitDelay(int axis, AxisResult& result) const {
+  const AxisResult plain = result;
+  const auto left = [&](double late) {
+    AxisResult tried = plain;
+    return fit(axis, late, tried).square;
+  };
+  double least = 0.0;
+  for (int late = 1; late <= kLatest; ++late) {
+    if (left(late) < left(least)) least = late;
+  }
+  // Parts of a sample, by thirds.
+  double most = std::min<double>(kLatest, least + 1.0);
+  least = std::max(0.0, least - 1.0);
+  for (int i = 0; i < 20; ++i) {
+    const double third = (most - least) / 3.0;
+    if (left(least + third) < left(most - third)) {
+      most -= third;
+    } else {
+      least += third;
+    }
+  }
+  const double best = 0.5 * (least + most);
+  const Left found = fit(axis, best, result);
+  if (found.freedom == 0) return;
+  // The sum of squares grows by its mean where the delay is off by a standard error.
+  constexpr double kFar = 1.0;  // samples
+  const double grows = left(best + kFar) - found.square;
+  const double mean = found.square / static_cast<double>(found.freedom);
+  const double errors = grows > 0.0 ? std::sqrt(mean / grows) : kLatest;
+  result.delay_error = kFar * errors * period();
 }
 
 SelfTestResult SelfTest::result() const {
@@ -268,20 +318,14 @@ SelfTestResult SelfTest::result() const {
       }
     }
     if (!axis.moved || axis.along <= kStraight) continue;
-    constexpr std::size_t kLatest = 8;  // samples
-    double best = std::numeric_limits<double>::infinity();
-    const AxisResult plain = axis;
-    for (std::size_t late = 0; late <= kLatest; ++late) {
-      AxisResult tried = plain;
-      const double left = fit(a, late, tried);
-      if (!(left < best)) continue;
-      best = left;
-      axis = tried;
-    }
+    fitDelay(a, axis);
     // What no arm is: scales, of encoders or motors, are others than the profile's.
     const std::string name(1, kAxes[a]);
     if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
       say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");
+    } else if (axis.delay > (kLatest - 1) * period()) {
+      say(name + ": its force comes " + text(1e3 * axis.delay) +
+          " ms late or more: see to its firmware or its cable, or another program holds it");
     } else if (axis.mass < kLightest || axis.mass > kHeaviest) {
       say(name + ": it moves like " + text(axis.mass) +
           " kg: the scale of its encoders or motors is another one");

@@ -29,8 +29,9 @@ struct AxisResult {
   double coulomb = 0.0;    ///< c [N],
   double bias = 0.0;       ///< gravity, a spring [N],
   double delay = 0.0;      ///< and the force so much late [s];
-  double viscous_error = 0.0;  ///< standard errors of b and c.
+  double viscous_error = 0.0;  ///< standard errors of b, c
   double coulomb_error = 0.0;
+  double delay_error = 0.0;  ///< and the delay [s].
   bool fitted = false;
 };
 
@@ -49,9 +50,9 @@ struct SelfTestResult {
 ///
 /// At rest for a second; then along +x, -x, +y, ... in turn: a force that grows by 0.4 N/s until
 /// the arm moves by 2 mm, is held for 12 mm, then opposed until it stands; then, where it is known
-/// to go where it is pushed, a weak spring brings it back. The friction is a least-squares fit of m
-/// (v - v0) = integral of (F - b v - c sign(v) + bias) to all that moved, for the delay of F
-/// that fits best. RT: next() takes no memory.
+/// to go where it is pushed, a weak spring brings it back. The friction is a least-squares fit of
+/// m v' = F - b v - c sign(v) + bias, integrated twice, to all that moved, for the delay of F that
+/// fits best. RT: next() takes no memory.
 class SelfTest {
  public:
   explicit SelfTest(const SelfTestParams& params = {});
@@ -73,8 +74,19 @@ class SelfTest {
   [[nodiscard]] Vec3 axis() const noexcept;
   void enter(Phase phase, double now) noexcept;
   void nextRun(double now) noexcept;
-  /// The mean square that is left over, with the force so many samples late; results by it.
-  double fit(int axis, std::size_t late, AxisResult& result) const;
+  /// What a fit leaves over.
+  struct Left {
+    double square = 0.0;  ///< Sum over rows,
+    long freedom = 0;     ///< more than there are unknowns by so many; 0: too few.
+  };
+  /// With the force so many samples late, whole or parts of them; results by it.
+  Left fit(int axis, double late, AxisResult& result) const;
+  /// With the force as late as leaves least.
+  void fitDelay(int axis, AxisResult& result) const;
+  /// Of the ticks, mean [s].
+  [[nodiscard]] double period() const noexcept {
+    return (last_ - began_) / static_cast<double>(ticks_);
+  }
 
   SelfTestParams params_;
   Phase phase_ = Phase::kRest;

@@ -393,6 +393,7 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
     one["mass"] = number(axis.mass);
     one["bias"] = number(axis.bias);
     one["delay"] = number(axis.delay);
+    one["delay_error"] = number(axis.delay_error);
     json["axes"].push_back(one);
   }
   return json;
@@ -458,10 +459,11 @@ int test(const Options& options) {
       }
       fmt::print(
           "{}          goes where it is pushed (cosine {}); begins to move at {} N; friction "
-          "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself\n",
+          "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself; force {} +- {} ms late\n",
           "xyz"[a], rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
           rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
-          rounded(axis.mass), rounded(axis.bias));
+          rounded(axis.mass), rounded(axis.bias), rounded(1e3 * axis.delay),
+          rounded(1e3 * axis.delay_error));
     }
   }
   if (const OrderedJson room = roomOf(r, *arm); !options.json && !room.is_null()) {

@@ -1,14 +1,17 @@
 /// The self-test on arms made of numbers, good ones and wrong ones.
 #include "devices/self_test.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
+#include <vector>
 
 #include <catch2/catch.hpp>
 
 #include "devices/simulated_device.h"
 #include "engine/limit_force.h"
+#include "tests/support/random.h"
 
 using namespace palpate;
 using Catch::Contains;
@@ -25,9 +28,9 @@ struct Run {
 };
 
 /// As the program does it: the gate between.
-Run test(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
-         const std::function<Vec3(const Vec3&)>& wires = nullptr,
-         const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
+Run tried(const ArmParams& arm, const GripParams& grip = {0.0, 0.0},
+          const std::function<Vec3(const Vec3&)>& wires = nullptr,
+          const Vec3& gravity = Vec3::Zero(), const SelfTestParams& params = {}) {
   SimulatedDevice device(arm, grip, {[](double) { return Vec3(0, 0, 0); }, 1000.0}, kRate);
   SelfTest self(params);
   LimiterState limiter;
@@ -71,7 +74,7 @@ TEST_CASE("the friction of an arm is found, with half a newton", "[hid]") {
     for (const double viscous : {0.1, 0.5, 1.5}) {
       for (const double coulomb : {0.02, 0.1, 0.25}) {
         CAPTURE(mass, viscous, coulomb);
-        const Run run = test(arm(mass, viscous, coulomb));
+        const Run run = tried(arm(mass, viscous, coulomb));
         CHECK(run.ended);
         CHECK(run.largest <= 0.5);
         CHECK(run.farthest < 0.04);
@@ -98,43 +101,87 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
     CHECK(run.ended);
     CHECK(run.farthest < 0.06);
   };
-  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y(), f.z()); }),
+  says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y(), f.z()); }),
        "pushed to +y it went the other way");
-  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(-f); }),
+  says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(-f); }),
        "pushed to +x it went the other way");
-  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.y(), f.x(), f.z()); }),
+  says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.y(), f.x(), f.z()); }),
        "pushed to +x it went elsewhere");
-  says(test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), 0, f.z()); }),
+  says(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), 0, f.z()); }),
        "y: 0.5 N did not move it");
-  says(test(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
-  says(test(good, {2000.0, 20.0}), "did not move it");
-  says(test(good, {0, 0}, nullptr, {0, 0, -0.4}), "went farther");
+  says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
+  says(tried(good, {2000.0, 20.0}), "did not move it");
+  says(tried(good, {0, 0}, nullptr, {0, 0, -0.4}), "went farther");
 }
 
 TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
   const ArmParams good = arm(0.1, 0.5, 0.05);
   // Motors ten times as strong; one of six times; a force turned by 35 degrees.
-  expectWords(test(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
-  expectWords(test(good, {0, 0},
-                   [](const Vec3& f) {
-                     const double c = std::cos(0.61);
-                     const double s = std::sin(0.61);
-                     return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
-                   }),
+  expectWords(tried(good, {0, 0}, [](const Vec3& f) { return Vec3(10.0 * f); }), "went farther");
+  expectWords(tried(good, {0, 0},
+                    [](const Vec3& f) {
+                      const double c = std::cos(0.61);
+                      const double s = std::sin(0.61);
+                      return Vec3(c * f.x() - s * f.y(), s * f.x() + c * f.y(), f.z());
+                    }),
               "went elsewhere");
-  CHECK_FALSE(test(good, {0, 0}, [](const Vec3& f) {
+  CHECK_FALSE(tried(good, {0, 0}, [](const Vec3& f) {
                 return Vec3(f.x(), f.y() / 6.0, f.z());
               }).result.problems.empty());
   // A sign wrong on an axis that another one's force pulls along: nothing drives it before it is
   // known.
   const Run coupled =
-      test(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
+      tried(good, {0, 0}, [](const Vec3& f) { return Vec3(f.x(), -f.y() + 0.3 * f.x(), f.z()); });
   expectWords(coupled, "pushed to +y it went the other way");
   CHECK(coupled.farthest < 0.06);
 }
 
+TEST_CASE("how late an arm's force comes is found, parts of a tick too", "[hid]") {
+  test::Random random(7);
+  const long arms = test::cases(60);
+  std::vector<double> off;  // viscous, of its own
+  double farthest = 0.0;    // of a delay, with steps below 20 um
+  long told = 0;
+  for (long i = 0; i < arms; ++i) {
+    ArmParams any = arm(random.logUniform(0.05, 0.4), random.logUniform(0.1, 2.0),
+                        random.logUniform(0.01, 0.25));
+    any.encoder = random.logUniform(2e-6, 6e-5);
+    any.delay = random.uniform(0.0, 6e-3);
+    // What it is to a fit.
+    if (random.uniform(0.0, 1.0) < 0.3) any.lag = random.logUniform(1e-4, 1e-3);
+    const double late = any.delay + any.lag;
+    CAPTURE(any.mass, any.viscous, any.coulomb, any.encoder, any.delay, any.lag);
+    const Run run = tried(any);
+    if (!run.result.problems.empty()) continue;  // too coarse, too much friction
+    ++told;
+    double least = 1.0;
+    double most = 0.0;
+    for (const AxisResult& axis : run.result.axes) {
+      least = std::min(least, axis.delay - 3.0 * axis.delay_error - 0.5e-3);
+      most = std::max(most, axis.delay + 3.0 * axis.delay_error + 0.5e-3);
+      if (any.encoder < 2e-5) farthest = std::max(farthest, std::abs(axis.delay - late));
+      off.push_back(std::abs(axis.viscous / any.viscous - 1.0));
+      // As far as they are relied on.
+      CHECK(0.25 * axis.viscous < any.viscous);
+      CHECK(0.5 * axis.coulomb < any.coulomb);
+    }
+    CHECK(least < late);
+    CHECK(late < most);
+  }
+  CHECK(told > 0.9 * static_cast<double>(arms));
+  std::nth_element(off.begin(), off.begin() + static_cast<std::ptrdiff_t>(off.size() / 2),
+                   off.end());
+  WARN("of " << told << " arms: the delay at most " << 1e3 * farthest
+             << " ms off with steps below 20 um, b " << off[off.size() / 2] << " of it, median");
+  CHECK(farthest < 0.4e-3);
+  CHECK(off[off.size() / 2] < 0.02);
+  ArmParams slow = arm(0.15, 0.5, 0.05);
+  slow.delay = 0.03;
+  expectWords(tried(slow), "ms late or more");
+}
+
 TEST_CASE("a little weight is told apart from friction", "[hid]") {
-  const Run run = test(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
+  const Run run = tried(arm(0.2, 0.5, 0.15), {0, 0}, nullptr, {0, 0, -0.08});
   for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
   REQUIRE(run.result.problems.empty());
   CHECK(run.result.axes[2].bias == Approx(-0.08).margin(0.01));
