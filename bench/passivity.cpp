@@ -51,10 +51,16 @@ void show(const char* what, Keeper keeper, long runs, Change change) {
 }
 
 /// What a tick of the tank takes [ns], median.
-double cost(double delay, double lag, double share) {
+double cost(double delay, double doubt, double lag, double share) {
   TankParams params;
   params.use = TankUse::kAct;
-  params.arm = {0.5, 0.02, 2e-5, delay, lag, 1e-3};
+  params.arm.viscous = 0.5;
+  params.arm.coulomb = 0.02;
+  params.arm.step = 2e-5;
+  params.arm.delay = delay;
+  params.arm.doubt = doubt;
+  params.arm.lag = lag;
+  params.arm.period = 1e-3;
   std::vector<double> times;
   for (int pass = 0; pass < 101; ++pass) {
     Tank tank;
@@ -89,9 +95,12 @@ int main(int argc, char** argv) {
   }
   const bench::Machine machine = bench::takeMachine(false);
   std::printf("%s\n", bench::describe(machine).c_str());
-  std::printf("a tick of the tank: %.0f ns, with delay and lag %.0f; scaling %.0f, %.0f\n",
-              cost(0.0, 0.0, 1.0), cost(1.5e-3, 2e-4, 1.0), cost(0.0, 0.0, 0.5),
-              cost(1.5e-3, 2e-4, 0.5));
+  std::printf(
+      "a tick of the tank: %.0f ns, with a delay %.0f, in doubt %.0f, with lag %.0f; "
+      "scaling %.0f, %.0f, %.0f, %.0f\n",
+      cost(0.0, 0.0, 0.0, 1.0), cost(1.5e-3, 0.0, 0.0, 1.0), cost(1.5e-3, 2e-4, 0.0, 1.0),
+      cost(1.5e-3, 2e-4, 2e-4, 1.0), cost(0.0, 0.0, 0.0, 0.5), cost(1.5e-3, 0.0, 0.0, 0.5),
+      cost(1.5e-3, 2e-4, 0.0, 0.5), cost(1.5e-3, 2e-4, 2e-4, 0.5));
   std::printf(
       "active: energy came out; broken: more than the tank promises; acts: share of ticks; takes: "
       "of the force\n");
@@ -102,6 +111,19 @@ int main(int argc, char** argv) {
   const auto lagging = [](PassivityRun& run) {
     run.lag = run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
     run.adversary = run.seed % 2 == 0;
+  };
+  // To either side by a thirtieth of a period to three, in half of the runs with amplifiers that
+  // lag as well.
+  const auto doubtful = [](PassivityRun& run) {
+    run.doubt =
+        run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 103) / 103.0 - 1.5);
+    run.delay = std::max(run.delay, run.doubt);
+    run.adversary = run.seed % 2 == 0;
+    if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
+  };
+  const auto untold = [doubtful](PassivityRun& run) {
+    doubtful(run);
+    run.doubts = false;
   };
   const auto early = [](PassivityRun& run) {
     run.jitter = 0.9;
@@ -119,6 +141,8 @@ int main(int argc, char** argv) {
   show("at random", Keeper::kTank, runs, drawn);
   show("adversary", Keeper::kTank, std::max(1L, runs / 10), wicked);
   show("amplifiers that lag", Keeper::kTank, std::max(1L, runs / 10), lagging);
+  show("delays in doubt", Keeper::kTank, std::max(1L, runs / 10), doubtful);
+  show("... and not told", Keeper::kTank, std::max(1L, runs / 10), untold);
   show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
   show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);
 }

@@ -48,7 +48,11 @@ class Draw {
 class Wire {
  public:
   Wire(double delay, double lag) : delay_(delay), lag_(lag) {}
-  void send(const Vec3& force, double now) { orders_.push_back({now + delay_, force}); }
+  /// `off`: later than the delay by it; none overtakes another.
+  void send(const Vec3& force, double now, double off) {
+    last_ = std::max(last_, now + delay_ + off);
+    orders_.push_back({last_, force});
+  }
   /// The integral of the force from `now` on [N s].
   Vec3 over(double now, double time) {
     Vec3 sum = Vec3::Zero();
@@ -75,6 +79,7 @@ class Wire {
 
  private:
   double delay_, lag_;
+  double last_ = 0.0;
   std::deque<std::pair<double, Vec3>> orders_;
   Vec3 order_ = Vec3::Zero();
   Vec3 force_ = Vec3::Zero();
@@ -138,6 +143,26 @@ class Scene {
   Vec3 normal_, across_;
   double filtered_ = 0.0;
 };
+
+/// How far off its middle a force's delay is, -1 to 1: always as far, at random, in turn, or early
+/// where the force grows and late where it falls.
+double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
+  const double either = draw.uniform(-1.0, 1.0);
+  switch (kind % 6) {
+    case 0:
+      return 1.0;
+    case 1:
+      return -1.0;
+    case 2:
+      return tick % 2 == 0 ? 1.0 : -1.0;
+    case 3:
+      return grows ? -1.0 : 1.0;
+    case 4:
+      return grows ? 1.0 : -1.0;
+    default:
+      return either;
+  }
+}
 
 /// Where a hand that knows everything goes in a tick of this length: along the force, best against
 /// the arm's friction, and to and fro over the encoder's steps.
@@ -209,6 +234,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   params.arm.coulomb = run.known_coulomb * run.coulomb;
   params.arm.step = std::sqrt(3.0) * run.encoder;
   params.arm.delay = run.delay;
+  params.arm.doubt = run.doubts ? run.doubt : 0.0;
   params.arm.lag = run.lag;
   params.arm.period = run.period;
   const double cap = run.peak * run.peak / (2.0 * kSoft);
@@ -234,6 +260,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Vec3 read = x;
   Vec3 before = x;
   Vec3 mean = Vec3::Zero();  // force over the last tick
+  Vec3 gone = Vec3::Zero();  // the force that was sent last
   long ticks = 0;
   long scaled = 0;
   double asked = 0.0;
@@ -248,9 +275,20 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     if (keeper == Keeper::kObserver) sent = observer.control(wanted, read, dt, run.peak);
     if (keeper == Keeper::kTank)
       sent *= tank.pass(wanted, read, fresh || !run.admits, dt, params, cap);
+    if (run.weak > 0.0 && draw.uniform(0, 1) < run.weak) {
+      const double share = draw.uniform(0.0, 1.0);
+      sent *= share;
+      if (run.weakens) tank.weaken(share, params.arm);
+    }
     // The last interval is judged when the tank has seen it.
     result.margin = std::min(result.margin, energy + tank.debt());
-    wire.send(sent, time);
+    // Nothing is drawn where nothing is in doubt: the runs are those of every version.
+    double off = 0.0;
+    if (run.doubt > 0.0) {
+      off = run.doubt * howLate(run.seed, ticks, sent.squaredNorm() > gone.squaredNorm(), draw);
+    }
+    gone = sent;
+    wire.send(sent, time, off);
     const double changed = (sent - wanted).norm();
     scaled += static_cast<long>(changed > 1e-9);
     lost += changed;

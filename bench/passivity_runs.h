@@ -25,23 +25,27 @@ enum class Keeper : std::uint8_t { kNobody, kObserver, kTank };
 
 /// One hand at one arm in one scene for two seconds.
 struct PassivityRun {
-  double mass = 0.1;           ///< [kg]
-  double viscous = 0.5;        ///< [N s/m], true.
-  double coulomb = 0.02;       ///< [N], true.
-  double encoder = 1e-5;       ///< Of each of three axes [m].
-  double period = 1e-3;        ///< [s]
-  double jitter = 0.0;         ///< Ticks come after (1 - jitter) to 1 of the period.
-  int every = 1;               ///< A new position comes every so many ticks,
-  bool admits = true;          ///< and the others are said to be old.
-  double late = 0.0;           ///< Share of ticks that come after up to ten periods.
-  double delay = 0.0;          ///< [s]
-  double lag = 0.0;            ///< [s]
-  double grip = 0.0;           ///< The hand's spring [N/m]; 0: it has let go.
-  double grip_damping = 0;     ///< [N s/m]
-  double release = 9.0;        ///< When it lets go [s].
-  bool adversary = false;      ///< The hand is no spring: it sees the next force and the encoder's
-                               ///< steps, and goes where that gives most.
-  double peak = 5.0;           ///< [N]
+  double mass = 0.1;        ///< [kg]
+  double viscous = 0.5;     ///< [N s/m], true.
+  double coulomb = 0.02;    ///< [N], true.
+  double encoder = 1e-5;    ///< Of each of three axes [m].
+  double period = 1e-3;     ///< [s]
+  double jitter = 0.0;      ///< Ticks come after (1 - jitter) to 1 of the period.
+  int every = 1;            ///< A new position comes every so many ticks,
+  bool admits = true;       ///< and the others are said to be old.
+  double late = 0.0;        ///< Share of ticks that come after up to ten periods.
+  double delay = 0.0;       ///< [s]
+  double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s],
+  bool doubts = true;       ///< which the tank is told.
+  double lag = 0.0;         ///< [s]
+  double weak = 0.0;        ///< Share of ticks in which the motors give less than they are told,
+  bool weakens = true;      ///< which the tank is told.
+  double grip = 0.0;        ///< The hand's spring [N/m]; 0: it has let go.
+  double grip_damping = 0;  ///< [N s/m]
+  double release = 9.0;     ///< When it lets go [s].
+  bool adversary = false;   ///< The hand is no spring: it sees the next force and the encoder's
+                            ///< steps, and goes where that gives most.
+  double peak = 5.0;        ///< [N]
   double known_viscous = 1.0;  ///< Share that is known.
   double known_coulomb = 1.0;
   ActiveScene scene = ActiveScene::kWall;

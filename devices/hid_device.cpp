@@ -389,10 +389,14 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
     const ReportField& field = profile_.output->fields[*joint.to];
     raw[i] =
         field.scale * Kinematics::torque(pose_, i, force_D) / (joint.ratio * joint.torque_constant);
-    if (!std::isfinite(raw[i])) return;
+    if (!std::isfinite(raw[i])) {
+      given_ = 0.0;
+      return;
+    }
     const double room = raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least;
     if (std::abs(raw[i]) > room) share = std::min(share, std::max(room, 0.0) / std::abs(raw[i]));
   }
+  given_ = share;
   if (share < 1.0) ++weakened_;
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     if (!profile_.joints[i].to) continue;
@@ -503,6 +507,7 @@ ArmDissipation HidDevice::dissipation() const noexcept {
   arm.viscous = host_.measured.viscous / (kElsewhere * kElsewhere);
   arm.coulomb = host_.measured.coulomb / kElsewhere;
   arm.delay = host_.measured.delay;
+  arm.doubt = host_.measured.doubt;
   const auto steps = resolution();
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     arm.step += kElsewhere * steps[i];

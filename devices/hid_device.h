@@ -65,7 +65,8 @@ class HidInput {
 struct MeasuredArm {
   double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis.
   double coulomb = 0.0;  ///< [N], likewise.
-  double delay = 0.0;    ///< From a reading to the force that follows from it [s].
+  double delay = 0.0;    ///< From a reading to the force that follows from it [s],
+  double doubt = 0.0;    ///< give or take [s].
   double mass = 0.0;     ///< [kg], the least along any axis.
 };
 
@@ -118,6 +119,7 @@ class HidDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
+  [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
   [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
@@ -208,6 +210,7 @@ class HidDevice final : public Device {
   Joints joints_{};
   ArmPose pose_;
   Vec3 position_W_ = Vec3::Zero();
+  double given_ = 1.0;
 
   Mailbox<Outgoing> out_;
   std::atomic<std::uint32_t> sent_{0};        ///< Counts what is published,

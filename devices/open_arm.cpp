@@ -52,6 +52,7 @@ Json recordOf(const HidProfile& profile, const std::string& serial) {
 }
 
 constexpr double kMostDelay = 0.02;  // [s]
+constexpr double kSure = 3.0;        // standard errors
 constexpr std::string_view kEnding = ".json";
 
 /// Whole or not at all.
@@ -285,14 +286,26 @@ MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {
   const auto viscous = numbers("viscous_least");
   const auto coulomb = numbers("coulomb_least");
   const auto delay = numbers("delay");
+  const auto delay_error = numbers("delay_error");
   const auto mass = numbers("mass");
-  for (const auto* list : {&viscous, &coulomb, &delay, &mass}) {
+  for (const auto* list : {&viscous, &coulomb, &delay, &delay_error, &mass}) {
     if (list->size() != 3) return measured;
   }
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
   measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
-  measured.delay = std::clamp(*std::max_element(delay.begin(), delay.end()), 0.0, kMostDelay);
+  // Half a millisecond for what no fit knows: friction that is no b and c, amplifiers' lag, when
+  // within a tick an arm reads and gives.
+  constexpr double kUnknown = 0.5e-3;
+  double early = kMostDelay;
+  double late = 0.0;
+  for (std::size_t i = 0; i < delay.size(); ++i) {
+    const double about = kSure * std::abs(delay_error[i]) + kUnknown;
+    early = std::min(early, std::max(0.0, delay[i] - about));
+    late = std::max(late, std::min(kMostDelay, delay[i] + about));
+  }
+  measured.delay = 0.5 * (early + late);
+  measured.doubt = 0.5 * (late - early);
   return measured;
 }
 
@@ -310,10 +323,9 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
   arm["date"] = date.data();
   arm["scale"] = result.scale;
   for (const char* key :
-       {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay"}) {
+       {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay", "delay_error"}) {
     arm[key] = Json::array();
   }
-  constexpr double kSure = 3.0;  // standard errors
   for (const AxisResult& axis : result.axes) {
     arm["viscous"].push_back(axis.viscous);
     arm["coulomb"].push_back(axis.coulomb);
@@ -321,6 +333,7 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
     arm["coulomb_least"].push_back(axis.coulomb - kSure * axis.coulomb_error);
     arm["mass"].push_back(axis.mass);
     arm["delay"].push_back(axis.delay);
+    arm["delay_error"].push_back(axis.delay_error);
   }
   write(json);
 }

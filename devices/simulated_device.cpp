@@ -81,8 +81,12 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
     info_.limits.tank.use = arm.tank;
     info_.limits.tank.refill = arm.refill;
     // Three axes, each read to half a step.
-    info_.limits.tank.arm = {arm.viscous, arm.coulomb, std::sqrt(3.0) * arm.encoder, arm.delay,
-                             arm.lag};
+    ArmDissipation& known = info_.limits.tank.arm;
+    known.viscous = arm.viscous;
+    known.coulomb = arm.coulomb;
+    known.step = std::sqrt(3.0) * arm.encoder;
+    known.delay = arm.delay;
+    known.lag = arm.lag;
   }
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
   position_ = target_.at(0.0);

@@ -45,10 +45,11 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
     require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
     require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
     for (const double x :
-         {arm.coulomb, arm.step, arm.delay, arm.lag, arm.period, limits.tank.refill}) {
+         {arm.coulomb, arm.step, arm.delay, arm.doubt, arm.lag, arm.period, limits.tank.refill}) {
       require(no_less(x), "a number of the tank", x);
     }
-    const double most = static_cast<double>(Tank::kForces - 2) / arm.delay;
+    require(arm.doubt <= arm.delay, "the doubt of a delay, at most all of it,", arm.doubt);
+    const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,
                         "at " + std::to_string(std::lround(rate)) +
@@ -166,6 +167,7 @@ void HapticLoop::send(const Vec3& force, bool timed) noexcept {
   const auto start = std::chrono::steady_clock::now();
   device_.write(force);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+  state_.weaken(device_.given());
   if (timed && device_.info().hand && took.count() > kWriteTime) {
     state_.cut(Fault::kWrite);
     deaf_ = true;

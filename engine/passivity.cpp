@@ -5,26 +5,22 @@
 
 namespace palpate {
 
-/// Follows the force that acts through time: held, late, and behind its order by a first-order lag.
+/// Follows what acts through time: held, and behind its order by a first-order lag.
 struct Tank::Amplifier {
-  Vec3 force;  ///< Now [N].
+  Acting now;
   double lag;  ///< [s]
 
   /// A time in which `order` holds.
-  void hold(const Vec3& order, double time, Acting& acting) noexcept {
+  void hold(const Vec3& order, double time, Acted& acted) noexcept {
     if (time <= 0.0) return;
-    if (lag <= 0.0) {
-      force = order;
-      acting.sum += time * order;
-      acting.square += time * order.squaredNorm();
-      return;
-    }
-    const Vec3 behind = force - order;
-    const double left = std::exp(-time / lag);
-    acting.sum += time * order + lag * (1.0 - left) * behind;
-    acting.square += time * order.squaredNorm() + 2.0 * lag * (1.0 - left) * order.dot(behind) +
-                     0.5 * lag * (1.0 - left * left) * behind.squaredNorm();
-    force = order + left * behind;
+    const double square = order.squaredNorm();
+    const double left = lag > 0.0 ? std::exp(-time / lag) : 0.0;
+    const double behind = lag * (1.0 - left);
+    acted.force += time * order + behind * (now.force - order);
+    acted.square += time * square + behind * (now.square - square);
+    now.force = order + left * (now.force - order);
+    // The square of a mean is at most the mean of the squares.
+    now.square = square + left * (now.square - square);
   }
 };
 
@@ -36,7 +32,7 @@ void Tank::forget() noexcept {
   since_ = {};
   span_ = 0.0;
   mean_.setZero();
-  acting_.setZero();
+  acting_ = {};
   count_ = 1;
   sent_[0] = {};
 }
@@ -49,39 +45,72 @@ void Tank::refill(double energy) noexcept {
 }
 
 void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
+  if (arm.doubt > 0.0) elapseDoubt(dt, arm);
   Amplifier amplifier{acting_, arm.lag};
-  Acting acting;
-  std::size_t first = 0;
+  Acted acted;
   double at = 0.0;
-  for (; first + 1 < count_ && sent_[first + 1].from < dt; ++first) {
-    const double until = std::max(at, sent_[first + 1].from);
-    amplifier.hold(sent_[first].force, until - at, acting);
+  std::size_t past = 0;  // those that nobody needs any more
+  for (std::size_t i = 0; i < count_; ++i) {
+    const bool last = i + 1 == count_;
+    const double until = last ? dt : std::clamp(sent_[i + 1].from, at, dt);
+    amplifier.hold(sent_[i].force, until - at, acted);
     at = until;
+    if (!last && sent_[i + 1].from + arm.doubt < dt) past = i + 1;
   }
-  amplifier.hold(sent_[first].force, dt - at, acting);
-  acting_ = amplifier.force;
-  for (std::size_t i = first; i < count_; ++i) {
-    sent_[i - first] = {sent_[i].force, sent_[i].from - dt};
+  acting_ = amplifier.now;
+  for (std::size_t i = past; i < count_; ++i) {
+    sent_[i - past] = sent_[i];
+    sent_[i - past].from -= dt;
   }
-  count_ -= first;
-  since_.sum += acting.sum;
-  since_.square += acting.square;
+  count_ -= past;
+  since_.force += acted.force;
+  since_.square += acted.square;
   span_ += dt;
   // Whatever the hand did in it.
-  sure_ -= acting.square / (4.0 * arm.viscous);
+  sure_ -= acted.square / (4.0 * arm.viscous);
+}
+
+void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
+  const auto left = [&](double time) { return arm.lag > 0.0 ? std::exp(-time / arm.lag) : 0.0; };
+  Acting then{};
+  then.change = acting_.change * left(dt);
+  then.jump = acting_.jump * left(dt);
+  double ordered = 0.0;
+  double most = acting_.change;
+  for (std::size_t i = 1; i < count_; ++i) {
+    const double from = std::clamp(sent_[i].from - arm.doubt, 0.0, dt);
+    const double to = std::clamp(sent_[i].from + arm.doubt, 0.0, dt);
+    if (!(to > from)) continue;
+    const double share = arm.lag > 0.0 ? left(dt - to) - left(dt - from) : 0.0;
+    ordered += (to - from) * sent_[i].change;
+    most += sent_[i].change;
+    then.change += share * sent_[i].change;
+    then.jump += share * sent_[i].jump;
+  }
+  since_.change += ordered - arm.lag * (then.change - acting_.change);
+  since_.most = std::max(since_.most, most);
+  acting_.change = then.change;
+  acting_.jump = then.jump;
 }
 
 void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   if (!(span_ > 0.0)) return;
   // The mean of the force does the work; what it varies about the mean a hand could take out by
   // moving with it, against b.
-  const Vec3 mean = since_.sum / span_;
-  const double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
+  const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
+  const double way = moved.norm();
+  double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
+  if (since_.change > 0.0) {
+    // It may have been another one, by so much.
+    const double other = std::sqrt(varies) + std::sqrt(since_.change * since_.most);
+    varies = other * other;
+    counted_ -= since_.change / span_ * (way + arm.step);
+  }
   // Forces are on the hand: work that it does against them is minus their product.
   counted_ -=
       mean.dot(moved) + varies / (4.0 * arm.viscous) + 0.5 * arm.step * (mean - mean_).norm();
-  const double surely = std::max(0.0, moved.norm() - arm.step);
+  const double surely = std::max(0.0, way - arm.step);
   counted_ += arm.viscous / span_ * surely * surely;
   // Coulomb's friction: of a way that is known to D/2 only what drags an anchor on a rope of length
   // D is certain, and of that the cosine of 30 degrees.
@@ -98,20 +127,54 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   span_ = 0.0;
 }
 
+double Tank::certain(const ArmDissipation& arm) const noexcept {
+  // Forces that come later, or stay longer, than they are reckoned with.
+  double later = arm.lag * acting_.jump;
+  for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
+  return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);
+}
+
 double Tank::reserve(const Vec3& next, const ArmDissipation& arm) const noexcept {
   Amplifier amplifier{acting_, arm.lag};
-  Acting acting;
-  const double begins = std::max(arm.delay, count_ > 1 ? sent_[count_ - 1].from : 0.0);
+  Acted acted;
+  const double begins = std::max(arm.delay, sent_[count_ - 1].from);
   double at = 0.0;
   for (std::size_t i = 0; i < count_; ++i) {
     const double until = std::max(at, i + 1 < count_ ? sent_[i + 1].from : begins);
-    amplifier.hold(sent_[i].force, until - at, acting);
+    amplifier.hold(sent_[i].force, until - at, acted);
     at = until;
   }
-  amplifier.hold(next, arm.period, acting);
-  // What the amplifier still gives then dies away.
-  const double left = arm.lag > 0.0 ? 0.5 * arm.lag * amplifier.force.squaredNorm() : 0.0;
-  return (acting.square + left) / (4.0 * arm.viscous);
+  amplifier.hold(next, arm.period, acted);
+  // What the amplifier still gives then dies away. Earlier by the doubt, or later: what was sent
+  // before has paid for that.
+  const double square = next.squaredNorm();
+  const double jumps = std::abs(square - sent_[count_ - 1].force.squaredNorm()) + square;
+  return (acted.square + arm.lag * amplifier.now.square + arm.doubt * jumps) / (4.0 * arm.viscous);
+}
+
+void Tank::send(const Vec3& force, const ArmDissipation& arm) noexcept {
+  const Vec3& before = sent_[count_ - 1].force;
+  const SentForce sent{force, std::max(arm.delay, sent_[count_ - 1].from), (force - before).norm(),
+                       std::abs(force.squaredNorm() - before.squaredNorm())};
+  sure_ -= arm.doubt * sent.jump / (4.0 * arm.viscous);
+  if (arm.delay > 0.0) {
+    sent_[count_++] = sent;
+  } else {
+    sent_[0] = sent;
+    count_ = 1;
+  }
+}
+
+void Tank::weaken(double share, const ArmDissipation& arm) noexcept {
+  if (!(share >= 0.0 && share < 1.0) || !(arm.viscous > 0.0)) return;
+  SentForce& sent = sent_[count_ - 1];
+  sent.force *= share;
+  if (count_ == 1) return;
+  const Vec3& before = sent_[count_ - 2].force;
+  const double jump = std::abs(sent.force.squaredNorm() - before.squaredNorm());
+  sure_ -= arm.doubt * (jump - sent.jump) / (4.0 * arm.viscous);
+  sent.change = (sent.force - before).norm();
+  sent.jump = jump;
 }
 
 double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
@@ -127,7 +190,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   if (recovers_) {
     constexpr double kDead = 10.0;  // lags after which nothing acts any more
     recovers_ = false;
-    blind_ = arm.delay + kDead * arm.lag + arm.period;
+    blind_ = arm.delay + arm.doubt + kDead * arm.lag + arm.period;
   }
   const bool timed = dt > 0.0 && std::isfinite(dt);
   if (timed) elapse(dt, arm);
@@ -140,7 +203,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
     counted_ = sure_;
     since_ = {};
     span_ = 0.0;
-    mean_ = acting_;
+    mean_ = acting_.force;
     if (blind_ > 0.0 && acts) {
       sent_[0] = {};
       count_ = 1;
@@ -150,7 +213,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   } else if (timed && fresh) {
     arrive(hand, arm);
     counted_ = std::min(counted_, cap);
-    sure_ = std::min(cap, std::max(sure_, counted_ - 0.5 * arm.step * mean_.norm()));
+    sure_ = std::min(cap, std::max(sure_, certain(arm)));
   }
   double share = 1.0;
   // Asked this way round a number that is none pays for nothing.
@@ -177,12 +240,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
     --count_;
     if (acts) sent.setZero(), share = 0.0;
   }
-  if (arm.delay > 0.0) {
-    sent_[count_++] = {sent, arm.delay};
-  } else {
-    sent_[0] = {sent, 0.0};
-    count_ = 1;
-  }
+  send(sent, arm);
   return share;
 }
 

@@ -11,7 +11,7 @@
 
 namespace palpate {
 
-/// What is relied on of an arm; every number but the delay from its safe side.
+/// What is relied on of an arm, every number from its safe side.
 struct ArmDissipation {
   double viscous =
       0.0;  ///< b [N s/m], at most the arm's, > 0: without it no force can be paid for.
@@ -19,8 +19,10 @@ struct ArmDissipation {
                          ///< from the one that was sent (rounding to the motors' steps).
   double step = 0.0;     ///< D [m]: a position that is read is within D/2 of the arm's. Of three
                          ///< encoders of one step it is sqrt(3) of them.
-  double delay = 0.0;    ///< From a reading to the force that follows from it [s]: neither side is
-                         ///< the safe one (docs/stability.md says what half a tick costs).
+  double delay = 0.0;    ///< From a reading to the force that follows from it [s], the middle, and
+  double doubt = 0.0;    ///< how far off it may be to either side [s], at most `delay`. Every force
+                         ///< may be late by another time, or be built up within it, but none
+                         ///< overtakes another.
   double lag = 0.0;      ///< Time constant of the amplifiers, of first order [s].
   double period = 0.0;   ///< The longest time between two ticks [s], > 0; later ones may be debts.
                          ///< 0: HapticLoop puts its own.
@@ -43,7 +45,9 @@ struct TankParams {
 /// A force that acts from some time on, as the amplifier was told it.
 struct SentForce {
   Vec3 force = Vec3::Zero();  ///< [N]
-  double from = 0.0;          ///< [s] after the last tick.
+  double from = 0.0;          ///< [s] after the last tick, in the middle of the doubt.
+  double change = 0.0;        ///< From the force before: |difference| [N],
+  double jump = 0.0;          ///< |difference of the squares| [N^2].
 };
 
 /// The tank of one arm. Forces are those on the hand, as everywhere in the engine; energy that the
@@ -74,6 +78,8 @@ class Tank {
                             const TankParams& params, double cap) noexcept PALPATE_NONBLOCKING;
   /// Adds energy that somebody answers for [J]; what is not positive adds nothing.
   void refill(double energy) noexcept PALPATE_NONBLOCKING;
+  /// Of the force that was sent last a motor could give no more than this share, 0 to 1.
+  void weaken(double share, const ArmDissipation& arm) noexcept PALPATE_NONBLOCKING;
   /// Something else than what pass() said is sent, zero where it acts, or the position is not to be
   /// trusted, or the arm is another one: begins anew, empty, when all forces on their way are over.
   void forget() noexcept;
@@ -81,18 +87,33 @@ class Tank {
   static constexpr std::size_t kForces = 64;  ///< On their way at once.
 
  private:
-  /// What the force is over a time.
-  struct Acting {
-    Vec3 sum = Vec3::Zero();  ///< Integral of the force [N s],
-    double square = 0.0;      ///< of its square [N^2 s].
-  };
   struct Amplifier;
+  /// What the amplifier gives now; all of it follows the orders by the same lag.
+  struct Acting {
+    Vec3 force = Vec3::Zero();  ///< [N]
+    double square = 0.0;        ///< At least the force's [N^2].
+    double change = 0.0;        ///< How far the force may be from that, for its delay's doubt [N],
+    double jump = 0.0;          ///< and the square [N^2].
+  };
+  /// Integrals of them, but for the last.
+  struct Acted {
+    Vec3 force = Vec3::Zero();  ///< [N s]
+    double square = 0.0;        ///< [N^2 s]
+    double change = 0.0;        ///< [N s]
+    double most = 0.0;          ///< The largest change [N].
+  };
   /// A time is over: the forces that acted in it.
   void elapse(double dt, const ArmDissipation& arm) noexcept;
+  /// Whose delays' doubt fell into it.
+  void elapseDoubt(double dt, const ArmDissipation& arm) noexcept;
   /// A position is read: what has been brought since the last one.
   void arrive(const Vec3& hand, const ArmDissipation& arm) noexcept;
+  /// What is certainly there of what was counted at a reading just now [J].
+  [[nodiscard]] double certain(const ArmDissipation& arm) const noexcept;
   /// The most that can still leave if `next` is sent now and zero from the next tick on [J].
   [[nodiscard]] double reserve(const Vec3& next, const ArmDissipation& arm) const noexcept;
+  /// `force` is on its way.
+  void send(const Vec3& force, const ArmDissipation& arm) noexcept;
 
   double sure_ = 0.0;     ///< At most what is there now [J].
   double counted_ = 0.0;  ///< What there was at the last reading, but for what stays open [J].
@@ -103,11 +124,12 @@ class Tank {
   double blind_ = 0.0;          ///< for so long [s].
   Vec3 last_ = Vec3::Zero();    ///< The last position [m].
   Vec3 anchor_ = Vec3::Zero();  ///< Of the play operator that Coulomb's path is counted by [m].
-  Acting since_;                ///< The last reading,
+  Acted since_;                 ///< The last reading,
   double span_ = 0.0;           ///< so long ago [s].
   Vec3 mean_ = Vec3::Zero();    ///< The force between the last two readings [N].
-  Vec3 acting_ = Vec3::Zero();  ///< What the amplifier gives now [N].
-  std::array<SentForce, kForces> sent_{};  ///< The first acts; those after it will.
+  Acting acting_;
+  /// Ascending: those that act or have acted and may not yet, then those on their way. Never none.
+  std::array<SentForce, kForces> sent_{};
   std::size_t count_ = 1;
 };
 

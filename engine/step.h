@@ -91,6 +91,10 @@ class ProxyState {
     placed_ = false;
     engage();
   }
+  /// Of the last force the motors could give no more than this share.
+  void weaken(double share) noexcept PALPATE_NONBLOCKING {
+    if (limits_.tank.use != TankUse::kOff) limiter_.tank.weaken(share, limits_.tank.arm);
+  }
   /// Begins an engagement: zero force until little is wanted, then more and more.
   void engage() noexcept {
     if (limits_.engage > 0.0) limiter_.engage(limits_.engage);

@@ -22,7 +22,7 @@ OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams&
   arm.viscous = known.viscous;
   arm.coulomb = known.coulomb;
   arm.encoder = known.step / std::sqrt(3.0);
-  arm.delay = known.delay;
+  arm.delay = known.delay + known.doubt;
   arm.lag = known.lag;
   const CouplingRoom room =
       palpate::roomFor(arm, kRelaxed, rate, coupling.stiffness, coupling.damping);

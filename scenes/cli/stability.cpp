@@ -125,7 +125,7 @@ void takeDevice(Options& options, const CLI::App& verb) {
     take("--mass", options.mass, arm.mass);
     take("--viscous", options.viscous, arm.viscous);
     take("--coulomb", options.coulomb, arm.coulomb);
-    take("--delay", options.delay, arm.delay);
+    take("--delay", options.delay, arm.delay + arm.doubt);
   } else if (verb.count("--mass") == 0 || verb.count("--viscous") == 0) {
     throw Error("--device", "mass and friction of " + options.device + " are not known",
                 "run palpate devices --test " + options.device +

@@ -303,12 +303,15 @@ TEST_CASE("a motor's limit weakens the force and keeps its direction", "[hid]") 
   device->write({2.0, -8.0, 1.0});  // 8 N where a motor gives 4
   await([&] { return arm.driven() == std::array<int, 3>{1000, -4000, 500}; });
   CHECK(device->writes().weakened == 1);
+  CHECK(device->given() == Approx(0.5));
   // Rounding adds none.
   device->write({0.0019, -0.0019, 0.0});
   await([&] { return arm.driven() == std::array<int, 3>{1, -1, 0}; });
+  CHECK(device->given() == 1.0);
   // Rubbish is no force.
   device->write({std::nan(""), 0, 1e300});
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
+  CHECK(device->given() == 0.0);
 }
 
 TEST_CASE("beyond its reach an arm is not ready and drives nothing", "[hid]") {

@@ -287,6 +287,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
     axis.coulomb = 0.04;
     axis.coulomb_error = 0.02;
     axis.delay = 1e-3;
+    axis.delay_error = 0.1e-3;
   }
   measured.axes[1].viscous = 0.4;
   rememberTest(arm, "S1", measured);
@@ -295,7 +296,13 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   CHECK(testedSerials(arm) == std::vector<std::string>{"S1"});
   CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
   CHECK(measuredArm(arm, "S1").coulomb == 0.0);
-  CHECK(measuredArm(arm, "S1").delay == 1e-3);
+  // Half a millisecond and three standard errors to either side, never before the reading.
+  CHECK(measuredArm(arm, "S1").delay == Approx(1e-3));
+  CHECK(measuredArm(arm, "S1").doubt == Approx(0.8e-3));
+  measured.axes[2].delay = 0.3e-3;
+  rememberTest(arm, "S1", measured);
+  CHECK(measuredArm(arm, "S1").delay == Approx(0.9e-3));
+  CHECK(measuredArm(arm, "S1").doubt == Approx(0.9e-3));
   CHECK(measuredArm(arm, "S2").viscous == 0.0);
   CHECK_FALSE(isTested(arm, ""));
   // A changed sign is another profile.

@@ -99,6 +99,90 @@ TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
   }
 }
 
+TEST_CASE("a delay in doubt gives nothing where the tank is told how much", "[passivity]") {
+  for (const bool adversary : {false, true}) {
+    const auto doubtful = [&](PassivityRun& run) {
+      // A thirtieth of a period to three, to either side.
+      run.doubt =
+          run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 103) / 103.0 - 1.5);
+      run.delay = std::max(run.delay, run.doubt);
+      if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
+      run.adversary = adversary;
+      run.jitter = run.seed % 8 == 0 ? 0.5 : 0.0;
+      run.every = run.seed % 16 == 1 ? 3 : 1;
+      run.seconds = 1.0;
+    };
+    const Many told = playMany(test::cases(240), Keeper::kTank, doubtful);
+    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin " << told.margin);
+    CHECK(told.broken == 0);
+    CHECK(told.debt == 0.0);
+    const Many untold = playMany(240, Keeper::kTank, [&](PassivityRun& run) {
+      doubtful(run);
+      run.doubts = false;
+    });
+    INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
+    CHECK(untold.broken > 0);
+  }
+}
+
+TEST_CASE("doubt of a delay costs what the derivation says", "[passivity]") {
+  const double b = 0.5;
+  const double period = 1e-3;
+  TankParams params = acting(b);
+  params.arm.delay = 1e-3;
+  params.arm.doubt = 2e-4;
+  Tank tank;
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
+  tank.refill(0.1);
+  // Held for a period, and for the doubt longer at either end.
+  const double r = 1000.0 * tank.pass({1000, 0, 0}, Vec3::Zero(), true, period, params, kCap);
+  CHECK(r * r * (period + 2.0 * params.arm.doubt) / (4.0 * b) == Approx(0.1).epsilon(1e-6));
+  // It acts at last, on a hand that stands still: its change may be 0.2 ms off to either side, and
+  // so may the mean of a period; what varies about it no hand has taken.
+  Tank other;
+  (void)other.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
+  other.refill(0.1);
+  CHECK(other.pass({1, 0, 0}, Vec3::Zero(), true, period, params, kCap) == 1.0);
+  const double held = other.energy();
+  CHECK(held == Approx(0.1 - params.arm.doubt / (4.0 * b)));
+  // Its doubt begins 0.2 ms before the end of this period; when it may still come and go is
+  // reckoned with.
+  CHECK(other.pass({1, 0, 0}, Vec3::Zero(), true, period, params, kCap) == 1.0);
+  CHECK(other.energy() >= 0.1 - 4.0 * params.arm.doubt / (4.0 * b));
+  CHECK(other.energy() <= held);
+  // None: what it was without.
+  params.arm.doubt = 0.0;
+  Tank sure;
+  (void)sure.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
+  sure.refill(0.1);
+  const double all = 1000.0 * sure.pass({1000, 0, 0}, Vec3::Zero(), true, period, params, kCap);
+  CHECK(all * all * period / (4.0 * b) == Approx(0.1).epsilon(1e-6));
+}
+
+TEST_CASE("motors that give less than they are told are reckoned with", "[passivity]") {
+  for (const bool adversary : {false, true}) {
+    const auto weak = [&](PassivityRun& run) {
+      run.weak = 0.3;
+      run.adversary = adversary;
+      if (run.seed % 2 == 0) run.doubt = std::min(run.delay, 0.3 * run.period);
+      run.seconds = 1.0;
+    };
+    const Many told = playMany(test::cases(120), Keeper::kTank, weak);
+    INFO("adversary " << adversary << ": worst " << told.worst << " J, margin " << told.margin);
+    CHECK(told.broken == 0);
+    CHECK(told.debt == 0.0);
+  }
+  // Not told it counts work that was never done, where a hand comes against the force: that
+  // adversary goes with it.
+  const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
+    run.weak = 0.3;
+    run.weakens = false;
+    run.seconds = 1.0;
+  });
+  INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
+  CHECK(untold.broken > 0);
+}
+
 TEST_CASE("ticks that come early are paid for, and late ones are debts", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto early = [&](PassivityRun& run) {

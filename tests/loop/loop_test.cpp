@@ -441,7 +441,7 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
     CAPTURE(how);
     Rig rig;
     rig.device.about.limits.tank.use = TankUse::kAct;
-    rig.device.about.limits.tank.arm = {0.5, 0.02, 1e-5, 1e-3, 0.0, 0.0};
+    rig.device.about.limits.tank.arm = {0.5, 0.02, 1e-5, 1e-3, 0.0, 0.0, 0.0};
     HapticLoop loop(rig.device, 1.0 / kDt, nullptr, 0.0, {nullptr, nullptr, &rig.guard});
     loop.publish(ballScene(ballField()));
     const auto run = [&](int ticks) {
@@ -472,6 +472,38 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
     }
     CHECK(loop.latest().report.energy > 1e-3);
   }
+}
+
+TEST_CASE("what the motors cannot give is not counted as work against them", "[loop][safety]") {
+  const auto pressed = [](double share) {
+    TestDevice device;
+    device.about.limits.tank.use = TankUse::kObserve;
+    device.about.limits.tank.arm = {0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    device.share = share;
+    device.hand.position = kOut;
+    HapticLoop loop(device, 1.0 / kDt);
+    loop.publish(ballScene(ballField()));
+    TickTime time;
+    const auto go = [&](const Vec3& to, int ticks) {
+      const Vec3 from = device.hand.position;
+      for (int i = 1; i <= ticks; ++i) {
+        device.hand.position = from + (to - from) * (static_cast<double>(i) / ticks);
+        time.dt = kDt;
+        time.now += kDt;
+        loop.tick(time);
+      }
+    };
+    go(kOut, 1000);
+    const Vec3 at = {0, 0, test::kBallRadius};
+    go(at, 100);
+    const double before = loop.latest().report.energy;
+    go(kPressed, 500);
+    return loop.latest().report.energy - before;
+  };
+  const double all = pressed(1.0);
+  CHECK(all > 1e-4);
+  CHECK(pressed(0.25) == Approx(0.25 * all).epsilon(0.1));
+  CHECK(pressed(0.0) == Approx(0.0).margin(0.1 * all));
 }
 
 TEST_CASE("a scene that comes back finds the proxy at the hand", "[loop]") {

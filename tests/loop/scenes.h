@@ -50,7 +50,10 @@ class TestDevice final : public Device {
     if (write_ms > 0) std::this_thread::sleep_for(std::chrono::milliseconds(write_ms));
   }
 
+  [[nodiscard]] double given() const noexcept override { return share; }
+
   HandState hand;
+  double share = 1.0;  ///< Of a force, that its motors can give.
   Vec3 sent = Vec3::Zero();
   long writes = 0;
   int write_ms = 0;  ///< What a write takes.
