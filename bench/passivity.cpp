@@ -121,6 +121,12 @@ int main(int argc, char** argv) {
     run.adversary = run.seed % 2 == 0;
     if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
   };
+  // Positions up to a period old.
+  const auto shaken = [doubtful](PassivityRun& run) {
+    doubtful(run);
+    run.jitters =
+        0.5 * run.period * std::pow(10.0, -1.5 * static_cast<double>(run.seed % 97) / 97.0);
+  };
   const auto untold = [doubtful](PassivityRun& run) {
     doubtful(run);
     run.doubts = false;
@@ -142,6 +148,7 @@ int main(int argc, char** argv) {
   show("adversary", Keeper::kTank, std::max(1L, runs / 10), wicked);
   show("amplifiers that lag", Keeper::kTank, std::max(1L, runs / 10), lagging);
   show("delays in doubt", Keeper::kTank, std::max(1L, runs / 10), doubtful);
+  show("positions as well", Keeper::kTank, std::max(1L, runs / 10), shaken);
   show("... and not told", Keeper::kTank, std::max(1L, runs / 10), untold);
   show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
   show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);

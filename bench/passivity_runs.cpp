@@ -164,6 +164,15 @@ double howLate(std::uint64_t kind, long tick, bool grows, Draw& draw) {
   }
 }
 
+/// Where it was, of its places at ascending times; forgets what is older.
+Vec3 placeAt(std::deque<std::pair<double, Vec3>>& past, double time) {
+  while (past.size() > 2 && past[1].first <= time) past.pop_front();
+  const auto& [from, a] = past[0];
+  const auto& [to, b] = past[1];
+  const double share = std::clamp((time - from) / (to - from), 0.0, 1.0);
+  return a + share * (b - a);
+}
+
 /// Where a hand that knows everything goes in a tick of this length: along the force, best against
 /// the arm's friction, and to and fro over the encoder's steps.
 Vec3 worstWay(const PassivityRun& run, const Vec3& x, const Vec3& force, double time, double mood,
@@ -235,6 +244,11 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   params.arm.step = std::sqrt(3.0) * run.encoder;
   params.arm.delay = run.delay;
   params.arm.doubt = run.doubts ? run.doubt : 0.0;
+  if (run.doubts) {
+    params.arm.delay += run.jitters;
+    params.arm.doubt += run.jitters;
+    params.arm.jitter = run.jitters;
+  }
   params.arm.lag = run.lag;
   params.arm.period = run.period;
   const double cap = run.peak * run.peak / (2.0 * kSoft);
@@ -257,6 +271,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   double energy = 0.0;
   double time = 0.0;
   double dt = run.period;
+  std::deque<std::pair<double, Vec3>> past{{-1.0, x}, {0.0, x}};
   Vec3 read = x;
   Vec3 before = x;
   Vec3 mean = Vec3::Zero();  // force over the last tick
@@ -267,7 +282,14 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   double lost = 0.0;
   for (; time < run.seconds; ++ticks) {
     const bool fresh = ticks % run.every == 0;
-    if (fresh) read = (x / run.encoder).array().round().matrix() * run.encoder;
+    if (fresh) {
+      Vec3 at = x;
+      if (run.jitters > 0.0) {
+        const double off = howLate(run.seed / 6, ticks, false, draw);
+        at = placeAt(past, time - run.jitters * (1.0 + off));
+      }
+      read = (at / run.encoder).array().round().matrix() * run.encoder;
+    }
     const Vec3 wanted =
         scene.at(read, ticks > 0 ? Vec3((read - before) / dt) : Vec3(Vec3::Zero()), time);
     before = read;
@@ -325,6 +347,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
         moved = piece * v;
       }
       x += moved;
+      if (run.jitters > 0.0) past.push_back({time + static_cast<double>(i + 1) * piece, x});
       energy += -forces[i].dot(moved) + run.viscous * moved.squaredNorm() / piece +
                 run.coulomb * moved.norm();
     }

@@ -37,6 +37,7 @@ struct PassivityRun {
   double delay = 0.0;       ///< [s]
   double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s],
   bool doubts = true;       ///< which the tank is told.
+  double jitters = 0.0;     ///< Positions are up to twice so old, each by another time [s].
   double lag = 0.0;         ///< [s]
   double weak = 0.0;        ///< Share of ticks in which the motors give less than they are told,
   bool weakens = true;      ///< which the tank is told.

@@ -508,6 +508,10 @@ ArmDissipation HidDevice::dissipation() const noexcept {
   arm.coulomb = host_.measured.coulomb / kElsewhere;
   arm.delay = host_.measured.delay;
   arm.doubt = host_.measured.doubt;
+  // A position is up to as old as the next one takes to come.
+  constexpr double kUsb = 1000.0;  // [Hz]
+  const double rate = profile_.input_rate > 0.0 ? profile_.input_rate : kUsb;
+  arm.jitter = std::min(arm.doubt, 0.5 / rate);
   const auto steps = resolution();
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     arm.step += kElsewhere * steps[i];

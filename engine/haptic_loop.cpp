@@ -44,11 +44,13 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
     const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
     require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
     require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
-    for (const double x :
-         {arm.coulomb, arm.step, arm.delay, arm.doubt, arm.lag, arm.period, limits.tank.refill}) {
+    for (const double x : {arm.coulomb, arm.step, arm.delay, arm.doubt, arm.jitter, arm.lag,
+                           arm.period, limits.tank.refill}) {
       require(no_less(x), "a number of the tank", x);
     }
     require(arm.doubt <= arm.delay, "the doubt of a delay, at most all of it,", arm.doubt);
+    require(arm.jitter <= arm.doubt, "the readings' jitter, at most the delay's doubt,",
+            arm.jitter);
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,

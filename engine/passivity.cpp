@@ -33,6 +33,7 @@ void Tank::forget() noexcept {
   span_ = 0.0;
   mean_.setZero();
   acting_ = {};
+  recent_ = 0.0;
   count_ = 1;
   sent_[0] = {};
 }
@@ -77,6 +78,7 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
   then.jump = acting_.jump * left(dt);
   double ordered = 0.0;
   double most = acting_.change;
+  double square = std::max(acting_.square, sent_[0].force.squaredNorm()) + acting_.jump;
   for (std::size_t i = 1; i < count_; ++i) {
     const double from = std::clamp(sent_[i].from - arm.doubt, 0.0, dt);
     const double to = std::clamp(sent_[i].from + arm.doubt, 0.0, dt);
@@ -84,11 +86,14 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
     const double share = arm.lag > 0.0 ? left(dt - to) - left(dt - from) : 0.0;
     ordered += (to - from) * sent_[i].change;
     most += sent_[i].change;
+    square += sent_[i].jump;
     then.change += share * sent_[i].change;
     then.jump += share * sent_[i].jump;
   }
   since_.change += ordered - arm.lag * (then.change - acting_.change);
   since_.most = std::max(since_.most, most);
+  // Each switch in this time or before it is among the jumps, or long over.
+  recent_ = dt < 2.0 * arm.jitter ? std::max(recent_, square) : square;
   acting_.change = then.change;
   acting_.jump = then.jump;
 }
@@ -100,6 +105,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
   const double way = moved.norm();
+  // Between the readings it may have been longer than it says: friction took less.
+  const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
     // It may have been another one, by so much.
@@ -108,10 +115,9 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
     counted_ -= since_.change / span_ * (way + arm.step);
   }
   // Forces are on the hand: work that it does against them is minus their product.
-  counted_ -=
-      mean.dot(moved) + varies / (4.0 * arm.viscous) + 0.5 * arm.step * (mean - mean_).norm();
+  counted_ -= mean.dot(moved) + varies / (4.0 * viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, way - arm.step);
-  counted_ += arm.viscous / span_ * surely * surely;
+  counted_ += viscous / span_ * surely * surely;
   // Coulomb's friction: of a way that is known to D/2 only what drags an anchor on a rope of length
   // D is certain, and of that the cosine of 30 degrees.
   const Vec3 rope = hand - anchor_;
@@ -128,8 +134,9 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
 }
 
 double Tank::certain(const ArmDissipation& arm) const noexcept {
-  // Forces that come later, or stay longer, than they are reckoned with.
-  double later = arm.lag * acting_.jump;
+  // Forces that come later, or stay longer, than they are reckoned with; and since the reading more
+  // time may have gone by.
+  double later = arm.lag * acting_.jump + arm.jitter * recent_;
   for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
   return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);
 }
@@ -187,16 +194,19 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
     forget();
     return acts ? 0.0 : 1.0;
   }
-  if (recovers_) {
-    constexpr double kDead = 10.0;  // lags after which nothing acts any more
+  constexpr double kShortest = 1e-9;  // [s]: no two ticks are so near
+  const bool timed = dt > kShortest && std::isfinite(dt);
+  const bool recovers = recovers_;
+  if (recovers) {
+    constexpr double kDead = 25.0;  // lags after which nothing acts any more
     recovers_ = false;
-    blind_ = arm.delay + arm.doubt + kDead * arm.lag + arm.period;
+    blind_ = arm.delay + arm.doubt + 2.0 * arm.jitter + kDead * arm.lag;
   }
-  const bool timed = dt > 0.0 && std::isfinite(dt);
   if (timed) elapse(dt, arm);
-  if (!known_ || blind_ > 0.0) {
-    // Nothing is credited for a time in which something unknown may have acted.
-    if (timed) blind_ -= dt;
+  if (recovers || !known_ || blind_ > 0.0) {
+    // Nothing is credited for a time in which something unknown may have acted: until the zero that
+    // is sent now does.
+    if (timed && !recovers) blind_ -= dt;
     known_ = true;
     last_ = anchor_ = hand;
     sure_ = std::min(sure_, 0.0);
@@ -213,7 +223,13 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   } else if (timed && fresh) {
     arrive(hand, arm);
     counted_ = std::min(counted_, cap);
-    sure_ = std::min(cap, std::max(sure_, certain(arm)));
+    sure_ = std::max(sure_, certain(arm));
+  }
+  sure_ = std::min(sure_, cap);
+  if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
+    // No number, or more forces on their way than can be remembered: zero was reserved for.
+    forget();
+    return acts ? 0.0 : 1.0;
   }
   double share = 1.0;
   // Asked this way round a number that is none pays for nothing.
@@ -233,14 +249,8 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
       sure_ += owed;
     }
   }
-  Vec3 sent = acts ? Vec3(share * wanted) : wanted;
-  if (count_ == kForces) {
-    // The newest is forgotten.
-    debt_ += reserve(sent, arm);
-    --count_;
-    if (acts) sent.setZero(), share = 0.0;
-  }
-  send(sent, arm);
+  const Vec3 scaled = share > 0.0 ? Vec3(share * wanted) : Vec3(Vec3::Zero());
+  send(acts ? scaled : wanted, arm);
   return share;
 }
 

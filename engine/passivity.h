@@ -23,6 +23,8 @@ struct ArmDissipation {
   double doubt = 0.0;    ///< how far off it may be to either side [s], at most `delay`. Every force
                          ///< may be late by another time, or be built up within it, but none
                          ///< overtakes another.
+  double jitter = 0.0;   ///< Of that so much may be the reading's: made before or after its place
+                         ///< between two ticks [s], at most `doubt`.
   double lag = 0.0;      ///< Time constant of the amplifiers, of first order [s].
   double period = 0.0;   ///< The longest time between two ticks [s], > 0; later ones may be debts.
                          ///< 0: HapticLoop puts its own.
@@ -56,9 +58,8 @@ class Tank {
  public:
   /// The energy that is certainly there [J]; below zero only where the tank observes.
   [[nodiscard]] double energy() const noexcept { return sure_; }
-  /// What could not be paid, all together [J]: ticks later than ArmDissipation::period, more forces
-  /// on their way than kForces. By so much the guarantee is weaker. It is forgiven: the tank goes
-  /// on as if it had been paid.
+  /// What could not be paid, all together [J]: ticks later than ArmDissipation::period. By so much
+  /// the guarantee is weaker. It is forgiven: the tank goes on as if it had been paid.
   [[nodiscard]] double debt() const noexcept { return debt_; }
   /// What has been added from outside, all together [J].
   [[nodiscard]] double refilled() const noexcept { return refilled_; }
@@ -84,7 +85,7 @@ class Tank {
   /// trusted, or the arm is another one: begins anew, empty, when all forces on their way are over.
   void forget() noexcept;
 
-  static constexpr std::size_t kForces = 64;  ///< On their way at once.
+  static constexpr std::size_t kForces = 64;  ///< On their way at once; one more: as forget().
 
  private:
   struct Amplifier;
@@ -104,7 +105,7 @@ class Tank {
   };
   /// A time is over: the forces that acted in it.
   void elapse(double dt, const ArmDissipation& arm) noexcept;
-  /// Whose delays' doubt fell into it.
+  /// Those whose delays' doubt falls into it.
   void elapseDoubt(double dt, const ArmDissipation& arm) noexcept;
   /// A position is read: what has been brought since the last one.
   void arrive(const Vec3& hand, const ArmDissipation& arm) noexcept;
@@ -126,6 +127,7 @@ class Tank {
   Vec3 anchor_ = Vec3::Zero();  ///< Of the play operator that Coulomb's path is counted by [m].
   Acted since_;                 ///< The last reading,
   double span_ = 0.0;           ///< so long ago [s].
+  double recent_ = 0.0;         ///< At least the force's square for as long as a reading's jitter.
   Vec3 mean_ = Vec3::Zero();    ///< The force between the last two readings [N].
   Acting acting_;
   /// Ascending: those that act or have acted and may not yet, then those on their way. Never none.
