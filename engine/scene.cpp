@@ -1,7 +1,9 @@
 #include "engine/scene.h"
 
+#include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <utility>
 
 #include "engine/error.h"
 
@@ -13,8 +15,8 @@ const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
   return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
 }
 
-std::uint64_t shapeOf(const Graph& graph) {
-  std::uint64_t shape = 14695981039346656037ULL;  // FNV-1a
+/// FNV-1a, from another graph's on.
+std::uint64_t shapeOf(const Graph& graph, std::uint64_t shape) {
   const auto add = [&](std::uint64_t x) { shape = (shape ^ x) * 1099511628211ULL; };
   for (const auto& field : graph.scalar_fields) add(field->id());
   for (const auto& field : graph.vector_fields) add(field->id());
@@ -23,11 +25,18 @@ std::uint64_t shapeOf(const Graph& graph) {
   return shape;
 }
 
+void ready(const Graph& graph, std::span<FieldCache> caches) noexcept {
+  std::size_t i = 0;
+  for (const auto& field : graph.scalar_fields) field->reset(caches[i++]);
+  for (const auto& field : graph.vector_fields) field->reset(caches[i++]);
+}
+
 }  // namespace
 
 std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                                        const std::map<std::string, FieldPtr>& fields,
-                                       const CouplingParams& coupling, const StepParams& step) {
+                                       const CouplingParams& coupling, const StepParams& step,
+                                       std::vector<Part> parts) {
   static std::atomic<std::uint64_t> next_id{1};
   if (!std::isfinite(coupling.stiffness) || coupling.stiffness <= 0.0) {
     throw SceneError("/coupling/stiffness", "it must be a finite number > 0", "give N/m, as 500");
@@ -43,7 +52,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 8");
   }
   auto scene = std::make_unique<Scene>();
-  scene->graph = compileGraph(spec, fields);
+  if (parts.empty() || !spec.modes.empty()) scene->graph = compileGraph(spec, fields);
   scene->coupling = coupling;
   if (!scene->graph.stiffness.factors.empty()) {
     scene->coupling.stiffness = spec.stiffness->lowest();
@@ -52,21 +61,82 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   }
   scene->step = step;
   scene->id = next_id++;
-  scene->shape = shapeOf(scene->graph);
+  scene->shape = shapeOf(scene->graph, 14695981039346656037ULL);
+  std::vector<Box> boxes;
+  boxes.reserve(parts.size());
+  for (const Part& part : parts) {
+    boxes.push_back(part.bounds);
+    scene->strongest_part = std::max(scene->strongest_part, part.most);
+    scene->shape = shapeOf(part.graph, scene->shape);
+  }
+  scene->bounds = BroadPhase(boxes);
+  scene->parts = std::move(parts);
   return scene;
 }
 
-void Reader::bind(const Scene& scene) noexcept {
-  if (scene.id == scene_id_) return;
-  scene_id_ = scene.id;
-  std::size_t i = 0;
-  for (const auto& field : scene.graph.scalar_fields) field->reset(caches_[i++]);
-  for (const auto& field : scene.graph.vector_fields) field->reset(caches_[i++]);
+Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields) {
+  if (!spec.motions.empty()) {
+    throw SceneError("/volumes", "a part moves", "what moves belongs to the scene itself");
+  }
+  if (spec.stiffness) {
+    throw SceneError("/coupling", "a part varies the stiffness", "only the scene itself may");
+  }
+  if (spec.modes.size() > kMaxPartModes) {
+    throw SceneError("/modes", std::to_string(spec.modes.size()) + " modes of one part",
+                     "use at most " + std::to_string(kMaxPartModes));
+  }
+  Part part;
+  part.graph = compileGraph(spec, fields);
+  const Graph& graph = part.graph;
+  if (graph.scalar_fields.size() + graph.vector_fields.size() > kMaxPartFields) {
+    throw SceneError("/volumes", "a part reads more than " + std::to_string(kMaxPartFields),
+                     "use fewer, or name them as volumes of the scene");
+  }
+  for (const auto* frames : {&graph.scalar_frames, &graph.vector_frames}) {
+    for (const FieldFrame& frame : *frames) {
+      const Vec3 margin = Vec3::Constant(kFrameMargin * frame.voxel);
+      part.bounds.extend(frame.bounds.lower - margin);
+      part.bounds.extend(frame.bounds.upper + margin);
+    }
+  }
+  for (const std::size_t i : graph.mode_sources) {
+    const ModeSpec& mode = spec.modes[i];
+    if (mode.kind == ModeKind::kUser || mode.kind == ModeKind::kGuide) {
+      throw SceneError("/modes/" + std::to_string(i), "a part's mode has no place of its own",
+                       "only modes of volumes can be a part's");
+    }
+    // A wall of it may hold in three directions, each with its friction.
+    constexpr double kWalls = 3.0;
+    const bool walls = mode.kind == ModeKind::kIsosurface;
+    const double strength = mode.strength.highest();
+    part.most += (walls ? kWalls : 1.0) * strength * (1.0 + mode.friction.highest()) +
+                 mode.viscosity.highest();
+  }
+  return part;
 }
 
-int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
-                   std::span<const Body> bodies) noexcept {
+BoundGraph Reader::bind(const Scene& scene) noexcept {
   const Graph& graph = scene.graph;
+  if (scene.id != scene_id_) {
+    scene_id_ = scene.id;
+    std::fill(parts_.begin(), parts_.end(), kNone);
+    ready(graph, caches_);
+  }
+  return {&graph, {caches_.data(), kMaxFields}};
+}
+
+BoundGraph Reader::bind(const Scene& scene, std::size_t part, std::size_t slot) noexcept {
+  const Graph& graph = scene.parts[part].graph;
+  const std::span<FieldCache> caches{&caches_[kMaxFields + slot * kMaxPartFields], kMaxPartFields};
+  if (parts_[slot] != part) {
+    parts_[slot] = part;
+    ready(graph, caches);
+  }
+  return {&graph, caches};
+}
+
+int BoundGraph::sample(const Vec3& p_W, Properties& out,
+                       std::span<const Body> bodies) const noexcept {
   const auto scalar = [&](int index, double value, bool inside) {
     if (index >= 0) out.scalars[static_cast<std::size_t>(index)] = {value, inside};
   };
@@ -74,31 +144,31 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
     if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside};
   };
 
-  const FieldSet wanted = fieldsAt(graph, p_W, bodies);
+  const FieldSet wanted = fieldsAt(*graph, p_W, bodies);
   int count = 0;
-  for (const ScalarRead& read : graph.scalar_reads) {
+  for (const ScalarRead& read : graph->scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
     if ((wanted.scalars >> i & 1U) == 0) {
-      scalar(read.value, graph.scalar_frames[i].background, false);
+      scalar(read.value, graph->scalar_frames[i].background, false);
       vector(read.gradient, Vec3::Zero(), false);
       vector(read.cell_gradient, Vec3::Zero(), false);
       continue;
     }
     ++count;
-    const ScalarField& field = *graph.scalar_fields[i];
-    const Body* body = bodyOf(graph.scalar_motions[i], bodies);
+    const ScalarField& field = *graph->scalar_fields[i];
+    const Body* body = bodyOf(graph->scalar_motions[i], bodies);
     const Vec3& p = body == nullptr ? p_W : body->seen;
-    const ScalarSample s = field.sample(p, caches_[i]);
+    const ScalarSample s = field.sample(p, caches[i]);
     const auto turned = [body](const Vec3& v) {
       return body == nullptr ? v : Vec3(body->pose.rotation * v);
     };
     scalar(read.value, s.value, s.inside);
     vector(read.gradient, turned(s.gradient), s.inside);
     if (read.cell_gradient >= 0) {
-      vector(read.cell_gradient, turned(field.cellGradient(p, caches_[i])), s.inside);
+      vector(read.cell_gradient, turned(field.cellGradient(p, caches[i])), s.inside);
     }
   }
-  for (const VectorRead& read : graph.vector_reads) {
+  for (const VectorRead& read : graph->vector_reads) {
     const auto i = static_cast<std::size_t>(read.field);
     if ((wanted.vectors >> i & 1U) == 0) {
       vector(read.value, Vec3::Zero(), false);
@@ -107,9 +177,9 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
       continue;
     }
     ++count;
-    const Body* body = bodyOf(graph.vector_motions[i], bodies);
+    const Body* body = bodyOf(graph->vector_motions[i], bodies);
     const Vec3& p = body == nullptr ? p_W : body->seen;
-    VectorSample s = graph.vector_fields[i]->sample(p, caches_[graph.scalar_fields.size() + i]);
+    VectorSample s = graph->vector_fields[i]->sample(p, caches[graph->scalar_fields.size() + i]);
     if (body != nullptr) {
       const Mat3& turn = body->pose.rotation;
       s.value = turn * s.value;
@@ -121,36 +191,35 @@ int Reader::sample(const Scene& scene, const Vec3& p_W, Properties& out,
     if (read.q >= 0) scalar(read.q, qCriterion(s.jacobian), s.inside);
     if (read.lambda2 >= 0) scalar(read.lambda2, lambda2(s.jacobian), s.inside);
   }
-  for (const UnitStep& step : graph.units) {
+  for (const UnitStep& step : graph->units) {
     const Properties::Vector& v = out.vectors[static_cast<std::size_t>(step.from)];
     vector(step.to, unit(v.value), v.inside);
   }
-  for (const MagnitudeStep& magnitude : graph.magnitudes) {
+  for (const MagnitudeStep& magnitude : graph->magnitudes) {
     const Properties::Vector& v = out.vectors[static_cast<std::size_t>(magnitude.from)];
     scalar(magnitude.to, v.value.norm(), v.inside);
   }
   return count;
 }
 
-void Reader::turn(const Scene& scene, Properties& read, std::span<const Body> bodies) noexcept {
-  const Graph& graph = scene.graph;
+void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noexcept {
   const auto turned = [&](int motion, int index) {
     const Body* body = bodyOf(motion, bodies);
     if (body == nullptr || !body->moved || index < 0) return;
     Vec3& v = read.vectors[static_cast<std::size_t>(index)].value;
     v = body->carry.rotation * v;
   };
-  for (const ScalarRead& r : graph.scalar_reads) {
-    const int motion = graph.scalar_motions[static_cast<std::size_t>(r.field)];
+  for (const ScalarRead& r : graph->scalar_reads) {
+    const int motion = graph->scalar_motions[static_cast<std::size_t>(r.field)];
     turned(motion, r.gradient);
     turned(motion, r.cell_gradient);
   }
-  for (const VectorRead& r : graph.vector_reads) {
-    const int motion = graph.vector_motions[static_cast<std::size_t>(r.field)];
+  for (const VectorRead& r : graph->vector_reads) {
+    const int motion = graph->vector_motions[static_cast<std::size_t>(r.field)];
     turned(motion, r.value);
     turned(motion, r.curl);
   }
-  for (const UnitStep& step : graph.units) {
+  for (const UnitStep& step : graph->units) {
     const Properties::Vector& v = read.vectors[static_cast<std::size_t>(step.from)];
     read.vectors[static_cast<std::size_t>(step.to)].value = unit(v.value);
   }

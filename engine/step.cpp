@@ -1,6 +1,7 @@
 #include "engine/step.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <span>
@@ -15,10 +16,11 @@ class Tick {
         reader_(reader),
         probe_(probe),
         state_(state),
-        bodies_(state.bodies_.data(), scene.graph.motions.size()) {}
+        bodies_(state.bodies_.data(), scene.graph.motions.size()) {
+    felt_[0] = {reader.bind(scene), &state.properties_, state.memories_.data()};
+  }
 
   void meetScene() noexcept {
-    reader_.bind(scene_);
     const bool swapped = state_.scene_id_ != scene_.id;
     if (swapped) {
       state_.meet(scene_.shape);
@@ -31,6 +33,9 @@ class Tick {
         bodies_[i].pose = scene_.graph.motions[i]->poseAt(state_.time_);
       }
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
+      for (ProxyState::NearPart& slot : state_.slots_) slot.part = ProxyState::kNoPart;
+      state_.near_count_ = 0;
+      state_.near_.forget();
       state_.known_ = false;
       state_.warm_.forget();
       state_.friction_.forget();
@@ -51,6 +56,7 @@ class Tick {
     offset_ = state_.proxy_ - probe_;
     const int parts = bodies_.empty() ? 1 : planMotion(report);
     if (!state_.known_) lookRound(report);
+    if (!scene_.parts.empty()) meetParts(report);
     for (int part = 1; part <= parts && good; ++part) {
       if (!bodies_.empty()) moveBodies(part, parts);
       good = follow(parts - part, report);
@@ -81,11 +87,19 @@ class Tick {
     bool near = true;   ///< To where properties were read last.
     Vec3 lift = Vec3::Zero();  ///< What met a surface went so far above the proxy's own way [m].
   };
+  /// A graph that is felt in this tick, and what is remembered of it.
+  struct Felt {
+    BoundGraph bound;
+    Properties* properties = nullptr;
+    ModeMemory* memories = nullptr;
+
+    [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
+  };
   /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
   struct Rail {
-    bool laid = false;  ///< For the way from this proxy.
-    int mode = -1;      ///< -1: no line holds.
-    Primitive line;     ///< The tangent where the curve led.
+    bool laid = false;               ///< For the way from this proxy.
+    const ModeMemory* of = nullptr;  ///< The mode's; null: no line holds.
+    Primitive line;                  ///< The tangent where the curve led.
     /// How much farther on the probe would have to be for that to be the balance [m]: the curve led
     /// aside of the tangent, and what the tangent held is not all across the new one.
     Vec3 waiting = Vec3::Zero();
@@ -95,10 +109,113 @@ class Tick {
   void lookRound(StepReport& report) noexcept {
     for (Body& body : bodies_) body.seen = body.pose.toRest(state_.proxy_);
     for (Body& body : bodies_) body.carried = state_.proxy_;
-    report.samples += reader_.sample(scene_, state_.proxy_, state_.properties_, bodies_);
+    report.samples += felt_[0].bound.sample(state_.proxy_, state_.properties_, bodies_);
     read_at_ = state_.proxy_;
     placePrimitives(false, report);  // for what modes remember
     state_.known_ = true;
+  }
+
+  /// The parts that the proxy can come to in this tick.
+  void meetParts(StepReport& report) noexcept {
+    Box way;
+    way.extend(state_.proxy_);
+    way.extend(probe_);
+    std::span<const std::uint32_t> near = state_.near_.near(scene_.bounds, way);
+    const bool fits = near.size() <= kMaxNearParts && state_.near_.complete();
+    if (!fits) near = strongest(way, report);
+    if (!fits || state_.near_.asked()) keep(near, report);
+    for (const std::uint8_t slot : state_.nearOrder()) {
+      ProxyState::NearPart& part = state_.slots_[slot];
+      felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
+                              part.memories.data()};
+    }
+    report.parts = static_cast<int>(state_.near_count_);
+  }
+
+  /// Where there is no room for all parts that a way meets: those that can hold most, the first of
+  /// equals, in the order of the scene.
+  std::span<const std::uint32_t> strongest(const Box& way, StepReport& report) noexcept {
+    auto& found = state_.crowd_;
+    const std::size_t all = scene_.bounds.meeting(way, found);
+    const auto begin = found.begin();
+    const auto end = begin + static_cast<std::ptrdiff_t>(std::min(all, found.size()));
+    const auto room = std::min(begin + kMaxNearParts, end);
+    std::nth_element(begin, room, end, [&](std::uint32_t a, std::uint32_t b) {
+      const double most = scene_.parts[a].most;
+      return most > scene_.parts[b].most || (most == scene_.parts[b].most && a < b);
+    });
+    for (auto left = room; left != end; ++left) report.missing += scene_.parts[*left].most;
+    const std::size_t unknown = all - static_cast<std::size_t>(end - begin);
+    report.missing += static_cast<double>(unknown) * scene_.strongest_part;
+    report.left_out = static_cast<int>(all - static_cast<std::size_t>(room - begin));
+    std::sort(begin, room);
+    return {found.data(), static_cast<std::size_t>(room - begin)};
+  }
+
+  /// Only these parts from now on; what is remembered of those that were there stays.
+  ///
+  /// @pre near ascends.
+  void keep(std::span<const std::uint32_t> near, StepReport& report) noexcept {
+    for (const std::uint8_t slot : state_.nearOrder()) {
+      std::size_t& part = state_.slots_[slot].part;
+      if (!std::binary_search(near.begin(), near.end(), part)) part = ProxyState::kNoPart;
+    }
+    const std::array<std::uint8_t, kMaxNearParts> before = state_.order_;
+    const std::size_t known = state_.near_count_;
+    state_.near_count_ = 0;
+    std::size_t old = 0;
+    std::uint8_t free = 0;
+    for (const std::uint32_t part : near) {
+      while (old < known && (state_.slots_[before[old]].part == ProxyState::kNoPart ||
+                             state_.slots_[before[old]].part < part)) {
+        ++old;
+      }
+      std::uint8_t& slot = state_.order_[state_.near_count_++];
+      if (old < known && state_.slots_[before[old]].part == part) {
+        slot = before[old];
+        continue;
+      }
+      while (state_.slots_[free].part != ProxyState::kNoPart) ++free;
+      slot = free;
+      meet(part, slot, report);
+    }
+  }
+
+  /// A part that is new here: properties where the proxy is.
+  void meet(std::size_t part, std::size_t slot, StepReport& report) noexcept {
+    ProxyState::NearPart& fresh = state_.slots_[slot];
+    fresh.part = part;
+    fresh.memories.fill({});
+    const BoundGraph bound = reader_.bind(scene_, part, slot);
+    report.samples += bound.sample(state_.proxy_, fresh.properties);
+    const Stand stand{state_.proxy_, state_.proxy_, probe_, nullptr};
+    state_.primitives_.clear();
+    for (std::size_t i = 0; i < bound.graph->modes.size(); ++i) {
+      (void)addPrimitives(bound.graph->modes[i], fresh.properties, stand, fresh.memories[i],
+                          state_.primitives_);
+    }
+  }
+
+  [[nodiscard]] std::span<const Felt> felt() const noexcept { return {felt_.data(), felt_count_}; }
+
+  /// Calls back with every mode that is felt, and what is remembered of it, until that returns
+  /// true. True if one has.
+  template <class Do>
+  bool anyMode(Do&& look) const noexcept {
+    for (const Felt& felt : this->felt()) {
+      const auto& modes = felt.graph().modes;
+      for (std::size_t i = 0; i < modes.size(); ++i) {
+        if (look(modes[i], felt.memories[i], felt, i)) return true;
+      }
+    }
+    return false;
+  }
+  template <class Do>
+  void eachMode(Do&& look) const noexcept {
+    (void)anyMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+      look(mode, memory, felt, i);
+      return false;
+    });
   }
 
   /// The volumes stand; the proxy goes where the balance puts it. First by the primitives of the
@@ -142,22 +259,20 @@ class Tick {
   /// True where properties were read so far behind a surface that holds that no proxy belongs
   /// there: between walls that meet at an acute angle a plane may lead behind another one.
   [[nodiscard]] bool behindAWall() const noexcept {
-    const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) {
-      const auto* mode = std::get_if<IsosurfaceMode>(&modes[i]);
-      const ModeMemory& memory = state_.memories_[i];
-      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) continue;
-      if (depthOf(*mode, state_.properties_) > kDeep && !givesWay(*mode, target_, memory))
-        return true;
-    }
-    return false;
+    return anyMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
+      const auto* mode = std::get_if<IsosurfaceMode>(&any);
+      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return false;
+      return depthOf(*mode, *felt.properties) > kDeep && !givesWay(*mode, target_, memory);
+    });
   }
 
   /// Properties at a place.
   void read(const Vec3& at, StepReport& report) noexcept {
     ++report.substeps;
     for (Body& body : bodies_) body.seen = body.pose.toRest(at);
-    report.samples += reader_.sample(scene_, at, state_.properties_, bodies_);
+    for (const Felt& felt : this->felt()) {
+      report.samples += felt.bound.sample(at, *felt.properties, bodies_);
+    }
     read_at_ = at;
     sampled_ = true;
   }
@@ -166,7 +281,7 @@ class Tick {
   bool balance(bool foreseen, StepReport& report) noexcept {
     placePrimitives(foreseen, report);
     // What the curve led aside of the tangent waits for the next tick.
-    const bool on_rail = rail_.mode >= 0;
+    const bool on_rail = rail_.of != nullptr;
     const double k = state_.stiffness_.value;
     const Vec3 probe = on_rail ? Vec3(probe_ + rail_.waiting) : probe_;
     const SolveResult solved =
@@ -183,8 +298,9 @@ class Tick {
     }
     target_ = solved.proxy;
     offset_of_balance_ = on_rail ? Vec3(solved.proxy - probe_) : solved.offset;
-    const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) weigh(modes[i], target_, state_.memories_[i]);
+    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+      weigh(mode, target_, memory);
+    });
     return true;
   }
 
@@ -211,98 +327,101 @@ class Tick {
   /// The first line that holds the proxy: along the curve instead of its tangent.
   void layRail(Way& way, StepReport& report) noexcept {
     rail_.laid = true;
-    const Graph& graph = scene_.graph;
     std::size_t first = 0;
-    for (std::size_t i = 0; i < graph.modes.size(); ++i) {
-      ModeMemory& memory = state_.memories_[i];
+    (void)anyMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t i) {
       const std::size_t index = first;
       first += static_cast<std::size_t>(memory.emitted);
-      const auto* mode = std::get_if<FollowMode>(&graph.modes[i]);
-      if (mode == nullptr || mode->field < 0 || memory.emitted == 0) continue;
-      const Primitive& line = state_.primitives_.items()[index];
-      const Vec3 go = way.end - line.position;
-      const Vec3 aside = target_ - line.position;
-      constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
-      constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
-      if ((aside - line.direction.dot(aside) * line.direction).norm() > kOn * mode->voxel) continue;
-      if (std::abs(line.direction.dot(go)) < kStays * mode->voxel) continue;
-      const Body* body = bodyOf(graph.mode_motions[i]);
-      TraceOrder order;
-      order.length = line.direction.dot(go);
-      order.along = line.direction;
-      // What the line holds against: the hand, or what other primitives leave of it.
-      order.hand = order.length * line.direction - state_.forces_[index] / state_.stiffness_.value;
-      if (body != nullptr) {
-        order.along = body->pose.rotation.transpose() * order.along;
-        order.hand = body->pose.rotation.transpose() * order.hand;
-      }
-      order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
-      order.stride = memory.stride;
-      const Trace trace =
-          reader_.trace(scene_, mode->field,
-                        body == nullptr ? line.position : body->pose.toRest(line.position), order);
-      memory.stride = trace.stride;
-      report.traced += trace.samples;
-      const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
-      const Vec3 ahead =
-          body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
-      // Where the stream or its data end the rest is gone straight on.
-      const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
-      const Vec3 on = line.direction.dot(go) * line.direction;
-      const Vec3 shift = curve + rest * line.direction - (line.position + on);
-      // A curve that leads farther off its tangent than the line's strength reaches cannot be held.
-      const double k = state_.stiffness_.value;
-      const Vec3 waiting = shift + ahead.dot(state_.forces_[index]) / k * ahead;
-      if (!(waiting.norm() <= line.strength / k)) return;
-      rail_.mode = static_cast<int>(i);
-      rail_.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
-      rail_.waiting = waiting;
-      way.end += shift;
-      way.clear = false;  // but to where properties are to be read
-      if (trace.hairpin) worsen(report, StepStatus::kHairpin);
-      if (trace.capped) worsen(report, StepStatus::kSubstepLimit);
-      return;
+      const auto* mode = std::get_if<FollowMode>(&any);
+      if (mode == nullptr || mode->field < 0 || memory.emitted == 0) return false;
+      return layAlong(*mode, memory, felt, i, index, way, report);
+    });
+  }
+
+  /// Primitive `index` of mode i of what is felt. True if it holds.
+  bool layAlong(const FollowMode& mode, ModeMemory& memory, const Felt& felt, std::size_t i,
+                std::size_t index, Way& way, StepReport& report) noexcept {
+    const Primitive& line = state_.primitives_.items()[index];
+    const Vec3 go = way.end - line.position;
+    const Vec3 aside = target_ - line.position;
+    constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
+    constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
+    if ((aside - line.direction.dot(aside) * line.direction).norm() > kOn * mode.voxel)
+      return false;
+    if (std::abs(line.direction.dot(go)) < kStays * mode.voxel) return false;
+    const Body* body = bodyOf(felt.graph().mode_motions[i]);
+    TraceOrder order;
+    order.length = line.direction.dot(go);
+    order.along = line.direction;
+    // What the line holds against: the hand, or what other primitives leave of it.
+    order.hand = order.length * line.direction - state_.forces_[index] / state_.stiffness_.value;
+    if (body != nullptr) {
+      order.along = body->pose.rotation.transpose() * order.along;
+      order.hand = body->pose.rotation.transpose() * order.hand;
     }
+    order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
+    order.stride = memory.stride;
+    const Trace trace = felt.bound.trace(
+        mode.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
+    memory.stride = trace.stride;
+    report.traced += trace.samples;
+    const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
+    const Vec3 ahead =
+        body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
+    // Where the stream or its data end the rest is gone straight on.
+    const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
+    const Vec3 on = line.direction.dot(go) * line.direction;
+    const Vec3 shift = curve + rest * line.direction - (line.position + on);
+    // A curve that leads farther off its tangent than the line's strength reaches cannot be held.
+    const double k = state_.stiffness_.value;
+    const Vec3 waiting = shift + ahead.dot(state_.forces_[index]) / k * ahead;
+    if (!(waiting.norm() <= line.strength / k)) return true;
+    rail_.of = &memory;
+    rail_.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
+    rail_.waiting = waiting;
+    way.end += shift;
+    way.clear = false;  // but to where properties are to be read
+    if (trace.hairpin) worsen(report, StepStatus::kHairpin);
+    if (trace.capped) worsen(report, StepStatus::kSubstepLimit);
+    return true;
   }
 
   /// Cuts a way where it first meets a surface from the free side.
   void meetSurfaces(Way& way, StepReport& report) noexcept {
-    const Graph& graph = scene_.graph;
     double share = 1.0;
     Vec3 end = way.end;
     ModeMemory* met = nullptr;
-    for (std::size_t i = 0; i < graph.modes.size(); ++i) {
-      const auto* mode = std::get_if<IsosurfaceMode>(&graph.modes[i]);
-      ModeMemory& memory = state_.memories_[i];
-      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) continue;
-      if (givesWay(*mode, target_, memory)) continue;
+    eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
+      const Graph& graph = felt.graph();
+      const auto* mode = std::get_if<IsosurfaceMode>(&any);
+      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
+      if (givesWay(*mode, target_, memory)) return;
       const auto field = static_cast<std::size_t>(mode->skin.field);
       const Body* body = bodyOf(graph.scalar_motions[field]);
       const Vec3 lift = liftOff(*mode, memory);
       // What led to the last reading is known to be free.
       Vec3 from = (sampled_ ? read_at_ : state_.proxy_) + lift;
       Vec3 to = way.end + lift;
-      if (memory.placed && (to - from).norm() < kSeen * mode->skin.voxel && sampled_) continue;
+      if (memory.placed && (to - from).norm() < kSeen * mode->skin.voxel && sampled_) return;
       if (body != nullptr) {
         from = sampled_ ? body->pose.toRest(from)
                         : Vec3(body->from + body->pose.rotation.transpose() * lift);
         to = body->pose.toRest(to);
       }
-      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) continue;
+      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return;
       // Where it has no strength there is nothing to meet.
-      if (!(mode->strength.at(state_.properties_, mode->skin.value, mode->level) > 0.0)) continue;
-      const Crossing crossing = reader_.firstFall(scene_, mode->skin, mode->level, from, to);
+      if (!(mode->strength.at(*felt.properties, mode->skin.value, mode->level) > 0.0)) return;
+      const Crossing crossing = felt.bound.firstFall(mode->skin, mode->level, from, to);
       report.walked += crossing.cells;
       // A way that is all behind it begins behind another of its walls: that is met at once.
-      if (!crossing.found && !crossing.behind) continue;
+      if (!crossing.found && !crossing.behind) return;
       const double at_share = crossing.found ? crossing.share : 0.0;
-      if (met != nullptr && at_share >= share) continue;
+      if (met != nullptr && at_share >= share) return;
       share = at_share;
       way.lift = lift;
       const Vec3 at = from + share * (to - from);
       end = body == nullptr ? at : body->pose(at);
       met = &memory;
-    }
+    });
     if (met == nullptr) return;
     met->touched = true;
     // Where nothing of it held the proxy before, there it has come to.
@@ -325,44 +444,37 @@ class Tick {
 
   /// True while another reading would move the balance by more than the tolerance.
   [[nodiscard]] bool doubtful() const noexcept {
-    const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) {
-      if (doubt(modes[i], target_, state_.memories_[i]) > kSure * scene_.step.tolerance_voxels) {
-        return true;
-      }
-    }
-    return false;
+    return anyMode([&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
+      return doubt(mode, target_, memory) > kSure * scene_.step.tolerance_voxels;
+    });
   }
 
   void placePrimitives(bool foreseen, StepReport& report) noexcept {
     state_.primitives_.clear();
-    const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) {
-      ModeMemory& memory = state_.memories_[i];
-      if (static_cast<int>(i) == rail_.mode) {
+    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+      if (&memory == rail_.of) {
         memory.emitted = 1;
         if (!state_.primitives_.tryAdd(rail_.line)) {
           memory.emitted = 0;
           worsen(report, StepStatus::kDropped);
         }
-        continue;
+        return;
       }
-      const Body* body = bodyOf(scene_.graph.mode_motions[i]);
+      const Body* body = bodyOf(felt.graph().mode_motions[i]);
       const Vec3& p = body == nullptr ? state_.proxy_ : body->carried;
       const Pose* pose = body == nullptr ? nullptr : &body->pose;
       const Stand stand{p, foreseen ? p : read_at_, probe_, pose, foreseen};
-      if (!addPrimitives(modes[i], state_.properties_, stand, memory, state_.primitives_)) {
+      if (!addPrimitives(mode, *felt.properties, stand, memory, state_.primitives_)) {
         worsen(report, StepStatus::kDropped);
       }
-    }
+    });
     if (!foreseen) report.primitives = static_cast<int>(state_.primitives_.size());
   }
 
   void settleModes() noexcept {
-    const auto& modes = scene_.graph.modes;
-    for (std::size_t i = 0; i < modes.size(); ++i) {
-      settle(modes[i], state_.proxy_, target_, state_.memories_[i]);
-    }
+    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+      settle(mode, state_.proxy_, target_, memory);
+    });
   }
 
   [[nodiscard]] const Body* bodyOf(int motion) const noexcept {
@@ -372,18 +484,20 @@ class Tick {
   /// Calls back with the frame and the motion of every field.
   template <class Do>
   void eachField(Do&& look) const noexcept {
-    const Graph& graph = scene_.graph;
-    for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
-      look(graph.scalar_frames[i], graph.scalar_motions[i]);
-    }
-    for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
-      look(graph.vector_frames[i], graph.vector_motions[i]);
+    for (const Felt& felt : this->felt()) {
+      const Graph& graph = felt.graph();
+      for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
+        look(graph.scalar_frames[i], graph.scalar_motions[i]);
+      }
+      for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
+        look(graph.vector_frames[i], graph.vector_motions[i]);
+      }
     }
   }
 
   /// True if a box of a field's own frame comes near its data.
   [[nodiscard]] static bool meets(const Box& way, const FieldFrame& frame) noexcept {
-    const double margin = 2.0 * frame.voxel;
+    const double margin = kFrameMargin * frame.voxel;
     const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
                        (way.upper.array() < frame.bounds.lower.array() - margin).any();
     return !apart;
@@ -408,8 +522,10 @@ class Tick {
           if (meets(way, frame)) reach = std::min(reach, frame.voxel);
         }
       };
-      meet(scene_.graph.scalar_frames);
-      meet(scene_.graph.vector_frames);
+      for (const Felt& felt : this->felt()) {
+        meet(felt.graph().scalar_frames);
+        meet(felt.graph().vector_frames);
+      }
       return reach;
     }
     eachField([&](const FieldFrame& frame, int motion) {
@@ -501,7 +617,7 @@ class Tick {
       body.carry.rotation = body.pose.rotation * last.rotation.transpose();
       body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
     }
-    reader_.turn(scene_, state_.properties_, bodies_);
+    felt_[0].bound.turn(state_.properties_, bodies_);
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
       const Body* body = bodyOf(scene_.graph.mode_motions[i]);
@@ -513,7 +629,9 @@ class Tick {
   Reader& reader_;
   const Vec3 probe_;
   ProxyState& state_;
-  const std::span<Body> bodies_;  ///< One for each of the scene's motions.
+  const std::span<Body> bodies_;              ///< One for each of the scene's motions.
+  std::array<Felt, 1 + kMaxNearParts> felt_;  ///< The scene's own graph, then near parts.
+  std::size_t felt_count_ = 1;
   Rail rail_;
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.

@@ -1,6 +1,7 @@
 /// The tick: read the hand, sample, balance, couple, limit. No clock, no thread, no device.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -52,10 +53,13 @@ struct StepReport {
                           ///< what bounds the work on the hand (docs/tick.md, Energy).
   int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
-  int samples = 0;                              ///< Field reads, all sub-steps.
-  int traced = 0;                               ///< Reads of vectors along streams.
-  int walked = 0;                               ///< Cells looked at for a surface on the way.
-  int primitives = 0;                           ///< Balanced in the last sub-step.
+  int samples = 0;       ///< Field reads, all sub-steps.
+  int traced = 0;        ///< Reads of vectors along streams.
+  int walked = 0;        ///< Cells looked at for a surface on the way.
+  int primitives = 0;    ///< Balanced in the last sub-step.
+  int parts = 0;         ///< Of the scene's, that were near enough to be asked.
+  int left_out = 0;      ///< Parts that were there and for which there was no room: the weakest.
+  double missing = 0.0;  ///< By so much at most the force is off for that [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
   StepStatus status = StepStatus::kConverged;
   bool limited = false;  ///< limitForce changed the force.
@@ -70,6 +74,8 @@ class ProxyState {
   explicit ProxyState(const ForceLimits& limits = {})
       : limits_(limits),
         memories_(kMaxModes),
+        slots_(kMaxNearParts),
+        crowd_(NearBoxes::kMost),
         bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
 
@@ -118,8 +124,21 @@ class ProxyState {
   }
   /// Graph::motions as the last sub-step saw them; the scene's come first, others mean nothing.
   [[nodiscard]] std::span<const Body> bodies() const noexcept { return bodies_; }
-  /// What mode i of the scene remembers, i < kMaxModes.
+  /// What mode i of the scene's own graph remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
+  /// A part that is felt.
+  struct NearPart {
+    std::size_t part = kNoPart;  ///< Index into Scene::parts; kNoPart: none.
+    Properties properties;
+    std::array<ModeMemory, kMaxPartModes> memories;
+  };
+  static constexpr std::size_t kNoPart = static_cast<std::size_t>(-1);
+  /// Those of the last tick are the first `StepReport::parts` of nearOrder().
+  [[nodiscard]] const NearPart& nearPart(std::size_t slot) const noexcept { return slots_[slot]; }
+  /// Slots in the order of their parts.
+  [[nodiscard]] std::span<const std::uint8_t> nearOrder() const noexcept {
+    return {order_.data(), near_count_};
+  }
 
  private:
   /// A new scene engages; where only numbers have changed, soon.
@@ -141,6 +160,11 @@ class ProxyState {
   ForceLimits limits_;
   double age_ = 0.0;  ///< Of the last tick's position [s].
   std::vector<ModeMemory> memories_;
+  std::vector<NearPart> slots_;
+  std::array<std::uint8_t, kMaxNearParts> order_{};
+  std::size_t near_count_ = 0;
+  NearBoxes near_;
+  std::vector<std::uint32_t> crowd_;  ///< Parts that a way meets, where there are too many.
   std::vector<Body> bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;

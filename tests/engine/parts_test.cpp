@@ -1,0 +1,288 @@
+/// Scenes of many parts: what is far costs nothing, and what is near feels as if it stood alone.
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "engine/error.h"
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::CountScope;
+using palpate::test::Random;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+const ForceLimits kOpen{1000.0, 1e9};
+
+/// A ball, with data in a cube of twice its size.
+struct Ball {
+  Vec3 centre = Vec3::Zero();
+  double radius = 0.02;
+  double strength = 3.0;
+  double friction = 0.0;
+};
+
+FieldPtr fieldOf(const Ball& ball) {
+  return makeSphere(ball.centre, ball.radius);
+}
+
+GraphSpec specOf(const Ball& ball, const std::string& name = "ball") {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kIsosurface;
+  spec.modes[0].of = name;
+  spec.modes[0].solid = Solid::kBelow;
+  spec.modes[0].strength = ball.strength;
+  spec.modes[0].friction = ball.friction;
+  return spec;
+}
+
+Part partOf(const Ball& ball) {
+  return makePart(specOf(ball), {{"ball", fieldOf(ball)}});
+}
+
+/// The balls as parts, each felt where it is.
+std::unique_ptr<const Scene> asParts(const std::vector<Ball>& balls,
+                                     const CouplingParams& coupling = {}) {
+  std::vector<Part> parts;
+  parts.reserve(balls.size());
+  for (const Ball& ball : balls) parts.push_back(partOf(ball));
+  return makeScene({}, {}, coupling, {}, std::move(parts));
+}
+
+/// The balls as volumes of one graph, which is asked in every tick.
+std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
+                                   const CouplingParams& coupling = {}) {
+  GraphSpec spec;
+  std::map<std::string, FieldPtr> fields;
+  for (std::size_t i = 0; i < balls.size(); ++i) {
+    const std::string name = "ball" + std::to_string(1000 + i);
+    fields[name] = fieldOf(balls[i]);
+    spec.modes.push_back(specOf(balls[i], name).modes[0]);
+  }
+  return makeScene(spec, fields, coupling);
+}
+
+struct Hand {
+  std::unique_ptr<const Scene> scene;
+  Reader reader;
+  ProxyState state{kOpen};
+
+  explicit Hand(std::unique_ptr<const Scene> felt) : scene(std::move(felt)) {}
+  StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, kDt); }
+};
+
+/// A hand's way through a room of the size.
+Vec3 wander(double time, double size) {
+  return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
+                     std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));
+}
+
+std::vector<Ball> someBalls(std::size_t count, double room, Random& random) {
+  std::vector<Ball> balls(count);
+  for (Ball& ball : balls) {
+    ball.centre = random.inCube(room);
+    ball.radius = random.uniform(0.01, 0.03);
+    ball.strength = random.uniform(1.0, 4.0);
+    ball.friction = random.uniform() < 0.5 ? 0.0 : random.uniform(0.1, 0.6);
+  }
+  return balls;
+}
+
+}  // namespace
+
+TEST_CASE("parts feel as volumes that are always asked", "[scale]") {
+  Random random(11);
+  long felt = 0;
+  for (int room = 0; room < 8; ++room) {
+    const std::vector<Ball> balls = someBalls(30, 0.08, random);
+    Hand parts(asParts(balls));
+    Hand one(asOne(balls));
+    long near = 0;
+    for (int i = 0; i < 4000; ++i) {
+      const Vec3 hand = wander(i * kDt * (room % 2 == 0 ? 1.0 : 5.0) + room, 0.08);
+      const StepReport a = parts.step(hand);
+      const StepReport b = one.step(hand);
+      CAPTURE(room, i);
+      REQUIRE(a.left_out == 0);
+      REQUIRE(a.status == b.status);
+      felt += b.wanted.norm() > 0.1 ? 1 : 0;
+      near += a.parts;
+      REQUIRE((a.wanted - b.wanted).norm() <= 1e-9);
+    }
+    CHECK(near < 4000 * 25);
+  }
+  CHECK(felt > 2000);
+}
+
+TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
+  Random random(3);
+  std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);
+  // Two that overlap, where nothing else is.
+  const Vec3 at(0.0, 0.0, 1.5);
+  balls[17] = {at, 0.02, 3.0, 0.2};
+  balls[balls.size() - 5] = {at + Vec3(0.015, 0, 0), 0.02, 2.0, 0.0};
+  Hand many(asParts(balls));
+  Hand two(asParts({balls[17], balls[balls.size() - 5]}));
+  const auto hand = [&](int i) {
+    const double turn = 2e-3 * i;
+    return Vec3(at + 0.018 *
+                         Vec3(std::cos(turn), std::sin(turn) * std::cos(0.3 * turn),
+                              std::sin(turn) * std::sin(0.3 * turn)) *
+                         (1.2 - 0.3 * std::min(1.0, i / 500.0)));
+  };
+  for (int i = 0; i < 500; ++i) (void)many.step(hand(i)), (void)two.step(hand(i));
+  long allocations = 0;
+  double felt = 0.0;
+  for (int i = 500; i < 3000; ++i) {
+    StepReport a;
+    {
+      const CountScope scope;
+      a = many.step(hand(i));
+      allocations += CountScope::counts().allocations;
+    }
+    const StepReport b = two.step(hand(i));
+    REQUIRE(a.parts == 2);
+    REQUIRE(a.samples == b.samples);
+    REQUIRE(a.iterations == b.iterations);
+    REQUIRE(a.wanted == b.wanted);
+    felt = std::max(felt, a.wanted.norm());
+  }
+  CHECK(felt > 1.0);
+  CHECK(allocations == 0);
+  // Far from all of them nothing is read.
+  for (int i = 0; i < 500; ++i) (void)many.step({0, 0, 1.5 + 2e-3 * i});
+  const StepReport away = many.step({0, 0, 2.5});
+  CHECK(away.wanted == Vec3::Zero());
+  CHECK(away.samples == 0);
+  CHECK(away.parts == 0);
+}
+
+TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
+  Random random(9);
+  const std::vector<Ball> balls = someBalls(30, 0.3, random);
+  long allocations = 0;
+  long felt = 0;
+  long most = 0;
+  for (int run = 0; run < 30; ++run) {
+    Hand parts(asParts(balls));
+    Hand one(asOne(balls));
+    // At 2 m/s through the room, past a ball's middle.
+    const Vec3 from = random.inCube(0.3);
+    const Vec3 through = balls[static_cast<std::size_t>(run)].centre;
+    const Vec3 way = 2.0 * kDt * (through - from).normalized();
+    for (int i = 0; i < 400; ++i) {
+      StepReport a;
+      {
+        const CountScope scope;
+        a = parts.step(from + i * way);
+        allocations += CountScope::counts().allocations;
+      }
+      const StepReport b = one.step(from + i * way);
+      CAPTURE(run, i);
+      REQUIRE((a.wanted - b.wanted).norm() <= 1e-9);
+      felt += b.wanted.norm() > 0.1 ? 1 : 0;
+      most = std::max<long>(most, a.parts);
+    }
+  }
+  CHECK(allocations == 0);
+  CHECK(felt > 100);
+  CHECK(most < 30);
+}
+
+TEST_CASE("where there is no room for all parts the strongest are felt", "[scale]") {
+  // Seventy balls about one place; a graph of thirty and forty parts holds them all.
+  Random random(5);
+  std::vector<Ball> balls(70);
+  for (std::size_t i = 0; i < balls.size(); ++i) {
+    balls[i].centre = random.inCube(0.002);
+    balls[i].radius = 0.02;
+    balls[i].strength = i % 11 == 3 ? 0.02 : 0.2 + 1e-3 * static_cast<double>(i);
+  }
+  std::vector<Ball> strong = balls;
+  std::stable_sort(strong.begin(), strong.end(),
+                   [](const Ball& a, const Ball& b) { return a.strength > b.strength; });
+  const std::vector<Ball> weak(strong.begin() + 64, strong.end());
+  strong.resize(64);
+  double most = 0.0;
+  for (const Ball& ball : weak) most += partOf(ball).most;
+
+  CouplingParams stiff;
+  stiff.stiffness = 1000.0;
+  Hand crowd(asParts(balls, stiff));
+  Hand chosen(asParts(strong, stiff));
+  std::vector<Part> rest;
+  GraphSpec spec;
+  std::map<std::string, FieldPtr> fields;
+  for (std::size_t i = 0; i < balls.size(); ++i) {
+    if (i >= 30) {
+      rest.push_back(partOf(balls[i]));
+      continue;
+    }
+    const std::string name = "ball" + std::to_string(1000 + i);
+    fields[name] = fieldOf(balls[i]);
+    spec.modes.push_back(specOf(balls[i], name).modes[0]);
+  }
+  Hand all(makeScene(spec, fields, stiff, {}, std::move(rest)));
+  double off = 0.0;
+  double felt = 0.0;
+  for (int i = 0; i < 1500; ++i) {
+    const Vec3 hand(0.001, 0.002 * std::sin(0.01 * i), 0.04 - 2e-5 * std::min(i, 1100));
+    const StepReport c = crowd.step(hand);
+    const StepReport s = chosen.step(hand);
+    const StepReport a = all.step(hand);
+    CAPTURE(i);
+    REQUIRE(c.parts == 64);
+    REQUIRE(c.left_out == 6);
+    REQUIRE(c.missing == Approx(most));
+    REQUIRE(a.left_out == 0);
+    REQUIRE((c.wanted - s.wanted).norm() <= 1e-6);
+    off = std::max(off, (c.wanted - a.wanted).norm());
+    felt = std::max(felt, a.wanted.norm());
+  }
+  INFO("off " << off << " N of " << felt << ", bound " << most);
+  CHECK(felt > 2.5);
+  CHECK(off > 1e-3);
+  CHECK(off <= most);
+}
+
+TEST_CASE("what a part may not have is said", "[scale]") {
+  const auto says = [](const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields,
+                       const char* words) {
+    CHECK_THROWS_WITH(makePart(spec, fields), Catch::Contains(words));
+  };
+  const FieldPtr field = fieldOf({});
+  GraphSpec moving = specOf({});
+  const std::vector<Keyframe> still(1);
+  moving.motions["ball"] = std::make_shared<const Motion>(still);
+  says(moving, {{"ball", field}}, "a part moves");
+  GraphSpec varying = specOf({});
+  varying.stiffness = TransferSpec(500.0);
+  says(varying, {{"ball", field}}, "stiffness");
+  GraphSpec many = specOf({});
+  many.modes.resize(kMaxPartModes + 1, many.modes[0]);
+  says(many, {{"ball", field}}, "17 modes");
+  GraphSpec wide;
+  std::map<std::string, FieldPtr> fields;
+  for (std::size_t i = 0; i <= kMaxPartFields; ++i) {
+    const std::string name(1, static_cast<char>('a' + i));
+    fields[name] = field;
+    wide.modes.push_back(specOf({}, name).modes[0]);
+  }
+  says(wide, fields, "more than 8");
+  GraphSpec guide;
+  guide.modes.resize(1);
+  guide.modes[0].kind = ModeKind::kGuide;
+  guide.modes[0].strength = 1.0;
+  says(guide, {}, "no place of its own");
+  CHECK_THROWS_WITH(makeScene({}, {}), Catch::Contains("there is no mode"));
+}
