@@ -108,28 +108,22 @@ int main(int argc, char** argv) {
               "active %", "> 1 mJ %", "broken", "in debt", "worst J", "acts %", "takes %");
   const auto drawn = [](PassivityRun&) {};
   const auto wicked = [](PassivityRun& run) { run.adversary = true; };
+  // Half of the hands are adversaries.
   const auto lagging = [](PassivityRun& run) {
-    run.lag = run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
+    bench::letLag(run);
     run.adversary = run.seed % 2 == 0;
   };
-  // To either side by a thirtieth of a period to three, in half of the runs with amplifiers that
-  // lag as well.
   const auto doubtful = [](PassivityRun& run) {
-    run.doubt =
-        run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 103) / 103.0 - 1.5);
-    run.delay = std::max(run.delay, run.doubt);
+    bench::doubtDelay(run);
     run.adversary = run.seed % 2 == 0;
-    if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
   };
-  // Positions up to a period old.
   const auto shaken = [doubtful](PassivityRun& run) {
     doubtful(run);
-    run.jitters =
-        0.5 * run.period * std::pow(10.0, -1.5 * static_cast<double>(run.seed % 97) / 97.0);
+    bench::shakeReadings(run);
   };
   const auto untold = [doubtful](PassivityRun& run) {
     doubtful(run);
-    run.doubts = false;
+    run.tells_doubt = false;
   };
   const auto early = [](PassivityRun& run) {
     run.jitter = 0.9;
@@ -140,10 +134,6 @@ int main(int argc, char** argv) {
     run.delay = 0.0;
     run.adversary = run.seed % 2 == 0;
   };
-  for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {
-    show("at random", keeper, std::max(1L, runs / 10), drawn);
-    show("adversary", keeper, std::max(1L, runs / 10), wicked);
-  }
   show("at random", Keeper::kTank, runs, drawn);
   show("adversary", Keeper::kTank, std::max(1L, runs / 10), wicked);
   show("amplifiers that lag", Keeper::kTank, std::max(1L, runs / 10), lagging);
@@ -152,4 +142,8 @@ int main(int argc, char** argv) {
   show("... and not told", Keeper::kTank, std::max(1L, runs / 10), untold);
   show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
   show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);
+  for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {
+    show("at random", keeper, std::max(1L, runs / 10), drawn);
+    show("adversary", keeper, std::max(1L, runs / 10), wicked);
+  }
 }

@@ -233,6 +233,30 @@ PassivityRun randomRun(std::uint64_t seed, bool fractional) {
   return run;
 }
 
+namespace {
+
+/// Evenly over logarithms, by the run's number.
+double within(double least, double most, std::uint64_t seed, std::uint64_t cycle) {
+  const double share = static_cast<double>(seed % cycle) / static_cast<double>(cycle);
+  return least * std::pow(most / least, share);
+}
+
+}  // namespace
+
+void letLag(PassivityRun& run) {
+  run.lag = run.period * within(0.03, 3.0, run.seed, 101);
+}
+
+void doubtDelay(PassivityRun& run) {
+  run.doubt = run.period * within(0.03, 3.0, run.seed, 103);
+  run.delay = std::max(run.delay, run.doubt);
+  if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
+}
+
+void shakeReadings(PassivityRun& run) {
+  run.reading_jitter = 0.5 * run.period * within(0.03, 1.0, run.seed, 97);
+}
+
 PassivityResult play(const PassivityRun& run, Keeper keeper) {
   Draw draw(run.seed + 99);
   Scene scene(run, draw);
@@ -243,11 +267,11 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
   params.arm.coulomb = run.known_coulomb * run.coulomb;
   params.arm.step = std::sqrt(3.0) * run.encoder;
   params.arm.delay = run.delay;
-  params.arm.doubt = run.doubts ? run.doubt : 0.0;
-  if (run.doubts) {
-    params.arm.delay += run.jitters;
-    params.arm.doubt += run.jitters;
-    params.arm.jitter = run.jitters;
+  params.arm.doubt = run.tells_doubt ? run.doubt : 0.0;
+  if (run.tells_doubt) {
+    params.arm.delay += run.reading_jitter;
+    params.arm.doubt += run.reading_jitter;
+    params.arm.jitter = run.reading_jitter;
   }
   params.arm.lag = run.lag;
   params.arm.period = run.period;
@@ -284,9 +308,9 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     const bool fresh = ticks % run.every == 0;
     if (fresh) {
       Vec3 at = x;
-      if (run.jitters > 0.0) {
+      if (run.reading_jitter > 0.0) {
         const double off = howLate(run.seed / 6, ticks, false, draw);
-        at = placeAt(past, time - run.jitters * (1.0 + off));
+        at = placeAt(past, time - run.reading_jitter * (1.0 + off));
       }
       read = (at / run.encoder).array().round().matrix() * run.encoder;
     }
@@ -296,11 +320,11 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
     Vec3 sent = wanted;
     if (keeper == Keeper::kObserver) sent = observer.control(wanted, read, dt, run.peak);
     if (keeper == Keeper::kTank)
-      sent *= tank.pass(wanted, read, fresh || !run.admits, dt, params, cap);
+      sent *= tank.pass(wanted, read, fresh || !run.tells_age, dt, params, cap);
     if (run.weak > 0.0 && draw.uniform(0, 1) < run.weak) {
       const double share = draw.uniform(0.0, 1.0);
       sent *= share;
-      if (run.weakens) tank.weaken(share, params.arm);
+      if (run.tells_weak) tank.weaken(share, params.arm);
     }
     // The last interval is judged when the tank has seen it.
     result.margin = std::min(result.margin, energy + tank.debt());
@@ -347,7 +371,7 @@ PassivityResult play(const PassivityRun& run, Keeper keeper) {
         moved = piece * v;
       }
       x += moved;
-      if (run.jitters > 0.0) past.push_back({time + static_cast<double>(i + 1) * piece, x});
+      if (run.reading_jitter > 0.0) past.push_back({time + static_cast<double>(i + 1) * piece, x});
       energy += -forces[i].dot(moved) + run.viscous * moved.squaredNorm() / piece +
                 run.coulomb * moved.norm();
     }

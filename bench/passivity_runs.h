@@ -23,7 +23,7 @@ inline constexpr int kActiveScenes = 8;
 
 enum class Keeper : std::uint8_t { kNobody, kObserver, kTank };
 
-/// One hand at one arm in one scene for two seconds.
+/// One hand at one arm in one scene.
 struct PassivityRun {
   double mass = 0.1;        ///< [kg]
   double viscous = 0.5;     ///< [N s/m], true.
@@ -32,21 +32,21 @@ struct PassivityRun {
   double period = 1e-3;     ///< [s]
   double jitter = 0.0;      ///< Ticks come after (1 - jitter) to 1 of the period.
   int every = 1;            ///< A new position comes every so many ticks,
-  bool admits = true;       ///< and the others are said to be old.
+  bool tells_age = true;    ///< and the others are said to be old.
   double late = 0.0;        ///< Share of ticks that come after up to ten periods.
   double delay = 0.0;       ///< [s]
   double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s],
-  bool doubts = true;       ///< which the tank is told.
-  double jitters = 0.0;     ///< Positions are up to twice so old, each by another time [s].
-  double lag = 0.0;         ///< [s]
-  double weak = 0.0;        ///< Share of ticks in which the motors give less than they are told,
-  bool weakens = true;      ///< which the tank is told.
-  double grip = 0.0;        ///< The hand's spring [N/m]; 0: it has let go.
-  double grip_damping = 0;  ///< [N s/m]
-  double release = 9.0;     ///< When it lets go [s].
-  bool adversary = false;   ///< The hand is no spring: it sees the next force and the encoder's
-                            ///< steps, and goes where that gives most.
-  double peak = 5.0;        ///< [N]
+  bool tells_doubt = true;  ///< which the tank is told, and the readings' jitter.
+  double reading_jitter = 0.0;  ///< Positions are up to twice so old, each by another time [s].
+  double lag = 0.0;             ///< [s]
+  double weak = 0.0;           ///< Share of ticks in which the motors give less than they are told,
+  bool tells_weak = true;      ///< which the tank is told.
+  double grip = 0.0;           ///< The hand's spring [N/m]; 0: it has let go.
+  double grip_damping = 0;     ///< [N s/m]
+  double release = 9.0;        ///< When it lets go [s].
+  bool adversary = false;      ///< The hand is no spring: it sees the next force and the encoder's
+                               ///< steps, and goes where that gives most.
+  double peak = 5.0;           ///< [N]
   double known_viscous = 1.0;  ///< Share that is known.
   double known_coulomb = 1.0;
   ActiveScene scene = ActiveScene::kWall;
@@ -55,13 +55,20 @@ struct PassivityRun {
   double wave = 1000.0;      ///< [rad/m]
   double amplitude = 1.0;    ///< [N]
   double seconds = 2.0;
-  std::uint64_t seed = 0;
+  std::uint64_t seed = 0;  ///< Of what is drawn on the way.
 };
 
 /// A run at random: the ranges of the design notes.
 ///
 /// @param fractional  Delays may be parts of a period as well.
 [[nodiscard]] PassivityRun randomRun(std::uint64_t seed, bool fractional);
+
+/// Amplifiers that lag by a thirtieth of a period to three.
+void letLag(PassivityRun& run);
+/// Delays that are off by a thirtieth of a period to three, half of them with amplifiers that lag.
+void doubtDelay(PassivityRun& run);
+/// Positions that are up to a period old.
+void shakeReadings(PassivityRun& run);
 
 struct PassivityResult {
   double least = 0.0;    ///< The lowest energy that the hand had put in, over all samples [J].

@@ -65,8 +65,8 @@ class HidInput {
 struct MeasuredArm {
   double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis.
   double coulomb = 0.0;  ///< [N], likewise.
-  double delay = 0.0;    ///< From a reading to the force that follows from it [s],
-  double doubt = 0.0;    ///< give or take [s].
+  double delay = 0.0;    ///< From a reading to the force that follows from it [s], the middle of
+  double doubt = 0.0;    ///< what the test leaves possible, and half its width [s].
   double mass = 0.0;     ///< [kg], the least along any axis.
 };
 

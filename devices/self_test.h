@@ -28,10 +28,11 @@ struct AxisResult {
   double viscous = 0.0;    ///< b [N s/m],
   double coulomb = 0.0;    ///< c [N],
   double bias = 0.0;       ///< gravity, a spring [N],
-  double delay = 0.0;      ///< and the force so much late [s];
+  double delay = 0.0;      ///< and from a position to the force that follows from it [s];
   double viscous_error = 0.0;  ///< standard errors of b, c
   double coulomb_error = 0.0;
-  double delay_error = 0.0;  ///< and the delay [s].
+  double delay_error = 0.0;  ///< and the delay [s], as if what is left were independent from row to
+                             ///< row: low, so whoever relies on them takes three, and more.
   bool fitted = false;
 };
 
@@ -58,11 +59,11 @@ class SelfTest {
   explicit SelfTest(const SelfTestParams& params = {});
 
   /// The force wanted; zero when it is done. `hand`: position and age; `now` [s], ascending;
-  /// `sent`: what has acted since the call before, limitForce having passed it [N].
+  /// `sent`: what limitForce let through after the call before [N]; when it acted the fit finds.
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
   [[nodiscard]] bool begun() const noexcept { return started_; }
-  /// When it is done.
+  /// When it is done. Fits every axis for some sixty delays: not in a tick.
   [[nodiscard]] SelfTestResult result() const;
 
  private:

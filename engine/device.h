@@ -48,8 +48,9 @@ class Device {
   /// Sends a force [N] that has passed limitForce; it holds until the next one. A device in virtual
   /// time moves on by one tick. RT: no allocation, no lock.
   virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
-  /// Share of the force that was written last that the motors can give, 0 to 1, direction kept.
-  /// What else they do to it is ForceLimits::tank's to know.
+  /// What the motors' limits leave of the force that was written last, 0 to 1, direction kept;
+  /// asked after every write. Rounding, lag and delay are ArmDissipation's. RT: no allocation, no
+  /// lock.
   [[nodiscard]] virtual double given() const noexcept PALPATE_NONBLOCKING { return 1.0; }
   /// True when there is nothing more to read, as at the end of a recorded path.
   [[nodiscard]] virtual bool ended() const noexcept { return false; }

@@ -24,10 +24,10 @@ ForceLimits gently(ForceLimits limits, bool hand, double rate) noexcept {
 }
 
 const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate) {
-  const auto require = [&](bool good, const char* what, double value) {
+  const auto require = [&](bool good, const char* what, double value,
+                           const char* remedy = "give a positive number") {
     if (good) return;
-    throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value),
-                      "give a positive number");
+    throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
   };
   const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
   require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
@@ -44,13 +44,19 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
     const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
     require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
     require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
-    for (const double x : {arm.coulomb, arm.step, arm.delay, arm.doubt, arm.jitter, arm.lag,
-                           arm.period, limits.tank.refill}) {
-      require(no_less(x), "a number of the tank", x);
-    }
-    require(arm.doubt <= arm.delay, "the doubt of a delay, at most all of it,", arm.doubt);
-    require(arm.jitter <= arm.doubt, "the readings' jitter, at most the delay's doubt,",
-            arm.jitter);
+    const std::pair<const char*, double> numbers[] = {{"the tank's Coulomb friction", arm.coulomb},
+                                                      {"the tank's encoder step", arm.step},
+                                                      {"the tank's delay", arm.delay},
+                                                      {"the delay's doubt", arm.doubt},
+                                                      {"the positions' jitter", arm.jitter},
+                                                      {"the amplifiers' lag", arm.lag},
+                                                      {"the tank's longest period", arm.period},
+                                                      {"the tank's refill", limits.tank.refill}};
+    for (const auto& [what, x] : numbers) require(no_less(x), what, x, "give zero or more");
+    require(arm.doubt <= arm.delay, "the delay's doubt", arm.doubt,
+            "give at most the delay: no force comes before its reading");
+    require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
+            "give at most the delay's doubt, which contains it");
     const double most = static_cast<double>(Tank::kForces - 2) / (arm.delay + arm.doubt);
     if (rate >= most) {
       throw DeviceError(info.name,
@@ -59,7 +65,7 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
                         "use less than " + std::to_string(std::lround(most)) + " Hz");
     }
     require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
-            arm.period);
+            arm.period, "give at least 1/rate, or 0 for the loop's own");
   }
   require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
   return info;

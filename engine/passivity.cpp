@@ -234,7 +234,7 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   double share = 1.0;
   // Asked this way round a number that is none pays for nothing.
   if (!(reserve(wanted, arm) <= sure_)) {
-    // Convex in the share: where zero can be paid for, so can all up to the largest.
+    // Grows with the share: bisection finds the largest that can be paid for.
     double more = 1.0;
     share = 0.0;
     constexpr int kHalvings = 30;

@@ -86,8 +86,9 @@ std::unique_ptr<Device> makeDevice(const Options& options, const std::string& na
     host.refill = options.refill;
     auto arm = openArm(name, std::move(host)).device;
     if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
-      throw Error("--passive", "the friction of " + arm->info().name + " is not known",
-                  "run palpate devices --test " + name);
+      throw Error("--passive",
+                  "the friction of " + arm->info().name + " is not known, or less than its steps",
+                  "run palpate devices --test " + name + "; where it has passed, it is too coarse");
     }
     if (const double most = arm->profile().output_rate; options.rate > most && most > 0.0) {
       complain(fmt::format("feel: {} takes {} forces a second of {}: --rate {} leaves none out",

@@ -89,9 +89,7 @@ TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto lagging = [&](PassivityRun& run) {
       run.adversary = adversary;
-      // A thirtieth of a period to three.
-      run.lag =
-          run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 101) / 101.0 - 1.5);
+      bench::letLag(run);
       run.seconds = 1.0;
     };
     const Many tank = playMany(test::cases(120), Keeper::kTank, lagging);
@@ -104,11 +102,7 @@ TEST_CASE("an amplifier that lags changes nothing of it", "[passivity]") {
 TEST_CASE("a delay in doubt gives nothing where the tank is told how much", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto doubtful = [&](PassivityRun& run) {
-      // A thirtieth of a period to three, to either side.
-      run.doubt =
-          run.period * std::pow(10.0, 2.0 * static_cast<double>(run.seed % 103) / 103.0 - 1.5);
-      run.delay = std::max(run.delay, run.doubt);
-      if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
+      bench::doubtDelay(run);
       run.adversary = adversary;
       run.jitter = run.seed % 8 == 0 ? 0.5 : 0.0;
       run.every = run.seed % 16 == 1 ? 3 : 1;
@@ -120,7 +114,7 @@ TEST_CASE("a delay in doubt gives nothing where the tank is told how much", "[pa
     CHECK(told.debt == 0.0);
     const Many untold = playMany(240, Keeper::kTank, [&](PassivityRun& run) {
       doubtful(run);
-      run.doubts = false;
+      run.tells_doubt = false;
     });
     INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
     CHECK(untold.broken > 0);
@@ -130,8 +124,7 @@ TEST_CASE("a delay in doubt gives nothing where the tank is told how much", "[pa
 TEST_CASE("positions may be made at any time within their jitter", "[passivity]") {
   for (const bool adversary : {false, true}) {
     const auto shaken = [&](PassivityRun& run) {
-      run.jitters =
-          0.5 * run.period * std::pow(10.0, -1.5 * static_cast<double>(run.seed % 97) / 97.0);
+      bench::shakeReadings(run);
       run.doubt = run.seed % 3 == 0 ? 0.0 : std::min(run.delay, 0.4 * run.period);
       if (run.seed % 4 < 2) run.lag = 0.2 * run.period;
       run.adversary = adversary;
@@ -144,7 +137,7 @@ TEST_CASE("positions may be made at any time within their jitter", "[passivity]"
     CHECK(told.debt == 0.0);
     const Many untold = playMany(160, Keeper::kTank, [&](PassivityRun& run) {
       shaken(run);
-      run.doubts = false;
+      run.tells_doubt = false;
     });
     INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
     CHECK(untold.broken > 0);
@@ -334,7 +327,7 @@ TEST_CASE("motors that give less than they are told are reckoned with", "[passiv
   // adversary goes with it.
   const Many untold = playMany(120, Keeper::kTank, [](PassivityRun& run) {
     run.weak = 0.3;
-    run.weakens = false;
+    run.tells_weak = false;
     run.seconds = 1.0;
   });
   INFO("not told: " << untold.active << " active, worst " << untold.worst << " J");
@@ -587,7 +580,7 @@ TEST_CASE("a position that is read again says nothing of the time between", "[pa
   // Told as new they break it: the test can fail.
   const Many told = playMany(test::cases(100), Keeper::kTank, [](PassivityRun& run) {
     run.every = 4;
-    run.admits = false;
+    run.tells_age = false;
     run.seconds = 0.5;
   });
   CHECK(told.broken > 0);
