@@ -386,7 +386,8 @@ class Compiler {
 
   void addMode(std::size_t index) {
     const ModeSpec& mode = spec_.modes[index];
-    const std::string path = "/modes/" + std::to_string(index);
+    const std::size_t number = spec_.mode_numbers.empty() ? index : spec_.mode_numbers.at(index);
+    const std::string path = "/modes/" + std::to_string(number);
     const std::string name = mode.name.empty() ? path : mode.name;
     checkKeys(mode, path);
     current_ = {};
@@ -402,7 +403,7 @@ class Compiler {
     graph_.modes.push_back(compileMode(mode, path));
     graph_.mode_fields.push_back({support_, current_});
     graph_.mode_motions.push_back(motionOf(mode));
-    graph_.mode_sources.push_back(index);
+    graph_.mode_sources.push_back(number);
     graph_.mode_names.push_back(name);
   }
 

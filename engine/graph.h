@@ -151,6 +151,8 @@ struct GraphSpec {
                                              ///< pointer move together.
   std::optional<TransferSpec> stiffness;     ///< Coupling stiffness by a property [N/m]; none: as
                                              ///< CouplingParams says.
+  std::vector<std::size_t> mode_numbers;     ///< What each mode is called, as /modes/5, where these
+                                             ///< are some of another spec's; empty: its index.
 };
 
 /// A set of a graph's fields.
@@ -228,7 +230,7 @@ struct Graph {
   std::vector<Mode> modes;
   std::vector<ModeFields> mode_fields;    ///< One a mode.
   std::vector<int> mode_motions;          ///< Of what the mode is made of; -1: it stands still.
-  std::vector<std::size_t> mode_sources;  ///< Each mode's index in GraphSpec::modes.
+  std::vector<std::size_t> mode_sources;  ///< Each mode's number in GraphSpec.
   std::vector<std::string> mode_names;
   Transfer stiffness;        ///< [N/m]; no factors: constant.
   FieldSet stiffness_reads;  ///< Where they have data about the proxy; else the background counts.

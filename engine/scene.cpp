@@ -99,7 +99,7 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
       part.bounds.extend(frame.bounds.upper + margin);
     }
   }
-  for (const std::size_t i : graph.mode_sources) {
+  for (std::size_t i = 0; i < spec.modes.size(); ++i) {
     const ModeSpec& mode = spec.modes[i];
     if (mode.kind == ModeKind::kUser || mode.kind == ModeKind::kGuide) {
       throw SceneError("/modes/" + std::to_string(i), "a part's mode has no place of its own",

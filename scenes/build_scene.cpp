@@ -2,12 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <mutex>
 #include <set>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
 
 #include "engine/error.h"
+#include "scenes/plan_parts.h"
 #include "scenes/scene_cache.h"
 
 namespace palpate {
@@ -23,6 +27,17 @@ class Placer {
   Placer(const SceneSpec& spec, const std::map<std::string, std::shared_ptr<const Volume>>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
+  /// Of a volume that has instances, or of one that is placed like it.
+  Placement placementOf(const std::string& leader, std::size_t instance) {
+    const std::string path = at(spec_, fmt::format("/volumes/{}/instances/{}", leader, instance));
+    const PlaceSpec& place = spec_.volumes.at(leader).instances.at(instance);
+    if (place.kind == PlaceSpec::Kind::kLike || !place.keyframes.empty()) {
+      throw SceneError(path, "an instance has a place of its own and stands still",
+                       "give fit, unit or scale");
+    }
+    return compute(leader, place, path);
+  }
+  /// Of a volume's instances the first.
   Placement placementOf(const std::string& name) {
     const auto known = done_.find(name);
     if (known != done_.end()) return known->second;
@@ -31,12 +46,13 @@ class Placer {
       throw SceneError(path + "/like", "the volumes are placed like each other in a circle",
                        "place one of them by fit, unit or scale");
     }
-    return done_[name] = compute(name, path);
+    const VolumeSpec& volume = spec_.volumes.at(name);
+    return done_[name] =
+               volume.instances.empty() ? compute(name, volume.place, path) : placementOf(name, 0);
   }
 
  private:
-  Placement compute(const std::string& name, const std::string& path) {
-    const PlaceSpec& place = spec_.volumes.at(name).place;
+  Placement compute(const std::string& name, const PlaceSpec& place, const std::string& path) {
     const auto positive = [&](double value, const char* key) {
       if (!std::isfinite(value) || value <= 0.0) {
         throw SceneError(path + "/" + key, fmt::format("{} is not a finite number > 0", value),
@@ -188,6 +204,7 @@ class FieldComputer {
                                made->from, why};
       built_.volumes[name] = made->volume;
       built_.placements[name] = built_.placements.at(made->from);
+      built_.samplings[name] = sampling;
       built_.fields[name] = cache_.field(made->volume, built_.placements.at(name), sampling);
       graph.fields.erase(name);
     }
@@ -261,6 +278,108 @@ class FieldComputer {
   std::map<std::string, Made> made_;
 };
 
+/// The volume whose instances a volume stands at; empty where it stands once.
+std::string leaderOf(const SceneSpec& spec, const std::string& name) {
+  const std::string* leader = &name;
+  while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {
+    leader = &spec.volumes.at(*leader).place.like;
+  }
+  return spec.volumes.at(*leader).instances.empty() ? "" : *leader;
+}
+
+/// Builds the parts of a scene, each instance one, in parallel.
+class PartBuilder {
+ public:
+  PartBuilder(const SceneSpec& spec, BuiltScene& built, SceneCache& cache, Placer& placer)
+      : spec_(spec), built_(built), cache_(cache), placer_(placer) {}
+
+  /// What is left for the scene's own graph; the rest is built by build().
+  GraphSpec plan(const GraphSpec& graph) {
+    std::map<std::string, PlanVolume> volumes;
+    for (const auto& [name, field] : built_.fields) {
+      PlanVolume& volume = volumes[name];
+      const bool grid = built_.volumes.count(name) != 0;
+      if (grid) volume.leader = leaderOf(spec_, originOf(name));
+      volume.may_be_part = grid && built_.motions.count(name) == 0;
+    }
+    ScenePlan plan = planParts(graph, volumes);
+    plans_ = std::move(plan.parts);
+    return std::move(plan.base);
+  }
+
+  /// The fields that no part has.
+  [[nodiscard]] std::map<std::string, FieldPtr> otherFields() const {
+    std::map<std::string, FieldPtr> fields = built_.fields;
+    for (const PartPlan& plan : plans_) {
+      for (const std::string& name : plan.volumes) fields.erase(name);
+    }
+    return fields;
+  }
+
+  std::vector<Part> build(const Progress& progress) {
+    std::vector<SceneCache::Placed> wanted;
+    for (const PartPlan& plan : plans_) addJobs(plan, wanted);
+    const std::vector<FieldPtr> fields = cache_.fields(wanted);
+    std::vector<Part> parts(jobs_.size());
+    std::mutex mutex;
+    std::size_t done = 0;
+    constexpr std::size_t kTold = 64;  // parts at a time
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, jobs_.size(), kTold),
+                      [&](const auto& range) {
+                        for (std::size_t i = range.begin(); i < range.end(); ++i) {
+                          const Job& job = jobs_[i];
+                          std::map<std::string, FieldPtr> own;
+                          for (std::size_t j = 0; j < job.plan->volumes.size(); ++j) {
+                            own[job.plan->volumes[j]] = fields[job.first + j];
+                          }
+                          parts[i] = makePart(job.plan->graph, own);
+                        }
+                        if (!progress) return;
+                        const std::lock_guard lock(mutex);
+                        done += range.size();
+                        progress(static_cast<double>(done) / static_cast<double>(jobs_.size()));
+                      });
+    for (const Part& part : parts) {
+      built_.bounds.extend(part.bounds.lower);
+      built_.bounds.extend(part.bounds.upper);
+    }
+    return parts;
+  }
+
+ private:
+  struct Job {
+    const PartPlan* plan;
+    std::size_t first;  ///< Of its fields.
+  };
+
+  /// The volume of the scene that a volume is, or was computed from.
+  [[nodiscard]] std::string originOf(const std::string& name) const {
+    const auto computed = built_.computed.find(name);
+    return computed == built_.computed.end() ? name : computed->second.from;
+  }
+
+  void addJobs(const PartPlan& plan, std::vector<SceneCache::Placed>& wanted) {
+    const std::size_t count =
+        plan.leader.empty() ? 1 : spec_.volumes.at(plan.leader).instances.size();
+    built_.parts.push_back({jobs_.size(), count});
+    for (std::size_t i = 0; i < count; ++i) {
+      jobs_.push_back({&plan, wanted.size()});
+      for (const std::string& name : plan.volumes) {
+        const Placement place =
+            plan.leader.empty() ? built_.placements.at(name) : placer_.placementOf(plan.leader, i);
+        wanted.push_back({built_.volumes.at(name), place, built_.samplings.at(name)});
+      }
+    }
+  }
+
+  const SceneSpec& spec_;
+  BuiltScene& built_;
+  SceneCache& cache_;
+  Placer& placer_;
+  std::vector<PartPlan> plans_;
+  std::vector<Job> jobs_;
+};
+
 /// Guides that are given in a volume's units, into W; they move with it.
 void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& graph) {
   for (const auto& [i, name] : spec.guide_volumes) {
@@ -322,9 +441,9 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     for (const std::string& remark : remarks(volume->info())) {
       built.notes.push_back(fmt::format("{}: {}", at(spec, "/volumes/" + name), remark));
     }
+    built.samplings[name] = spec.volumes.at(name).sampling;
     try {
-      built.fields[name] =
-          things.field(volume, built.placements[name], spec.volumes.at(name).sampling);
+      built.fields[name] = things.field(volume, built.placements[name], built.samplings[name]);
     } catch (const VolumeError& e) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
@@ -341,7 +460,10 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     built.bounds.extend(box.upper);
   }
   try {
-    built.scene = makeScene(graph, built.fields, spec.coupling, spec.step);
+    PartBuilder parts(spec, built, things, placer);
+    const GraphSpec base = parts.plan(graph);
+    built.scene =
+        makeScene(base, parts.otherFields(), spec.coupling, spec.step, parts.build(progress));
   } catch (const SceneError& e) {
     if (spec.source.empty()) throw;
     throw SceneError::within(spec.source, e);

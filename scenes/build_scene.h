@@ -49,6 +49,8 @@ struct VolumeSpec {
   NonFinite non_finite = NonFinite::kRefuse;
   int smooth = 0;  ///< As LoadOptions, voxels.
   PlaceSpec place;
+  std::vector<PlaceSpec> instances;  ///< Where it stands instead, many times; not with kLike, no
+                                     ///< keyframes. What is placed like it stands there as well.
   Sampling sampling;
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
   FieldPtr field;                        ///< If set, of the above only the keyframes count.
@@ -73,16 +75,24 @@ struct ComputedField {
   std::string why;   ///< "mode "wall" needs its gradient"
 };
 
+/// Parts of a scene that are alike: the instances of the same volumes.
+struct PartGroup {
+  std::size_t first = 0;  ///< Index into Scene::parts,
+  std::size_t count = 0;  ///< one after the other.
+};
+
 /// A scene and what it was made of.
 struct BuiltScene {
   std::shared_ptr<const Scene> scene;                            ///< For any number of hands.
   std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
                                                                  ///< the computed fields.
-  std::map<std::string, Placement> placements;
+  std::map<std::string, Placement> placements;                   ///< Of many the first.
+  std::map<std::string, Sampling> samplings;                     ///< Of the volumes.
   std::map<std::string, FieldPtr> fields;    ///< All volumes, placed, as they rest.
   std::map<std::string, MotionPtr> motions;  ///< Of those that move.
   std::map<std::string, ComputedField> computed;
-  Box bounds;                      ///< Of all fields in W, wherever they move [m].
+  std::vector<PartGroup> parts;    ///< All of them, in the order of their modes.
+  Box bounds;                      ///< Of all fields in W, wherever they move or stand [m].
   std::vector<std::string> notes;  ///< What was filled or smoothed away, and what is valid but can
                                    ///< hardly be meant, one line each.
 };

@@ -1,9 +1,13 @@
 #include "scenes/scene_cache.h"
 
 #include <cstddef>
+#include <functional>
 #include <optional>
+#include <string>
 #include <system_error>
 #include <utility>
+
+#include <tbb/parallel_for.h>
 
 namespace palpate {
 
@@ -49,6 +53,44 @@ FieldPtr SceneCache::field(const std::shared_ptr<const Volume>& volume, const Pl
   const Placed key{volume, placement, sampling};
   if (const auto* known = fields_.find(key)) return *known;
   return fields_.keep(key, makeVdbField(volume, placement, sampling));
+}
+
+std::vector<FieldPtr> SceneCache::fields(const std::vector<Placed>& wanted) {
+  std::vector<FieldPtr> out(wanted.size());
+  std::vector<std::size_t> missing;
+  for (std::size_t i = 0; i < wanted.size(); ++i) {
+    if (const auto* known = fields_.find(wanted[i])) {
+      out[i] = *known;
+    } else {
+      missing.push_back(i);
+    }
+  }
+  tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t j) {
+    const Placed& key = wanted[missing[j]];
+    out[missing[j]] = makeVdbField(key.volume, key.placement, key.sampling);
+  });
+  for (const std::size_t i : missing) (void)fields_.keep(wanted[i], out[i]);
+  return out;
+}
+
+std::size_t SceneCache::hashOf(const Loaded& key) {
+  return std::hash<std::string>()(key.request.file.native() + "\n" + key.request.grid);
+}
+
+std::size_t SceneCache::hashOf(const Derived& key) {
+  return std::hash<const void*>()(key.volume.get()) + static_cast<std::size_t>(key.what);
+}
+
+std::size_t SceneCache::hashOf(const Placed& key) {
+  std::size_t hash = std::hash<const void*>()(key.volume.get());
+  const auto add = [&](double x) {
+    constexpr std::size_t kPrime = 1099511628211ULL;
+    hash = (hash ^ std::hash<double>()(x)) * kPrime;
+  };
+  add(key.placement.scale);
+  for (const double x : key.placement.translate) add(x);
+  for (const double x : key.placement.rotation.reshaped()) add(x);
+  return hash;
 }
 
 void SceneCache::forgetUnused() {

@@ -2,10 +2,13 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "samplers/derive.h"
@@ -27,6 +30,16 @@ class SceneCache {
   /// As makeVdbField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const Volume>& volume,
                                const Placement& placement, const Sampling& sampling);
+  /// What stands somewhere, and how it is read.
+  struct Placed {
+    std::shared_ptr<const Volume> volume;
+    Placement placement;
+    Sampling sampling;
+
+    [[nodiscard]] bool operator==(const Placed&) const = default;
+  };
+  /// As makeVdbField of each, in parallel.
+  [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
   /// Frees what has not been asked for since the last call. After a scene has been built.
   void forgetUnused();
 
@@ -36,19 +49,19 @@ class SceneCache {
    public:
     /// None where it has none.
     [[nodiscard]] Value* find(const Key& key) {
-      const auto entry = std::find_if(entries_.begin(), entries_.end(),
-                                      [&](const Entry& e) { return e.key == key; });
-      if (entry == entries_.end()) return nullptr;
-      entry->used = true;
-      return &entry->value;
+      const auto [begin, end] = entries_.equal_range(hashOf(key));
+      const auto entry =
+          std::find_if(begin, end, [&](const auto& e) { return e.second.key == key; });
+      if (entry == end) return nullptr;
+      entry->second.used = true;
+      return &entry->second.value;
     }
     const Value& keep(const Key& key, Value value) {
-      entries_.push_back({key, std::move(value), true});
-      return entries_.back().value;
+      return entries_.emplace(hashOf(key), Entry{key, std::move(value), true})->second.value;
     }
     void forgetUnused() {
-      std::erase_if(entries_, [](const Entry& e) { return !e.used; });
-      for (Entry& e : entries_) e.used = false;
+      std::erase_if(entries_, [](const auto& e) { return !e.second.used; });
+      for (auto& [hash, entry] : entries_) entry.used = false;
     }
 
    private:
@@ -57,7 +70,7 @@ class SceneCache {
       Value value;
       bool used;
     };
-    std::vector<Entry> entries_;
+    std::unordered_multimap<std::size_t, Entry> entries_;
   };
 
   struct Loaded {
@@ -73,13 +86,9 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Derived&) const = default;
   };
-  struct Placed {
-    std::shared_ptr<const Volume> volume;
-    Placement placement;
-    Sampling sampling;
-
-    [[nodiscard]] bool operator==(const Placed&) const = default;
-  };
+  static std::size_t hashOf(const Loaded& key);
+  static std::size_t hashOf(const Derived& key);
+  static std::size_t hashOf(const Placed& key);
 
   Shelf<Loaded, std::shared_ptr<const Volume>> volumes_;
   Shelf<Derived, std::shared_ptr<const Volume>> derived_;

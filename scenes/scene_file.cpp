@@ -133,14 +133,39 @@ PlaceSpec readPlace(const Node& node) {
   return place;
 }
 
+/// Places of one volume, each still and its own.
+std::vector<PlaceSpec> readInstances(const Node& node) {
+  if (!node.json().is_array() || node.json().empty()) {
+    node.fail("it is not a list of places", "write [{\"scale\": ...}, ...]");
+  }
+  std::vector<PlaceSpec> places;
+  places.reserve(node.json().size());
+  for (std::size_t i = 0; i < node.json().size(); ++i) {
+    const Node place = node.element(i);
+    for (const char* key : {"like", "keyframes"}) {
+      if (place.json().is_object() && place.has(key)) {
+        place.child(key).fail("an instance has a place of its own and stands still",
+                              "give fit, unit or scale");
+      }
+    }
+    places.push_back(readPlace(place));
+  }
+  return places;
+}
+
 VolumeSpec readVolume(const Node& node, const std::filesystem::path& folder) {
-  node.object(
-      {"file", "grid", "place", "interpolation", "axial", "non_finite", "smooth", "description"},
-      {"instances"});
+  node.object({"file", "grid", "place", "instances", "interpolation", "axial", "non_finite",
+               "smooth", "description"});
   VolumeSpec volume;
   volume.file = folder / node.need("file").name();
   if (node.has("grid")) volume.grid = node.child("grid").name();
   if (node.has("place")) volume.place = readPlace(node.child("place"));
+  if (node.has("instances")) {
+    if (node.has("place")) {
+      node.child("instances").fail("it has a place as well", "give one of place and instances");
+    }
+    volume.instances = readInstances(node.child("instances"));
+  }
   if (node.has("interpolation")) {
     volume.sampling.interpolation = node.child("interpolation")
                                         .wordOf({Interpolation::kTrilinear, Interpolation::kNearest,

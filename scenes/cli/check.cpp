@@ -121,8 +121,50 @@ OrderedJson thicknessOf(const ModeSpec& mode, const SceneSpec& spec, const Built
   return json;
 }
 
+/// In how many places a volume stands that has instances of its own; 0: it has none.
+std::size_t instancesOf(const SceneSpec& spec, const std::string& name) {
+  const auto volume = spec.volumes.find(name);
+  return volume == spec.volumes.end() ? 0 : volume->second.instances.size();
+}
+
+/// What a graph reads and does; it stands in so many places.
+void addGraph(const Graph& graph, std::size_t places, const SceneSpec& spec,
+              const BuiltScene& built, OrderedJson& json) {
+  const auto add = [&](const char* list, OrderedJson entry) {
+    if (places != 1) entry["places"] = places;
+    json[list].push_back(std::move(entry));
+  };
+  for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
+    add("sampled", {{"field", graph.scalar_names[i]},
+                    {"properties", wanted(graph, graph.scalar_reads[i])},
+                    {"for", readersOf(graph, {std::uint64_t{1} << i, 0})}});
+  }
+  for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
+    add("sampled", {{"field", graph.vector_names[i]},
+                    {"properties", wanted(graph, graph.vector_reads[i])},
+                    {"for", readersOf(graph, {0, std::uint64_t{1} << i})}});
+  }
+  for (const UnitStep& step : graph.units) {
+    json["derived"].push_back(graph.vector_properties[static_cast<std::size_t>(step.to)]);
+  }
+  for (const MagnitudeStep& step : graph.magnitudes) {
+    json["derived"].push_back(graph.scalar_properties[static_cast<std::size_t>(step.to)]);
+  }
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const std::size_t source = graph.mode_sources[i];
+    const auto in = spec.guide_volumes.find(source);
+    const ModeSpec& mode = spec.graph.modes[source];
+    OrderedJson entry = {
+        {"name", graph.mode_names[i]},
+        {"does", describe(mode, in == spec.guide_volumes.end() ? "" : in->second)}};
+    if (mode.kind == ModeKind::kIsosurface) entry["thickness"] = thicknessOf(mode, spec, built);
+    add("modes", entry);
+  }
+  for (const std::string& name : graph.silent) json["silent"].push_back(name);
+  for (const std::string& name : graph.unused) json["left_out"].push_back(name);
+}
+
 OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
-  const Graph& graph = built.scene->graph;
   OrderedJson json;
   json["scene"] = spec.source;
   json["status"] = "valid";
@@ -158,6 +200,8 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
       volume["active_voxels"] = info.active_voxels;
       volume["memory_bytes"] = grid->second->memory();
     }
+    const auto places = instancesOf(spec, name);
+    if (places > 0) volume["instances"] = places;
     volume["metres_per_unit"] = frame.metres_per_unit;
     volume["voxel"] = frame.voxel;
     volume["bounds"] = {toJson(frame.bounds.lower), toJson(frame.bounds.upper)};
@@ -174,37 +218,14 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     }
     json["volumes"][name] = volume;
   }
-  json["sampled"] = OrderedJson::array();
-  for (std::size_t i = 0; i < graph.scalar_reads.size(); ++i) {
-    json["sampled"].push_back({{"field", graph.scalar_names[i]},
-                               {"properties", wanted(graph, graph.scalar_reads[i])},
-                               {"for", readersOf(graph, {std::uint64_t{1} << i, 0})}});
+  for (const char* list : {"sampled", "derived", "modes", "silent", "left_out"}) {
+    json[list] = OrderedJson::array();
   }
-  for (std::size_t i = 0; i < graph.vector_reads.size(); ++i) {
-    json["sampled"].push_back({{"field", graph.vector_names[i]},
-                               {"properties", wanted(graph, graph.vector_reads[i])},
-                               {"for", readersOf(graph, {0, std::uint64_t{1} << i})}});
+  json["parts"] = built.scene->parts.size();
+  addGraph(built.scene->graph, 1, spec, built, json);
+  for (const PartGroup& group : built.parts) {
+    addGraph(built.scene->parts[group.first].graph, group.count, spec, built, json);
   }
-  json["derived"] = OrderedJson::array();
-  for (const UnitStep& step : graph.units) {
-    json["derived"].push_back(graph.vector_properties[static_cast<std::size_t>(step.to)]);
-  }
-  for (const MagnitudeStep& step : graph.magnitudes) {
-    json["derived"].push_back(graph.scalar_properties[static_cast<std::size_t>(step.to)]);
-  }
-  json["modes"] = OrderedJson::array();
-  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
-    const std::size_t source = graph.mode_sources[i];
-    const auto in = spec.guide_volumes.find(source);
-    const ModeSpec& mode = spec.graph.modes[source];
-    OrderedJson entry = {
-        {"name", graph.mode_names[i]},
-        {"does", describe(mode, in == spec.guide_volumes.end() ? "" : in->second)}};
-    if (mode.kind == ModeKind::kIsosurface) entry["thickness"] = thicknessOf(mode, spec, built);
-    json["modes"].push_back(entry);
-  }
-  json["silent"] = graph.silent;
-  json["left_out"] = graph.unused;
   return json;
 }
 
@@ -251,8 +272,12 @@ void print(const OrderedJson& json) {
                  volume["active_voxels"].get<std::uint64_t>(),
                  rounded(volume["memory_bytes"].get<double>() / 1e6));
     }
-    fmt::print("voxel {} mm, {} mm a unit\n", rounded(1e3 * volume["voxel"].get<double>()),
+    fmt::print("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
                rounded(1e3 * volume["metres_per_unit"].get<double>()));
+    if (volume.contains("instances")) {
+      fmt::print("; the first of {}", volume["instances"].get<std::size_t>());
+    }
+    fmt::print("\n");
     if (!volume.contains("motion")) continue;
     const OrderedJson& motion = volume["motion"];
     fmt::print("moves     {}: {} keyframes, {} to {} s{}, at most {} m/s\n", name,
@@ -274,8 +299,12 @@ void print(const OrderedJson& json) {
     fmt::print("derives   {}\n", derived.get<std::string>());
   }
   for (const auto& mode : json["modes"]) {
-    fmt::print("mode      {}: {}\n", mode["name"].get<std::string>(),
+    fmt::print("mode      {}: {}", mode["name"].get<std::string>(),
                mode["does"].get<std::string>());
+    if (mode.contains("places")) {
+      fmt::print("; in {} places, felt where the hand is", mode["places"].get<std::size_t>());
+    }
+    fmt::print("\n");
     if (!mode.contains("thickness")) continue;
     const std::string thickness = remark(mode["thickness"]);
     if (thickness.empty()) continue;

@@ -77,6 +77,11 @@ Opened openFor(const std::string& scene, const UserSpec& watcher) {
     spec.graph.modes.push_back(mode);
   }
   opened.built = buildScene(spec, showProgress("loading"));
+  if (!opened.built.scene->parts.empty()) {
+    throw Error(scene,
+                "it has parts (instances, or many volumes), which are not told one by one yet",
+                "give a scene of one of them, or use feel");
+  }
   for (const std::string& note : opened.built.notes) complain(note);
   return opened;
 }

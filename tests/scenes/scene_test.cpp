@@ -37,6 +37,8 @@ Json fullScene() {
       "true": {"file": "linear.vdb", "grid": "density", "place": {"unit": "mm",
                "keyframes": [{"time": 0}, {"time": 2, "rotation_wxyz": [0.7071, 0, 0, 0.7071]},
                              {"time": 3.5, "translate": [0, 0, 0]}], "repeat": true}},
+      "many": {"file": "linear.vdb", "grid": "density",
+               "instances": [{"fit": 0.1}, {"scale": 0.02, "translate": [0.3, 0, 0]}]},
       "turned": {"file": "linear.vdb", "grid": "density",
                  "place": {"scale": 0.01, "rotation_wxyz": [0.7071, 0, 0, 0.7071], "translate": [0, 0, 0.1],
                            "keyframes": [{"time": 1, "translate": [0.1, 0, 0]}]}}
@@ -126,7 +128,7 @@ TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   CHECK(spec.graph.modes[4].sense == Sense::kRepel);
   const BuiltScene built = buildScene(spec);
   CHECK(built.scene->graph.modes.size() == 8);
-  CHECK(built.scene->graph.unused == std::vector<std::string>{"true", "turned"});
+  CHECK(built.scene->graph.unused == std::vector<std::string>{"many", "true", "turned"});
 
   // fit: 4 units become 0.1 m, centred.
   CHECK(built.placements.at("head").scale == Approx(0.1 / 4.0));
@@ -155,7 +157,13 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/volumes/head/axial", 1, "/volumes/head/axial: 1 is not true or false"},
       {"/volumes/head/non_finite", "ignore", "use one of refuse, fill"},
       {"/volumes/head/smooth", 1.5, "not a whole number from 0 to 16"},
-      {"/volumes/head/instances", Json::array(), "this version does not have it yet"},
+      {"/volumes/head/instances", Json::parse(R"([{"scale": 1}])"), "it has a place as well"},
+      {"/volumes/many/instances", Json::array(), "it is not a list of places"},
+      {"/volumes/many/instances/0", 3, "/volumes/many/instances/0: it is not an object"},
+      {"/volumes/many/instances/0", {{"like", "head"}}, "a place of its own"},
+      {"/volumes/many/instances/1/keyframes", Json::array(), "stands still"},
+      {"/volumes/many/instances/1/scale", 0, "/volumes/many/instances/1/scale: 0 is not > 0"},
+      {"/volumes/many/instances/1/turn", 1, "instances/1/turn: unknown key"},
       {"/volumes/head/place/fit", -1, "/volumes/head/place/fit: -1 is not > 0"},
       {"/volumes/head/place/unit", "mm", "none or several of its kinds"},
       {"/volumes/head/place", Json::object(), "none or several of its kinds"},
@@ -219,6 +227,117 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
     CHECK_THAT(parseError(scene.dump()), Contains("is missing"));
     CHECK_FALSE(schemaAccepts(scene));
   }
+}
+
+TEST_CASE("instances are felt each where it stands, and cost no volume each", "[scene][scale]") {
+  const TemporaryFolder folder;
+  openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.1);
+  ball->setName("ball");
+  writeVdb(folder.path() / "ball.vdb", {ball});
+  // Balls of 2 cm, 10 cm apart, and one with drag inside that only some of them would need.
+  Json scene = Json::parse(R"({"palpate": 1, "volumes": {
+      "ball": {"file": "ball.vdb", "instances": []},
+      "again": {"file": "ball.vdb", "place": {"like": "ball"}},
+      "alone": {"file": "ball.vdb", "place": {"scale": 0.01, "translate": [0, 0, 1]}}},
+    "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "below", "strength": 3},
+              {"mode": "viscosity", "of": "again", "strength": 0.1},
+              {"mode": "isosurface", "of": "alone", "value": 0, "solid": "below", "strength": 2}]})");
+  Json& instances = scene["volumes"]["ball"]["instances"];
+  constexpr int kMany = 200;
+  for (int i = 0; i < kMany; ++i) {
+    instances.push_back({{"scale", 0.01}, {"translate", {0.1 * i, 0, 0}}});
+  }
+  std::vector<double> told;
+  const BuiltScene built = buildScene(parseScene(scene.dump(), "s.json", folder.path()),
+                                      [&](double done) { told.push_back(done); });
+  CHECK(built.scene->parts.size() == kMany);
+  REQUIRE(built.parts.size() == 1);
+  CHECK(built.parts[0].count == kMany);
+  CHECK(built.scene->graph.modes.size() == 1);
+  CHECK(built.scene->graph.unused.empty());
+  CHECK(built.bounds.upper.x() > 0.1 * (kMany - 1));
+  CHECK(told.back() == 1.0);
+  // One volume in memory for all of them.
+  CHECK(built.volumes.at("ball") == built.volumes.at("again"));
+
+  Reader reader;
+  ProxyState state;
+  const auto press = [&](const Vec3& from, const Vec3& to) {
+    StepReport r;
+    const int n = static_cast<int>((to - from).norm() / 2e-4);
+    for (int i = 0; i <= n; ++i) {
+      r = hapticStep(*built.scene, reader, {from + (to - from) * (static_cast<double>(i) / n)},
+                     state, 1e-3);
+    }
+    return r;
+  };
+  for (const int i : {0, 57, kMany - 1}) {
+    CAPTURE(i);
+    const Vec3 at(0.1 * i, 0, 0);
+    state.release();
+    const StepReport r = press(at + Vec3(0, 0, 0.03), at + Vec3(0, 0, 0.018));
+    CHECK(r.parts == 1);
+    CHECK(r.force.z() == Approx(500.0 * 0.002).epsilon(0.02));
+    CHECK(press(at + Vec3(0, 0, 0.018), at + Vec3(0, 0, 0.05)).force == Vec3::Zero());
+  }
+  state.release();
+  CHECK(press({0, 0, 1.03}, {0, 0, 1.019}).force.z() == Approx(0.5).epsilon(0.02));
+
+  const auto error = [&](const Json& bad) {
+    try {
+      (void)buildScene(parseScene(bad.dump(), "s.json", folder.path()));
+    } catch (const Error& e) {
+      return std::string(e.what());
+    }
+    return std::string("no error");
+  };
+  Json bad = scene;
+  bad["modes"][0]["by"] = "alone";
+  CHECK_THAT(error(bad), Contains("s.json: /modes/0") && Contains("which has instances"));
+  bad = scene;
+  bad["modes"].push_back(
+      {{"mode", "guide"}, {"shape", "point"}, {"at", {0, 0, 0}}, {"in", "ball"}, {"strength", 1}});
+  CHECK_THAT(error(bad), Contains("/volumes/ball/instances") && Contains("there once"));
+  bad = scene;
+  bad["modes"][1]["strength"] = 1e13;
+  CHECK_THAT(error(bad), Contains("s.json: /modes/1/strength"));
+  bad = scene;
+  bad["modes"][0]["of"] = "bal";
+  CHECK_THAT(error(bad), Contains("/modes/0/of") && Contains("did you mean \"ball\"?"));
+  // Whoever cancels is heard while parts are built, too.
+  int calls = 0;
+  CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
+                             [&](double) {
+                               if (++calls > 1) throw SceneError("test", "cancelled", "");
+                             }),
+                  SceneError);
+}
+
+TEST_CASE("a folder of many volumes is a scene of as many parts", "[scene][scale]") {
+  const TemporaryFolder folder;
+  constexpr int kFiles = 80;  // more than one graph reads
+  for (int i = 0; i < kFiles; ++i) {
+    openvdb::FloatGrid::Ptr ball = makeBall(2.0, 0.2);
+    ball->transform().postTranslate(openvdb::Vec3d(5.0 * i, 0, 0));
+    ball->setName("ball");
+    const std::string number = std::to_string(1000 + i);
+    writeVdb(folder.path() / (number + ".vdb"), {ball});
+  }
+  const BuiltScene built = buildScene(sceneFromVdb(folder.path()));
+  CHECK(built.scene->parts.size() == kFiles);
+  CHECK(built.scene->graph.modes.empty());
+  // The first fits into 0.1 m, the others stand as their files say.
+  const double unit = built.placements.at("1000.ball").scale;
+  CHECK(built.bounds.size().x() == Approx(unit * 5.0 * (kFiles - 1) + 0.1).epsilon(0.1));
+  Reader reader;
+  ProxyState state;
+  const Vec3 at(unit * 5.0 * 50, 0, 0);
+  StepReport r;
+  for (double z = 0.08; z > 2.0 * unit - 0.002; z -= 2e-4) {
+    r = hapticStep(*built.scene, reader, {at + Vec3(0, 0, z)}, state, 1e-3);
+  }
+  CHECK(r.parts == 1);
+  CHECK(r.force.z() > 0.5);
 }
 
 TEST_CASE("isosurfaces of what is derived are felt where the flow has them", "[scene][derive]") {
