@@ -52,8 +52,10 @@ std::vector<std::pair<std::string, std::string>> keyedNamesOf(const ModeSpec& mo
 }
 
 std::vector<std::string> namesOf(const ModeSpec& mode) {
-  std::vector<std::string> names;
-  for (auto& [key, name] : keyedNamesOf(mode)) names.push_back(name);
+  const auto keyed = keyedNamesOf(mode);
+  std::vector<std::string> names(keyed.size());
+  std::transform(keyed.begin(), keyed.end(), names.begin(),
+                 [](const auto& entry) { return entry.second; });
   return names;
 }
 
@@ -63,6 +65,7 @@ void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>&
     for (const auto& [key, name] : keyedNamesOf(graph.modes[i])) {
       if (volumes.count(name) != 0 || graph.fields.count(name) != 0) continue;
       std::vector<std::string> all;
+      all.reserve(volumes.size() + graph.fields.size());
       for (const auto& [other, volume] : volumes) all.push_back(other);
       for (const auto& [other, derived] : graph.fields) all.push_back(other);
       const std::string near = nearestName(name, all);
