@@ -17,7 +17,7 @@ class Tick {
         probe_(probe),
         state_(state),
         bodies_(state.bodies_.data(), scene.graph.motions.size()) {
-    felt_[0] = {reader.bind(scene), &state.properties_, state.memories_.data()};
+    state_.felt_[0] = {reader.bind(scene), &state.properties_, state.memories_.data()};
   }
 
   void meetScene() noexcept {
@@ -87,14 +87,7 @@ class Tick {
     bool near = true;   ///< To where properties were read last.
     Vec3 lift = Vec3::Zero();  ///< What met a surface went so far above the proxy's own way [m].
   };
-  /// A graph that is felt in this tick, and what is remembered of it.
-  struct Felt {
-    BoundGraph bound;
-    Properties* properties = nullptr;
-    ModeMemory* memories = nullptr;
-
-    [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
-  };
+  using Felt = ProxyState::Felt;
   /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
   struct Rail {
     bool laid = false;               ///< For the way from this proxy.
@@ -109,7 +102,7 @@ class Tick {
   void lookRound(StepReport& report) noexcept {
     for (Body& body : bodies_) body.seen = body.pose.toRest(state_.proxy_);
     for (Body& body : bodies_) body.carried = state_.proxy_;
-    report.samples += felt_[0].bound.sample(state_.proxy_, state_.properties_, bodies_);
+    report.samples += state_.felt_[0].bound.sample(state_.proxy_, state_.properties_, bodies_);
     read_at_ = state_.proxy_;
     placePrimitives(false, report);  // for what modes remember
     state_.known_ = true;
@@ -126,8 +119,8 @@ class Tick {
     if (!fits || state_.near_.asked()) keep(near, report);
     for (const std::uint8_t slot : state_.nearOrder()) {
       ProxyState::NearPart& part = state_.slots_[slot];
-      felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
-                              part.memories.data()};
+      state_.felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
+                                     part.memories.data()};
     }
     report.parts = static_cast<int>(state_.near_count_);
   }
@@ -196,7 +189,9 @@ class Tick {
     }
   }
 
-  [[nodiscard]] std::span<const Felt> felt() const noexcept { return {felt_.data(), felt_count_}; }
+  [[nodiscard]] std::span<const Felt> felt() const noexcept {
+    return {state_.felt_.data(), felt_count_};
+  }
 
   /// Calls back with every mode that is felt, and what is remembered of it, until that returns
   /// true. True if one has.
@@ -617,7 +612,7 @@ class Tick {
       body.carry.rotation = body.pose.rotation * last.rotation.transpose();
       body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
     }
-    felt_[0].bound.turn(state_.properties_, bodies_);
+    state_.felt_[0].bound.turn(state_.properties_, bodies_);
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
       const Body* body = bodyOf(scene_.graph.mode_motions[i]);
@@ -629,9 +624,8 @@ class Tick {
   Reader& reader_;
   const Vec3 probe_;
   ProxyState& state_;
-  const std::span<Body> bodies_;              ///< One for each of the scene's motions.
-  std::array<Felt, 1 + kMaxNearParts> felt_;  ///< The scene's own graph, then near parts.
-  std::size_t felt_count_ = 1;
+  const std::span<Body> bodies_;  ///< One for each of the scene's motions.
+  std::size_t felt_count_ = 1;    ///< Of ProxyState::felt_.
   Rail rail_;
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.

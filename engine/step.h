@@ -75,6 +75,7 @@ class ProxyState {
       : limits_(limits),
         memories_(kMaxModes),
         slots_(kMaxNearParts),
+        felt_(1 + kMaxNearParts),
         crowd_(NearBoxes::kMost),
         bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
@@ -153,6 +154,15 @@ class ProxyState {
     }
   }
 
+  /// A graph that is felt in a tick, and what is remembered of it.
+  struct Felt {
+    BoundGraph bound;
+    Properties* properties = nullptr;
+    ModeMemory* memories = nullptr;
+
+    [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
+  };
+
   friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&,
                                double) noexcept PALPATE_NONBLOCKING;
   friend class Tick;
@@ -161,6 +171,7 @@ class ProxyState {
   double age_ = 0.0;  ///< Of the last tick's position [s].
   std::vector<ModeMemory> memories_;
   std::vector<NearPart> slots_;
+  std::vector<Felt> felt_;  ///< This tick's: the scene's own graph, then near parts.
   std::array<std::uint8_t, kMaxNearParts> order_{};
   std::size_t near_count_ = 0;
   NearBoxes near_;
