@@ -10,6 +10,7 @@
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -63,6 +64,8 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     if (!report.memory) {
       refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
     }
+    // Locked pages may still be put together to a huge one, which holds a thread up for a tick.
+    (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   }
   if (request.core >= 0) {
     cpu_set_t cores;

@@ -13,7 +13,7 @@ inline constexpr int kMostPriority = 90;
 struct RealtimeRequest {
   int priority = 80;        ///< Of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
   int core = -1;            ///< To stay on; -1: any.
-  bool lock_memory = true;  ///< Of the whole process, also what it takes later.
+  bool lock_memory = true;  ///< Of the whole process, also what it takes later: no huge pages then.
   bool awake = true;  ///< Cores do not sleep meanwhile: in a virtual machine one that does may
                       ///< be woken a millisecond late. Costs power.
 };

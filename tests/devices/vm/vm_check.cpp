@@ -308,15 +308,12 @@ void checkChain(const std::string& volume, const std::string& profile_file) {
     hand.publish(built.scene);
     usleep(2000000);
     check(hand.latest().fault == Fault::kNone, "no fault before");
-    const std::int64_t late_before = hand.latest().late_ticks;
     aside.command(kGo);
     usleep(4300000);
     check(hand.latest().fault == Fault::kNone,
           std::string("no fault: ") + wordFor(hand.latest().fault));
-    // One processor for the loop, the arm and this: with a busy host two of 4,300 have been late.
-    constexpr std::int64_t kFew = 4;
-    const std::int64_t late = hand.latest().late_ticks - late_before;
-    check(late <= kFew, "next to no tick late: " + text(static_cast<double>(late)));
+    const std::int64_t late = hand.latest().late_ticks;
+    check(late == 0, "no tick late: " + text(static_cast<double>(late)));
     hand.stop();
     aside.command(kEnd);
   }
