@@ -9,8 +9,9 @@
 #include <vector>
 
 #include <openvdb/tree/ValueAccessor.h>
-#include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
+
+#include "samplers/parallel.h"
 
 namespace palpate {
 namespace {
@@ -120,7 +121,7 @@ void filterAlong(TreeT& tree, int axis, double pole) {
   const std::size_t across = kStride[(along + 1) % 3];
   const std::size_t lines = kStride[(along + 2) % 3];
   const std::vector<std::vector<Leaf*>> runs = runsAlong(tree, axis);
-  tbb::parallel_for(std::size_t{0}, runs.size(), [&](std::size_t r) {
+  inParallel(runs.size(), [&](std::size_t r) {
     const std::vector<Leaf*>& leaves = runs[r];
     openvdb::tree::ValueAccessor<const TreeT, false> accessor(tree);
     const int first = leaves.front()->origin()[axis];

@@ -13,9 +13,9 @@
 
 #include <openvdb/io/DelayedLoadMetadata.h>
 #include <openvdb/io/File.h>
-#include <tbb/parallel_for.h>
 
 #include "engine/error.h"
+#include "samplers/parallel.h"
 #include "samplers/prepare.h"
 #include "samplers/vdb_check.h"
 #include "samplers/volume_grid.h"
@@ -276,7 +276,7 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
     return static_cast<std::size_t>(std::find(requests.begin(), requests.end(), requests[i]) -
                                     requests.begin());
   };
-  tbb::parallel_for(std::size_t{0}, requests.size(), [&](std::size_t i) {
+  inParallel(requests.size(), [&](std::size_t i) {
     const VolumeRequest& request = requests[i];
     const auto tell = [&](double part) {
       if (!progress) return;

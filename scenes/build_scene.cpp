@@ -7,10 +7,9 @@
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
 
 #include "engine/error.h"
+#include "samplers/parallel.h"
 #include "scenes/plan_parts.h"
 #include "scenes/scene_cache.h"
 
@@ -324,21 +323,22 @@ class PartBuilder {
     std::mutex mutex;
     std::size_t done = 0;
     constexpr std::size_t kTold = 64;  // parts at a time
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, jobs_.size(), kTold),
-                      [&](const auto& range) {
-                        for (std::size_t i = range.begin(); i < range.end(); ++i) {
-                          const Job& job = jobs_[i];
-                          std::map<std::string, FieldPtr> own;
-                          for (std::size_t j = 0; j < job.plan->volumes.size(); ++j) {
-                            own[job.plan->volumes[j]] = fields[job.first + j];
-                          }
-                          parts[i] = makePart(job.plan->graph, own);
-                        }
-                        if (!progress) return;
-                        const std::lock_guard lock(mutex);
-                        done += range.size();
-                        progress(static_cast<double>(done) / static_cast<double>(jobs_.size()));
-                      });
+    inParallel((jobs_.size() + kTold - 1) / kTold, [&](std::size_t block) {
+      const std::size_t begin = block * kTold;
+      const std::size_t end = std::min(begin + kTold, jobs_.size());
+      for (std::size_t i = begin; i < end; ++i) {
+        const Job& job = jobs_[i];
+        std::map<std::string, FieldPtr> own;
+        for (std::size_t j = 0; j < job.plan->volumes.size(); ++j) {
+          own[job.plan->volumes[j]] = fields[job.first + j];
+        }
+        parts[i] = makePart(job.plan->graph, own);
+      }
+      if (!progress) return;
+      const std::lock_guard lock(mutex);
+      done += end - begin;
+      progress(static_cast<double>(done) / static_cast<double>(jobs_.size()));
+    });
     for (const Part& part : parts) {
       built_.bounds.extend(part.bounds.lower);
       built_.bounds.extend(part.bounds.upper);

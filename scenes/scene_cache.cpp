@@ -7,7 +7,7 @@
 #include <system_error>
 #include <utility>
 
-#include <tbb/parallel_for.h>
+#include "samplers/parallel.h"
 
 namespace palpate {
 
@@ -65,7 +65,7 @@ std::vector<FieldPtr> SceneCache::fields(const std::vector<Placed>& wanted) {
       missing.push_back(i);
     }
   }
-  tbb::parallel_for(std::size_t{0}, missing.size(), [&](std::size_t j) {
+  inParallel(missing.size(), [&](std::size_t j) {
     const Placed& key = wanted[missing[j]];
     out[missing[j]] = makeVdbField(key.volume, key.placement, key.sampling);
   });

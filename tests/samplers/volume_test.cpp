@@ -1,14 +1,18 @@
 #include "samplers/volume.h"
 
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <limits>
+#include <thread>
 
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointDataGrid.h>
 
 #include "engine/error.h"
+#include "samplers/parallel.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -219,4 +223,44 @@ TEST_CASE("volumes of one file are loaded at once, again and again", "[volume]")
       REQUIRE(result.volume->info().active_voxels == 64000);
     }
   }
+}
+
+TEST_CASE("a loop that is given up leaves no work within it half done", "[volume]") {
+  using std::chrono::milliseconds;
+  constexpr std::size_t kMany = 10000;
+  std::atomic<bool> working{false};
+  std::atomic<bool> given_up{false};
+  std::atomic<std::size_t> done{0};
+  std::atomic<int> begun{0};
+  const auto wait_for = [](const std::atomic<bool>& that) {
+    for (int i = 0; i < 2000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
+  };
+  // One gives up while the other is about to begin a loop of its own.
+  CHECK_THROWS_WITH(inParallel(2,
+                               [&](std::size_t i) {
+                                 ++begun;
+                                 if (i == 0) {
+                                   wait_for(working);
+                                   given_up = true;
+                                   throw VolumeError("test", "cancelled", "none");
+                                 }
+                                 working = true;
+                                 wait_for(given_up);
+                                 std::this_thread::sleep_for(milliseconds(20));
+                                 tbb::parallel_for(std::size_t{0}, kMany,
+                                                   [&](std::size_t) { ++done; });
+                               }),
+                    Contains("cancelled"));
+  // With one processor the second is left out.
+  CHECK(done == (begun == 2 ? kMany : 0));
+
+  // What has not begun is left out.
+  begun = 0;
+  CHECK_THROWS_AS(inParallel(1000000,
+                             [&](std::size_t) {
+                               ++begun;
+                               throw VolumeError("test", "cancelled", "none");
+                             }),
+                  VolumeError);
+  CHECK(begun < 1000);
 }
