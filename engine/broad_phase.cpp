@@ -185,13 +185,13 @@ std::span<const std::uint32_t> NearBoxes::near(const BroadPhase& boxes, const Bo
     asked_ = true;
     const Box wide{query.lower - Vec3::Constant(margin_), query.upper + Vec3::Constant(margin_)};
     const std::size_t all = boxes.meeting(wide, found_);
-    complete_ = all <= found_.size();
     count_ = std::min(all, found_.size());
-    if (!complete_) {
+    left_out_ = 0;
+    if (all > found_.size()) {
       // The margin may be what is too much.
       const std::size_t exact = boxes.meeting(query, found_);
-      complete_ = exact <= found_.size();
       count_ = std::min(exact, found_.size());
+      left_out_ = exact - count_;
     }
     known_ = count_ == all ? wide : Box{};
     std::sort(found_.begin(), found_.begin() + static_cast<std::ptrdiff_t>(count_));

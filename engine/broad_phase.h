@@ -66,7 +66,9 @@ class NearBoxes {
   /// box.
   [[nodiscard]] std::span<const std::uint32_t> near(const BroadPhase& boxes,
                                                     const Box& query) noexcept PALPATE_NONBLOCKING;
-  [[nodiscard]] bool complete() const noexcept { return complete_; }
+  [[nodiscard]] bool complete() const noexcept { return left_out_ == 0; }
+  /// So many that meet the query are not among them.
+  [[nodiscard]] std::size_t leftOut() const noexcept { return left_out_; }
   /// True if the last call has asked the tree.
   [[nodiscard]] bool asked() const noexcept { return asked_; }
   /// The boxes have moved, or are others.
@@ -77,7 +79,7 @@ class NearBoxes {
   std::vector<std::uint32_t> found_;
   std::size_t count_ = 0;
   Box known_;  ///< What was asked for; empty: nothing.
-  bool complete_ = true;
+  std::size_t left_out_ = 0;
   bool asked_ = false;
 };
 

@@ -73,6 +73,12 @@ class ScalarField {
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
+  /// At every place within so many metres of p_W there is nothing: inside is false, the value the
+  /// background, the derivatives zero. 0: nothing is known. RT: no allocation.
+  /// Cost: a few ns.
+  [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
+    return 0.0;
+  }
   /// Where on the way from a_W to b_W [m] sign (V - level) first falls below zero, where there are
   /// data: the contact of a proxy that comes from the free side. A way that begins at or below zero
   /// crosses at once where it falls at first, and where it rises at its next fall after that. This
@@ -102,6 +108,10 @@ class VectorField {
   virtual void reset(FieldCache& cache) const noexcept = 0;
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
+  /// As ScalarField::freeWithin.
+  [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
+    return 0.0;
+  }
   /// Goes along the stream through p_W; see trace.h. This one takes the field as one smooth piece;
   /// a grid's own goes cell by cell. RT: no allocation. Cost: four values of v a
   /// step and one; tried steps count.

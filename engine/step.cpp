@@ -113,10 +113,10 @@ class Tick {
     Box way;
     way.extend(state_.proxy_);
     way.extend(probe_);
-    std::span<const std::uint32_t> near = state_.near_.near(scene_.bounds, way);
-    const bool fits = near.size() <= kMaxNearParts && state_.near_.complete();
-    if (!fits) near = strongest(way, report);
-    if (!fits || state_.near_.asked()) keep(near, report);
+    const double length = (probe_ - state_.proxy_).norm();
+    const std::span<const std::uint32_t> near = state_.near_.near(scene_.bounds, way);
+    const double gone = (state_.proxy_ - state_.chosen_at_).norm();
+    if (state_.near_.asked() || gone + length >= state_.chosen_for_) choose(near, length, report);
     for (const std::uint8_t slot : state_.nearOrder()) {
       ProxyState::NearPart& part = state_.slots_[slot];
       state_.felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
@@ -125,24 +125,60 @@ class Tick {
     report.parts = static_cast<int>(state_.near_count_);
   }
 
-  /// Where there is no room for all parts that a way meets: those that can hold most, the first of
-  /// equals, in the order of the scene.
-  std::span<const std::uint32_t> strongest(const Box& way, StepReport& report) noexcept {
-    auto& found = state_.crowd_;
-    const std::size_t all = scene_.bounds.meeting(way, found);
-    const auto begin = found.begin();
-    const auto end = begin + static_cast<std::ptrdiff_t>(std::min(all, found.size()));
-    const auto room = std::min(begin + kMaxNearParts, end);
-    std::nth_element(begin, room, end, [&](std::uint32_t a, std::uint32_t b) {
+  /// Of the parts that are near, those whose data a way of so many metres can meet, and that
+  /// another 2 mm of it could.
+  void choose(std::span<const std::uint32_t> near, double length, StepReport& report) noexcept {
+    auto& awake = state_.awake_;
+    std::size_t count = 0;
+    const auto take = [&](double reach) {
+      count = 0;
+      state_.chosen_for_ = std::numeric_limits<double>::infinity();
+      for (const std::uint32_t part : near) {
+        const double free = freeWithin(scene_.parts[part], state_.proxy_, reach);
+        if (free > reach) {
+          state_.chosen_for_ = std::min(state_.chosen_for_, free);
+        } else {
+          awake[count++] = part;
+        }
+      }
+    };
+    state_.chosen_at_ = state_.proxy_;
+    take(length + kAhead);
+    if (count > kMaxNearParts) take(length);
+    if (count > kMaxNearParts || !state_.near_.complete()) {
+      count = strongest({awake.data(), count}, report);
+      state_.chosen_for_ = 0.0;  // to be told of in every tick
+    }
+    keep({awake.data(), count}, report);
+  }
+
+  /// Where there is no room for all parts that a way meets: puts those that can hold most first,
+  /// the first of equals, in the order of the scene. How many these are.
+  std::size_t strongest(std::span<std::uint32_t> parts, StepReport& report) noexcept {
+    const auto begin = parts.begin();
+    const auto room = begin + static_cast<std::ptrdiff_t>(std::min(kMaxNearParts, parts.size()));
+    std::nth_element(begin, room, parts.end(), [&](std::uint32_t a, std::uint32_t b) {
       const double most = scene_.parts[a].most;
       return most > scene_.parts[b].most || (most == scene_.parts[b].most && a < b);
     });
-    for (auto left = room; left != end; ++left) report.missing += scene_.parts[*left].most;
-    const std::size_t unknown = all - static_cast<std::size_t>(end - begin);
+    for (auto left = room; left != parts.end(); ++left) report.missing += scene_.parts[*left].most;
+    const std::size_t unknown = state_.near_.leftOut();
     report.missing += static_cast<double>(unknown) * scene_.strongest_part;
-    report.left_out = static_cast<int>(all - static_cast<std::size_t>(room - begin));
+    report.left_out = static_cast<int>(unknown + static_cast<std::size_t>(parts.end() - room));
     std::sort(begin, room);
-    return {found.data(), static_cast<std::size_t>(room - begin)};
+    return static_cast<std::size_t>(room - begin);
+  }
+
+  /// No data of a part are nearer to p than this [m], as far as that is known; more than `enough`
+  /// is not told apart.
+  [[nodiscard]] static double freeWithin(const Part& part, const Vec3& p, double enough) noexcept {
+    const Box& box = part.bounds;
+    const double outside = (box.lower - p).cwiseMax(p - box.upper).cwiseMax(0.0).norm();
+    if (outside > enough) return outside;
+    double free = std::numeric_limits<double>::infinity();
+    for (const auto& field : part.graph.scalar_fields) free = std::min(free, field->freeWithin(p));
+    for (const auto& field : part.graph.vector_fields) free = std::min(free, field->freeWithin(p));
+    return std::max(outside, free);
   }
 
   /// Only these parts from now on; what is remembered of those that were there stays.
@@ -403,6 +439,9 @@ class Tick {
         to = body->pose.toRest(to);
       }
       if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return;
+      const double length = (to - from).norm();
+      if (length > mode->skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length)
+        return;
       // Where it has no strength there is nothing to meet.
       if (!(mode->strength.at(*felt.properties, mode->skin.value, mode->level) > 0.0)) return;
       const Crossing crossing = felt.bound.firstFall(mode->skin, mode->level, from, to);
@@ -506,20 +545,24 @@ class Tick {
   }
 
   /// How far the proxy may go from a before properties are read again: a voxel of the finest volume
-  /// that the way to b can meet, any distance where there is none. A volume that has carried the
-  /// place of its reading away from a counts from there.
+  /// that the way to b can meet, any distance where there is none or where it is empty. A volume
+  /// that has carried the place of its reading away from a counts from there.
   [[nodiscard]] double reachFrom(const Vec3& a, const Vec3& b) const noexcept {
     const Box way{a.cwiseMin(b), a.cwiseMax(b)};
     double reach = std::numeric_limits<double>::infinity();
     if (bodies_.empty()) {
-      const auto meet = [&](const std::vector<FieldFrame>& frames) {
-        for (const FieldFrame& frame : frames) {
-          if (meets(way, frame)) reach = std::min(reach, frame.voxel);
+      const double length = (b - a).norm();
+      const auto meet = [&](const std::vector<FieldFrame>& frames, const auto& fields) {
+        for (std::size_t i = 0; i < frames.size(); ++i) {
+          const FieldFrame& frame = frames[i];
+          if (!meets(way, frame)) continue;
+          const double free = length > frame.voxel ? fields[i]->freeWithin(a) : 0.0;
+          reach = std::min(reach, std::max(frame.voxel, free));
         }
       };
       for (const Felt& felt : this->felt()) {
-        meet(felt.graph().scalar_frames);
-        meet(felt.graph().vector_frames);
+        meet(felt.graph().scalar_frames, felt.graph().scalar_fields);
+        meet(felt.graph().vector_frames, felt.graph().vector_fields);
       }
       return reach;
     }
@@ -635,6 +678,8 @@ class Tick {
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 
+  /// So much farther than needed a part is felt: there is less to choose [m].
+  static constexpr double kAhead = 2e-3;
   /// Farther behind a surface that holds no proxy goes [voxels].
   static constexpr double kDeep = 0.3;
   /// A shorter way along a surface is seen from where properties were read [voxels].

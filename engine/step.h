@@ -57,7 +57,7 @@ struct StepReport {
   int traced = 0;        ///< Reads of vectors along streams.
   int walked = 0;        ///< Cells looked at for a surface on the way.
   int primitives = 0;    ///< Balanced in the last sub-step.
-  int parts = 0;         ///< Of the scene's, that were near enough to be asked.
+  int parts = 0;         ///< Of the scene's, whose data were near enough to be asked.
   int left_out = 0;      ///< Parts that were there and for which there was no room: the weakest.
   double missing = 0.0;  ///< By so much at most the force is off for that [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
@@ -76,7 +76,7 @@ class ProxyState {
         memories_(kMaxModes),
         slots_(kMaxNearParts),
         felt_(1 + kMaxNearParts),
-        crowd_(NearBoxes::kMost),
+        awake_(NearBoxes::kMost),
         bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
 
@@ -175,7 +175,9 @@ class ProxyState {
   std::array<std::uint8_t, kMaxNearParts> order_{};
   std::size_t near_count_ = 0;
   NearBoxes near_;
-  std::vector<std::uint32_t> crowd_;  ///< Parts that a way meets, where there are too many.
+  std::vector<std::uint32_t> awake_;  ///< The tick's own: parts that the proxy can come to.
+  Vec3 chosen_at_ = Vec3::Zero();     ///< Where these were chosen last [m];
+  double chosen_for_ = 0.0;           ///< within so much of there no other has data [m].
   std::vector<Body> bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;

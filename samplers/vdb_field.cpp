@@ -214,6 +214,49 @@ FieldFrame frameOf(const Volume& volume, const Placement& placement) {
   return frame;
 }
 
+/// Where a grid is inactive background.
+FreeMap freeMapOf(const GridData& data) {
+  std::vector<FreeMap::Voxels> busy;
+  std::visit(
+      [&](const auto& grid) {
+        const auto& tree = grid->tree();
+        const auto& background = tree.background();
+        const auto add = [&](const openvdb::CoordBBox& box) {
+          busy.push_back({{box.min().x(), box.min().y(), box.min().z()},
+                          {box.max().x(), box.max().y(), box.max().z()}});
+        };
+        busy.reserve(tree.leafCount());
+        for (auto leaf = tree.cbeginLeaf(); leaf; ++leaf) {
+          const auto* values = leaf->buffer().data();
+          const auto other = [&](const auto& value) { return value != background; };
+          if (!leaf->isEmpty() || std::any_of(values, values + leaf->size(), other)) {
+            add(leaf->getNodeBoundingBox());
+          }
+        }
+        auto tile = tree.cbeginValueAll();
+        tile.setMaxDepth(tile.getLeafDepth() - 1);
+        for (; tile; ++tile) {
+          if (tile.isValueOn() || *tile != background) add(tile.getBoundingBox());
+        }
+      },
+      data);
+  return FreeMap(busy);
+}
+
+/// That of a part of a volume, as a kind of interpolation reads it; made once.
+std::shared_ptr<const FreeMap> freeMapOf(const Volume& volume, std::size_t part,
+                                         Interpolation interpolation, const GridData& data) {
+  const Volume::Grid& grid = volume.grid();
+  const bool quadratic = interpolation == Interpolation::kQuadratic;
+  const bool cubic = interpolation == Interpolation::kCubic;
+  Volume::Grid::FreeMaps& made = grid.free_maps[quadratic ? 1 : cubic ? 2 : 0];
+  const std::lock_guard lock(made.mutex);
+  made.parts.resize(grid.parts.size());
+  std::shared_ptr<const FreeMap>& map = made.parts[part];
+  if (map == nullptr) map = std::make_shared<const FreeMap>(freeMapOf(data));
+  return map;
+}
+
 /// Reads one grid through a kernel: finds the cell that a position is in, and loads it if it is not
 /// the last one. Const; what changes is in a Cache.
 template <class GridT, class Kernel>
@@ -238,6 +281,9 @@ class GridReader {
              const Sampling& sampling)
       : grid_(std::get<typename GridT::ConstPtr>(gridFor(volume, part, sampling.interpolation))),
         map_(volume.grid().parts[part], placement),
+        free_(freeMapOf(volume, part, sampling.interpolation,
+                        gridFor(volume, part, sampling.interpolation))),
+        voxel_(1.0 / map_.index_from_world.rowwise().norm().maxCoeff()),
         // For `inside`: a level set means something only within its band.
         all_corners_(volume.info().grid_class == GridClass::kLevelSet),
         axial_(sampling.axial) {
@@ -259,6 +305,12 @@ class GridReader {
     cache.kernel.read(t, row);
     if constexpr (!Kernel::kBlendsRows) turn(row);
     return insideAt(t, cache.active);
+  }
+
+  /// As ScalarField::freeWithin.
+  [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept {
+    constexpr double kKernel = 2.0;  // a value depends on voxels no farther away, along each axis
+    return std::max(0.0, voxel_ * (free_->around(map_(p_W)) - kKernel));
   }
 
   /// Gradient of the cell's own polynomial, turned into W. Trilinear scalars only.
@@ -496,6 +548,8 @@ class GridReader {
 
   typename GridT::ConstPtr grid_;
   IndexMap map_;
+  std::shared_ptr<const FreeMap> free_;
+  double voxel_;  ///< A shorter way is less than one along every axis of the index [m].
   Row background_;
   bool all_corners_;
   bool axial_;
@@ -512,6 +566,11 @@ class GridField : public Base {
   GridField(std::shared_ptr<const Volume> volume, const Placement& placement,
             const Sampling& sampling)
       : GridField(std::move(volume), placement, sampling, std::make_index_sequence<N>()) {}
+
+  [[nodiscard]] double freeWithin(const Vec3& p_W) const noexcept final {
+    return std::apply([&](const auto&... reader) { return std::min({reader.freeWithin(p_W)...}); },
+                      readers_);
+  }
 
   void reset(FieldCache& memory) const noexcept final {
     std::apply(

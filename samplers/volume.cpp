@@ -200,6 +200,12 @@ std::uint64_t Volume::memory() const {
       sum += memoryOf(part);
     }
   }
+  for (const Grid::FreeMaps& made : grid_->free_maps) {
+    const std::lock_guard lock(made.mutex);
+    for (const auto& map : made.parts) {
+      if (map != nullptr) sum += map->memory();
+    }
+  }
   return sum;
 }
 

@@ -11,6 +11,7 @@
 #include <Eigen/LU>
 #include <openvdb/openvdb.h>
 
+#include "samplers/free_map.h"
 #include "samplers/volume.h"
 
 namespace palpate {
@@ -62,6 +63,13 @@ struct Volume::Grid {
     std::vector<GridData> parts;
   };
   mutable std::array<Coefficients, 2> coefficients;
+
+  /// Where the values, and the coefficients of degree 2 and 3, are nothing, part by part; likewise.
+  struct FreeMaps {
+    mutable std::mutex mutex;
+    std::vector<std::shared_ptr<const FreeMap>> parts;
+  };
+  mutable std::array<FreeMaps, 3> free_maps;
 };
 
 }  // namespace palpate

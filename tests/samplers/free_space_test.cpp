@@ -1,0 +1,345 @@
+/// Where a grid has nothing: the map of it, what fields say by it, and what a tick saves.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+#include <openvdb/openvdb.h>
+
+#include "engine/step.h"
+#include "samplers/free_map.h"
+#include "samplers/vdb_field.h"
+#include "samplers/volume.h"
+#include "tests/support/probe.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using openvdb::Coord;
+using openvdb::math::Transform;
+
+namespace {
+
+using ScalarPtr = std::shared_ptr<const ScalarField>;
+
+/// Scattered values, a tile that is active and one that is not, far from each other.
+template <class GridT>
+typename GridT::Ptr scattered(const typename GridT::ValueType& background,
+                              const typename GridT::ValueType& value) {
+  openvdb::initialize();
+  Random random(3);
+  auto grid = GridT::create(background);
+  auto accessor = grid->getAccessor();
+  for (int blob = 0; blob < 4; ++blob) {
+    const Vec3 at = random.inCube(150.0);
+    for (int i = 0; i < 30; ++i) {
+      const Vec3 p = at + random.inCube(12.0);
+      accessor.setValue(Coord::round(openvdb::Vec3d(p.x(), p.y(), p.z())), value);
+    }
+  }
+  accessor.setValueOff(Coord(-60, 70, -80), value);
+  grid->tree().addTile(1, Coord(-200, 0, 64), value, true);
+  grid->tree().addTile(1, Coord(96, -64, -160), value, false);
+  grid->setTransform(Transform::createLinearTransform(0.5));
+  grid->setName("scattered");
+  return grid;
+}
+
+FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = {},
+                 const Sampling& sampling = {}) {
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", grids);
+  const std::string name = grids.size() == 3 ? "v" : "";
+  return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
+}
+
+Placement slanted() {
+  Placement placement;
+  placement.scale = 0.01;
+  placement.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  placement.translate = Vec3(0.1, -0.2, 0.3);
+  return placement;
+}
+
+/// A field that does not say where it is free.
+class Blind : public ScalarField {
+ public:
+  explicit Blind(ScalarPtr field) : ScalarField(field->frame()), field_(std::move(field)) {}
+
+  void reset(FieldCache& cache) const noexcept override { field_->reset(cache); }
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept override {
+    return field_->sample(p_W, cache);
+  }
+  [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& cache) const noexcept override {
+    return field_->cellGradient(p_W, cache);
+  }
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   FieldCache& cache) const noexcept override {
+    return field_->firstFall(a_W, b_W, level, sign, cache);
+  }
+
+ private:
+  ScalarPtr field_;
+};
+
+GraphSpec skinOf(const std::string& name) {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kIsosurface;
+  spec.modes[0].of = name;
+  spec.modes[0].solid = Solid::kBelow;
+  spec.modes[0].strength = 3.0;
+  spec.modes[0].friction = 0.3;
+  return spec;
+}
+
+/// A hand's way through a room of the size.
+Vec3 wander(double time, double size) {
+  return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
+                     std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));
+}
+
+struct Hand {
+  std::unique_ptr<const Scene> scene;
+  Reader reader;
+  ProxyState state{ForceLimits{1000.0, 1e9}};
+
+  explicit Hand(std::unique_ptr<const Scene> felt) : scene(std::move(felt)) {}
+  StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, 1e-3); }
+};
+
+}  // namespace
+
+TEST_CASE("the map of free space is the distance to the nearest block with data", "[scale]") {
+  Random random(7);
+  for (int round = 0; round < 60; ++round) {
+    CAPTURE(round);
+    std::vector<FreeMap::Voxels> data(1 + static_cast<std::size_t>(random.uniform(0.0, 6.0)));
+    const double room = round % 3 == 0 ? 40.0 : 200.0;
+    for (FreeMap::Voxels& box : data) {
+      const Vec3 at = random.inCube(room);
+      for (std::size_t a = 0; a < 3; ++a) {
+        box.lower[a] = static_cast<int>(std::floor(at[static_cast<Eigen::Index>(a)]));
+        box.upper[a] = box.lower[a] + static_cast<int>(random.uniform(0.0, 20.0));
+      }
+    }
+    const FreeMap map(data);
+    for (int i = 0; i < 300; ++i) {
+      const Vec3 p = random.inCube(1.5 * room);
+      double nearest = 1e9;
+      std::array<double, 3> low{1e9, 1e9, 1e9};
+      std::array<double, 3> high{-1e9, -1e9, -1e9};
+      for (const FreeMap::Voxels& box : data) {
+        double far = 0.0;
+        for (std::size_t a = 0; a < 3; ++a) {
+          const double x = p[static_cast<Eigen::Index>(a)];
+          far = std::max({far, box.lower[a] - x, x - box.upper[a]});
+          low[a] = std::min(low[a], box.lower[a] - x);
+          high[a] = std::max(high[a], box.upper[a] - x);
+        }
+        nearest = std::min(nearest, far);
+      }
+      const double said = map.around(p);
+      REQUIRE(said <= std::max(0.0, nearest));
+      // From within the box about all: not exact by where p is in its block, and the data in
+      // theirs.
+      const double outside = std::max({low[0], low[1], low[2], -high[0], -high[1], -high[2]});
+      REQUIRE(said >= (outside > 0.0 ? outside - 15.0 : nearest - 16.0));
+    }
+  }
+  CHECK(FreeMap().around({1, 2, 3}) > 1e8);
+  const std::array<FreeMap::Voxels, 1> one{{{{0, 0, 0}, {7, 7, 7}}}};
+  CHECK(FreeMap(one).around({std::nan(""), 0, 0}) == 0.0);
+  CHECK(FreeMap(one).around({HUGE_VAL, 0, 0}) > 1e8);
+
+  // Whatever the extent, at most 4 MB; the blocks are larger then.
+  const std::array<FreeMap::Voxels, 2> far{{{{-2000000, -2000, 0}, {-2000000, -2000, 0}},
+                                            {{2000000, 3000, 9000}, {2000000, 3000, 9000}}}};
+  const FreeMap large(far);
+  CHECK(large.memory() <= 4U << 20U);
+  CHECK(large.around({-2000000, -2000, 0}) == 0.0);
+  CHECK(large.around({0, 0, 0}) > 1e5);
+  CHECK(large.around({0, 0, 0}) <= 2e6);
+}
+
+TEST_CASE("within the distance that a field calls free there is nothing", "[scale]") {
+  struct Case {
+    const char* what;
+    FieldPtr field;
+    double voxel;
+  };
+  const auto ball = [] { return makeBall(40.0, 1.0); };
+  const auto moved = [](const char* name, double by) {
+    auto grid = scattered<openvdb::FloatGrid>(0.0F, 2.0F);
+    grid->setName(name);
+    grid->transform().postTranslate(openvdb::Vec3d(by, 0.3 * by, 0));
+    return grid;
+  };
+  const auto rough = scattered<openvdb::FloatGrid>(0.25F, -1.0F);
+  const auto flow = scattered<openvdb::Vec3SGrid>({0, 0, 0}, {1, 2, 3});
+  const std::vector<Case> fields{
+      {"scattered", fieldOf({rough}), 0.5},
+      {"slanted", fieldOf({rough}, slanted()), 0.005},
+      {"nearest", fieldOf({rough}, slanted(), {Interpolation::kNearest}), 0.005},
+      {"quadratic", fieldOf({rough}, slanted(), {Interpolation::kQuadratic}), 0.005},
+      {"cubic", fieldOf({rough}, {}, {Interpolation::kCubic}), 0.5},
+      {"level set", fieldOf({ball()}, slanted()), 0.01},
+      {"double", fieldOf({scattered<openvdb::DoubleGrid>(-1.0, 1.0)}), 0.5},
+      {"vectors", fieldOf({flow}, slanted()), 0.005},
+      {"components", fieldOf({moved("v.x", 0.0), moved("v.y", 7.0), moved("v.z", -5.0)}), 0.5}};
+  for (const Case& c : fields) {
+    CAPTURE(c.what);
+    Random random(13);
+    Probe probe(c.field);
+    const bool scalar = c.field.index() == 0;
+    const FieldFrame frame = std::visit([](const auto& field) { return field->frame(); }, c.field);
+    const auto free_within = [&](const Vec3& p) {
+      return std::visit([&](const auto& field) { return field->freeWithin(p); }, c.field);
+    };
+    double most = 0.0;
+    int said = 0;
+    for (int i = 0; i < 400; ++i) {
+      const Vec3 size = frame.bounds.size();
+      const Vec3 p = frame.bounds.centre() + random.inCube(0.6).cwiseProduct(size);
+      const double free = free_within(p);
+      most = std::max(most, free);
+      said += free > 0.0 ? 1 : 0;
+      for (int j = 0; j < 60 && free > 0.0; ++j) {
+        const double share = j % 2 == 0 ? 0.999999 : random.uniform();
+        const Vec3 q = p + share * free * random.inCube(1.0).normalized();
+        if (scalar) {
+          const ScalarSample s = probe.scalar(q);
+          REQUIRE_FALSE(s.inside);
+          REQUIRE(s.value == frame.background);
+          REQUIRE(s.gradient == Vec3::Zero());
+        } else {
+          const VectorSample s = probe.vector(q);
+          REQUIRE_FALSE(s.inside);
+          REQUIRE(s.value == Vec3::Zero());
+          REQUIRE(s.jacobian == Mat3::Zero());
+        }
+      }
+    }
+    // It does say so, and not only by a voxel.
+    CHECK(said > 100);
+    CHECK(most > 20.0 * c.voxel);
+  }
+}
+
+TEST_CASE("through free space a hand is followed in one move, and nothing feels otherwise",
+          "[scale]") {
+  // Two balls of 2 cm at the ends of 30 cm in which there is nothing.
+  openvdb::initialize();
+  openvdb::FloatGrid::Ptr grid = makeBall(20.0, 1.0);
+  openvdb::FloatGrid::Ptr other = makeBall(20.0, 1.0);
+  for (auto value = other->cbeginValueAll(); value; ++value) {
+    if (value.isVoxelValue() && value.isValueOn()) {
+      grid->tree().setValue(value.getCoord().offsetBy(300, 64, 16), *value);
+    }
+  }
+  Placement placement;
+  placement.scale = 1e-3;
+  placement.translate = Vec3(-0.15, -0.03, 0.0);
+  const auto field = std::get<ScalarPtr>(fieldOf({grid}, placement));
+  const auto blind = std::make_shared<const Blind>(field);
+  for (const bool parts : {false, true}) {
+    CAPTURE(parts);
+    const auto scene_of = [&](const ScalarPtr& felt) {
+      if (!parts) return makeScene(skinOf("ball"), {{"ball", felt}});
+      std::vector<Part> one;
+      one.push_back(makePart(skinOf("ball"), {{"ball", felt}}));
+      return makeScene({}, {}, {}, {}, std::move(one));
+    };
+    Hand seeing(scene_of(field));
+    Hand groping(scene_of(blind));
+    long moves = 0;
+    long moves_of_blind = 0;
+    long samples = 0;
+    long samples_of_blind = 0;
+    int held = 0;
+    double time = 0.0;
+    for (int i = 0; i < 6000; ++i) {
+      time += i / 1000 % 2 == 0 ? 4e-3 : 1e-3;  // up to 2 m/s
+      const Vec3 hand = wander(time, 0.03) + Vec3(0.14 * std::sin(2.9 * time), 0, 0);
+      const StepReport a = seeing.step(hand);
+      const StepReport b = groping.step(hand);
+      CAPTURE(i);
+      REQUIRE(a.status == b.status);
+      REQUIRE((a.wanted - b.wanted).norm() <= 1e-9);
+      held += b.wanted.norm() > 0.01 ? 1 : 0;
+      moves += a.substeps;
+      moves_of_blind += b.substeps;
+      samples += a.samples;
+      samples_of_blind += b.samples;
+    }
+    INFO(moves << " moves of " << moves_of_blind << ", " << samples << " samples of "
+               << samples_of_blind);
+    CHECK(held > 100);
+    // One a tick at least.
+    CHECK(2 * (moves - 6000) < moves_of_blind - 6000);
+    // A scene's own volumes are asked in every tick.
+    if (parts) CHECK(2 * samples < samples_of_blind);
+  }
+}
+
+TEST_CASE("parts whose boxes meet and whose data do not cost no sample", "[scale]") {
+  // Forty frames of bars about one place: only their bars have data.
+  openvdb::initialize();
+  auto frame = openvdb::FloatGrid::create(0.0F);
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int corner = 0; corner < 4; ++corner) {
+      Coord from(0, 0, 0);
+      from[(axis + 1) % 3] = (corner & 1) * 196;
+      from[(axis + 2) % 3] = (corner >> 1) * 196;
+      Coord to = from.offsetBy(3);
+      to[axis] = 199;
+      frame->fill(openvdb::CoordBBox(from, to), 1.0F, true);
+    }
+  }
+  frame->setName("frame");
+  const TemporaryFolder folder;
+  writeVdb(folder / "a.vdb", {frame});
+  const auto volume = loadVolume(folder / "a.vdb", "");
+  GraphSpec spec = skinOf("frame");
+  spec.modes[0].solid = Solid::kAbove;
+  spec.modes[0].value = 0.5;
+  Random random(17);
+  std::vector<Part> seeing;
+  std::vector<Part> groping;
+  for (int i = 0; i < 40; ++i) {
+    Placement placement;
+    placement.scale = 1e-3;
+    placement.translate = Vec3::Constant(-0.1) + random.inCube(0.01);
+    const auto field = std::get<ScalarPtr>(makeVdbField(volume, placement, {}));
+    seeing.push_back(makePart(spec, {{"frame", field}}));
+    groping.push_back(makePart(spec, {{"frame", std::make_shared<const Blind>(field)}}));
+  }
+  Hand a(makeScene({}, {}, {}, {}, std::move(seeing)));
+  Hand b(makeScene({}, {}, {}, {}, std::move(groping)));
+  // In the middle of all, where all boxes meet.
+  const StepReport middle = a.step(Vec3::Zero());
+  CHECK(middle.parts == 0);
+  CHECK(middle.samples == 0);
+  CHECK(b.step(Vec3::Zero()).samples >= 40);
+  a.state.release();
+  b.state.release();
+  // Into the bars and out of them they feel alike.
+  double most = 0.0;
+  int fewer = 0;
+  for (int i = 0; i < 8000; ++i) {
+    const Vec3 hand = wander(i * 5e-4, 0.11);
+    const StepReport with = a.step(hand);
+    const StepReport without = b.step(hand);
+    CAPTURE(i);
+    REQUIRE(with.status == without.status);
+    REQUIRE((with.wanted - without.wanted).norm() <= 1e-9);
+    most = std::max(most, without.wanted.norm());
+    fewer += 2 * with.samples < without.samples ? 1 : 0;
+  }
+  CHECK(most > 1.0);
+  CHECK(fewer > 2000);
+}
