@@ -1,7 +1,9 @@
 #include "engine/loads.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 
 #include <Eigen/Cholesky>
@@ -9,32 +11,33 @@
 namespace palpate {
 namespace {
 
-/// A primitive of a load that is shared: its strength, projector and displacement from its kink.
+/// A primitive of a load that is shared. Without initial values: there is room for a thousand.
 struct Shared {
-  double strength = 0.0;
-  bool plane = false;
-  Mat3 P = Mat3::Identity();
-  Vec3 q = Vec3::Zero();
-  Vec3 d = Vec3::Zero();  ///< in units of the distance at which it shares nothing any more
+  std::size_t source;  ///< Index of the primitive.
+  PrimitiveKind kind;
+  double strength;
+  Vec3 q;
+  Vec3 pull;  ///< d / (1 - |d|), d the displacement from its kink in units of the
+              ///< distance at which it shares nothing any more
 
-  Shared(const Primitive& p, const Vec3& from_anchor) noexcept
-      : strength(p.strength), plane(p.kind == PrimitiveKind::kPlane) {
-    if (p.kind != PrimitiveKind::kPoint) q = p.direction;
-    if (p.kind == PrimitiveKind::kLine) P -= q * q.transpose();
-    if (plane) P = q * q.transpose();
-    d = P * from_anchor / kSharedWithin;
+  /// What of v the primitive is constrained in: P v.
+  [[nodiscard]] Vec3 constrained(const Vec3& v) const noexcept {
+    if (kind == PrimitiveKind::kPoint) return v;
+    const Vec3 along = q.dot(v) * q;
+    return kind == PrimitiveKind::kPlane ? along : Vec3(v - along);
   }
-  [[nodiscard]] bool apart() const noexcept { return d.squaredNorm() >= 1.0; }
 
   /// On it: of all forces that it can exert the one nearest to s (P lambda - pull), where the pull
   /// grows beyond all bounds as it comes off. Adds to H how that changes with lambda.
   [[nodiscard]] Vec3 forceAt(const Vec3& lambda, Mat3& H) const noexcept {
-    const Vec3 u = P * lambda - d / (1.0 - d.norm());
-    if (plane) {
-      const double along = q.dot(u);
-      if (along > 0.0 && along < 1.0) H += strength * P;
+    if (kind == PrimitiveKind::kPlane) {
+      const double along = q.dot(lambda - pull);
+      if (along > 0.0 && along < 1.0) H += (strength * q) * q.transpose();
       return strength * std::clamp(along, 0.0, 1.0) * q;
     }
+    const Vec3 u = constrained(lambda) - pull;
+    Mat3 P = Mat3::Identity();
+    if (kind == PrimitiveKind::kLine) P -= q * q.transpose();
     const double length = u.norm();
     if (length <= 1.0) {
       H += strength * P;
@@ -53,22 +56,27 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   constexpr double kEnough = 1e-10;  // of the strengths
   constexpr double kGood = 1e-6;
   if (result.solver == SolverKind::kClosedForm || result.status == SolveStatus::kBadInput) return;
-  const auto acts = [](const Primitive& p) {
-    return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
-  };
-  const auto shared_of = [&](const Primitive& p) {
-    return Shared(p, (probe - p.position) + result.offset);
-  };
+  std::array<Shared, kMaxPrimitives> all;
+  std::size_t sharing = 0;
   double strength = 0.0;
   Vec3 load = Vec3::Zero();
-  int sharing = 0;
   for (std::size_t i = 0; i < primitives.size(); ++i) {
-    if (!acts(primitives[i]) || shared_of(primitives[i]).apart()) continue;
-    strength += primitives[i].strength;
+    const Primitive& p = primitives[i];
+    if (p.kind == PrimitiveKind::kForce || !(p.strength > 0.0)) continue;
+    Shared& shared = all[sharing];
+    shared.source = i;
+    shared.kind = p.kind;
+    shared.strength = p.strength;
+    shared.q = p.direction;
+    const Vec3 d = shared.constrained((probe - p.position) + result.offset) / kSharedWithin;
+    if (d.squaredNorm() >= 1.0) continue;
+    shared.pull = d / (1.0 - d.norm());
+    strength += p.strength;
     load += forces[i];
     ++sharing;
   }
   if (sharing < 2) return;
+  const std::span<const Shared> shared = std::span<const Shared>(all).first(sharing);
 
   // sum f_i(lambda) = load: the gradient of a convex function of lambda. Newton, and along each
   // step a search for where that function is lowest: what is missing, along the step, falls to
@@ -77,11 +85,7 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   const auto missing_at = [&](const Vec3& lambda) {
     H = 1e-9 * strength * Mat3::Identity();
     Vec3 missing = load;
-    for (const Primitive& p : primitives) {
-      if (!acts(p)) continue;
-      const Shared shared = shared_of(p);
-      if (!shared.apart()) missing -= shared.forceAt(lambda, H);
-    }
+    for (const Shared& one : shared) missing -= one.forceAt(lambda, H);
     return missing;
   };
   Vec3 lambda = load / strength;
@@ -103,11 +107,7 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
     }
   }
   if (!(missing.norm() <= kGood * strength)) return;
-  for (std::size_t i = 0; i < primitives.size(); ++i) {
-    if (!acts(primitives[i])) continue;
-    const Shared shared = shared_of(primitives[i]);
-    if (!shared.apart()) forces[i] = shared.forceAt(lambda, H);
-  }
+  for (const Shared& one : shared) forces[one.source] = one.forceAt(lambda, H);
 }
 
 }  // namespace palpate

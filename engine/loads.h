@@ -20,7 +20,8 @@ inline constexpr double kSharedWithin = 1e-6;
 ///
 /// @param result  Of solveProxy for this input; the proxy stays where it is.
 /// @param forces  As solveProxy left them. Where no better share is found they stay.
-/// RT: no allocation. Cost: nothing after a closed form, else a few 3x3 solves.
+/// RT: no allocation; at most 75 KB of stack. Cost: nothing after a closed form, else a few 3x3
+/// solves.
 void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const SolveResult& result,
                 std::span<Vec3> forces) noexcept PALPATE_NONBLOCKING;
 
