@@ -216,6 +216,7 @@ class Tick {
     fresh.part = part;
     fresh.memories.fill({});
     const BoundGraph bound = reader_.bind(scene_, part, slot);
+    fresh.modes = bound.graph->modes.size();
     report.samples += bound.sample(state_.proxy_, fresh.properties);
     const Stand stand{state_.proxy_, state_.proxy_, probe_, nullptr};
     state_.primitives_.clear();

@@ -130,6 +130,7 @@ class ProxyState {
   /// A part that is felt.
   struct NearPart {
     std::size_t part = kNoPart;  ///< Index into Scene::parts; kNoPart: none.
+    std::size_t modes = 0;       ///< How many it has.
     Properties properties;
     std::array<ModeMemory, kMaxPartModes> memories;
   };

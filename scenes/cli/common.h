@@ -29,6 +29,7 @@ using OrderedJson = nlohmann::ordered_json;
 void addInfo(CLI::App& app, std::function<int()>& body);
 void addImport(CLI::App& app, std::function<int()>& body);
 void addMake(CLI::App& app, std::function<int()>& body);
+void addShatter(CLI::App& app, std::function<int()>& body);
 void addSample(CLI::App& app, std::function<int()>& body);
 void addSolve(CLI::App& app, std::function<int()>& body);
 void addCheck(CLI::App& app, std::function<int()>& body);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -42,7 +43,17 @@ std::shared_ptr<Felt::SceneFelt> Felt::startOf(const Scene& scene) {
   felt->id = scene.id;
   felt->names = scene.graph.mode_names;
   felt->volumes = scene.graph.scalar_reads.size() + scene.graph.vector_reads.size();
-  felt->modes.resize(scene.graph.modes.size());
+  felt->own = felt->names.size();
+  std::map<std::vector<std::string>, std::size_t> known;
+  felt->modes_of_part.reserve(scene.parts.size());
+  for (const Part& part : scene.parts) {
+    const auto [place, fresh] = known.try_emplace(part.graph.mode_names, felt->names.size());
+    felt->modes_of_part.push_back(place->second);
+    if (!fresh) continue;
+    felt->names.insert(felt->names.end(), place->first.begin(), place->first.end());
+    felt->volumes += part.graph.scalar_reads.size() + part.graph.vector_reads.size();
+  }
+  felt->modes.resize(felt->names.size());
   return felt;
 }
 
@@ -91,33 +102,45 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   debt_ = state.limiter().tank.debt();
   refilled_ = state.limiter().tank.refilled();
   tank_ = state.limits().tank.use;
+  near_ += r.parts;
+  most_near_ = std::max<std::int64_t>(most_near_, r.parts);
+  crowded_ += static_cast<std::int64_t>(r.left_out > 0);
+  missing_ = std::max(missing_, r.missing);
 
   // What is published next is told here first, so a scene that is not known is on its way.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != tick.scene) return;
-  std::vector<ModeFelt>& modes = expected_.current()->modes;
+  SceneFelt& felt = *expected_.current();
   const auto forces = state.forces();
   std::size_t next = 0;
-  for (std::size_t i = 0; i < modes.size(); ++i) {
-    const ModeMemory& memory = state.memory(i);
+  const auto add = [&](ModeFelt& mode, const ModeMemory& memory, Contact& last) {
     // What the mode's primitives do together; after a fault there may be none.
     Vec3 force = Vec3::Zero();
     const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
     const bool there = r.status != StepStatus::kFault && end <= forces.size();
     for (; there && next < end; ++next) force += forces[next];
-    addMode(modes[i], force.norm(), memory);
+    addMode(mode, force.norm(), memory, last);
+  };
+  for (std::size_t i = 0; i < felt.own; ++i) add(felt.modes[i], state.memory(i), own_.of[i]);
+  for (const std::uint8_t slot : state.nearOrder()) {
+    const ProxyState::NearPart& near = state.nearPart(slot);
+    if (near.part >= felt.modes_of_part.size()) continue;
+    Contacts& last = slots_[slot];
+    if (last.part != near.part) last = {near.part, {}};
+    const std::size_t first = felt.modes_of_part[near.part];
+    const std::size_t count = near.modes;
+    for (std::size_t i = 0; i < count; ++i)
+      add(felt.modes[first + i], near.memories[i], last.of[i]);
   }
 }
 
-void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory) const noexcept {
+void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory,
+                   Contact& last) const noexcept {
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
   const std::int64_t now = durations_.count();
-  if (memory.contact == ModeMemory::Contact::kYielded &&
-      mode.contact != ModeMemory::Contact::kYielded) {
-    ++mode.yields;
-  }
-  mode.contact = memory.contact;
+  if (memory.contact == Contact::kYielded && last != Contact::kYielded) ++mode.yields;
+  last = memory.contact;
   if (held < kNewtons) return;
   mode.held = std::max(mode.held, held);
   ++mode.active;
@@ -171,6 +194,14 @@ OrderedJson Felt::summary() const {
   json["solver"] = {{"closed-form", closed_form_},
                     {"general", static_cast<std::int64_t>(durations_.count()) - closed_form_}};
   json["volumes_active"] = scenes_.back()->volumes;
+  const std::size_t parts = scenes_.back()->modes_of_part.size();
+  if (parts > 0) {
+    json["parts"] = {{"all", parts},
+                     {"near_mean", static_cast<double>(near_) / ticks},
+                     {"near_most", most_near_},
+                     {"crowded_ticks", crowded_},
+                     {"missing_max", missing_}};
+  }
   json["status"] = OrderedJson::object();
   for (std::size_t i = 0; i < statuses_.size(); ++i) {
     json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
@@ -185,6 +216,7 @@ OrderedJson Felt::summary() const {
   for (const auto& felt : scenes_) {
     for (std::size_t i = 0; i < felt->modes.size(); ++i) {
       const ModeFelt& mode = felt->modes[i];
+      if (i >= felt->own && mode.active == 0) continue;
       json["felt"].push_back({{"mode", felt->names[i]},
                               {"seconds", static_cast<double>(mode.active) / rate_},
                               {"touches", mode.touches},
@@ -221,6 +253,19 @@ std::string Felt::words() const {
                             count.get<std::int64_t>());
   }
   if (!troubles.empty()) text += "status    " + troubles + "\n";
+  if (s.contains("parts")) {
+    const OrderedJson& parts = s["parts"];
+    text += fmt::format("parts     {} of {} near in the mean, {} at most\n",
+                        rounded(parts["near_mean"].get<double>()), parts["all"].get<std::int64_t>(),
+                        most_near_);
+    if (crowded_ > 0) {
+      text += fmt::format(
+          "crowded   more than {} parts met in {} ticks: the strongest were felt, and the force "
+          "was "
+          "off by at most {} N\n",
+          kMaxNearParts, crowded_, rounded(missing_));
+    }
+  }
   text += fmt::format("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
                       rounded(net_energy_), rounded(injected_));
   if (tank_ != TankUse::kOff) {

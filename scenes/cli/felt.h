@@ -61,7 +61,12 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t touches = 0;  ///< Times it began to, after at least 50 ms without.
     std::int64_t yields = 0;   ///< Times a surface was pushed through.
     double held = 0.0;         ///< Largest force of its primitives [N].
-    ModeMemory::Contact contact = ModeMemory::Contact::kUnknown;
+  };
+  using Contact = ModeMemory::Contact;
+  /// The contacts of a graph's modes, as the last tick left them.
+  struct Contacts {
+    std::size_t part = ProxyState::kNoPart;
+    std::array<Contact, kMaxModes> of{};
   };
   /// What was felt of one scene.
   struct SceneFelt {
@@ -69,8 +74,10 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::vector<std::string> names;
     std::size_t volumes = 0;  ///< That are read.
     std::vector<ModeFelt> modes;
+    std::size_t own = 0;                     ///< Of these, the scene's own; then those of parts.
+    std::vector<std::size_t> modes_of_part;  ///< The first of each part's; alike ones share theirs.
   };
-  void addMode(ModeFelt& mode, double held, const ModeMemory& memory) const noexcept;
+  void addMode(ModeFelt& mode, double held, const ModeMemory& memory, Contact& last) const noexcept;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
 
   double rate_;
@@ -103,6 +110,13 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double refilled_ = 0.0;
   TankUse tank_ = TankUse::kOff;
   double injected_ = 0.0;
+  // Of the parts.
+  std::int64_t near_ = 0;  ///< Sum of those that were near.
+  std::int64_t most_near_ = 0;
+  std::int64_t crowded_ = 0;  ///< Ticks in which there was no room for some.
+  double missing_ = 0.0;      ///< Most that the force was off for that [N].
+  Contacts own_;
+  std::array<Contacts, kMaxNearParts> slots_;
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();
 };

@@ -26,8 +26,9 @@ int run(int argc, char** argv) {
 
   // A verb of the contract that is not built yet, or a slip, deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
-  const std::vector<std::string> verbs{"info",    "import", "make", "sample",    "solve",  "check",
-                                       "explain", "press",  "feel", "stability", "devices"};
+  const std::vector<std::string> verbs{"info",  "import",    "make",    "sample",
+                                       "solve", "check",     "explain", "press",
+                                       "feel",  "stability", "devices", "shatter"};
   if (first == "view") {
     throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
   }
@@ -42,6 +43,7 @@ int run(int argc, char** argv) {
   cli::addInfo(app, body);
   cli::addImport(app, body);
   cli::addMake(app, body);
+  cli::addShatter(app, body);
   cli::addSample(app, body);
   cli::addSolve(app, body);
   cli::addCheck(app, body);

@@ -1,0 +1,510 @@
+/// What do many volumes cost? Ticks, memory and building by how many are placed, how many overlap
+/// where the hand is, and how large they are.
+///
+///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
+///     RESULT.json]
+///
+/// Ticks are compared in pairs of runs, each pair beginning with the other scene. All of one hand:
+/// the program is pinned to a core; scenes are built by all of them before.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <malloc.h>
+#include <memory>
+#include <random>
+#include <sched.h>
+#include <string>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <openvdb/openvdb.h>
+#include <openvdb/tools/LevelSetSphere.h>
+
+#include "bench/percentiles.h"
+#include "bench/report.h"
+#include "devices/simulated_device.h"
+#include "engine/step.h"
+#include "scenes/build_scene.h"
+#include "scenes/scene_file.h"
+#include "tests/support/reference_solver.h"
+#include "tests/support/vdb_files.h"
+
+namespace {
+
+using namespace palpate;
+using bench::Clock;
+using bench::rounded;
+using nlohmann::ordered_json;
+
+constexpr double kVoxel = 1e-3;   // [m]
+constexpr double kRadius = 0.02;  // [m] of a ball
+constexpr double kRoom = 0.5;     // [m] from the middle to a wall
+constexpr double kDt = 1e-3;
+
+struct Options {
+  bool quick = false;
+  int pairs = 9;
+  std::string only;  // one of the tables; empty: all
+  std::vector<std::string> scenes;
+  std::string out;
+};
+
+double seconds(Clock::time_point from) {
+  return std::chrono::duration<double>(Clock::now() - from).count();
+}
+
+/// Of the process [bytes].
+double residentMemory() {
+  malloc_trim(0);
+  std::ifstream file("/proc/self/statm");
+  double all = 0.0;
+  double resident = 0.0;
+  file >> all >> resident;
+  return resident * static_cast<double>(sysconf(_SC_PAGESIZE));
+}
+
+std::shared_ptr<const Volume> throughAFile(const openvdb::GridBase::Ptr& grid) {
+  const test::TemporaryFolder folder;
+  const std::filesystem::path file = folder / "a.vdb";
+  openvdb::io::File(file.string()).write({grid});
+  return loadVolume(file, "");
+}
+
+/// A ball as a level set.
+std::shared_ptr<const Volume> makeBall(double radius) {
+  openvdb::initialize();
+  const auto grid = openvdb::tools::createLevelSetSphere<openvdb::FloatGrid>(
+      static_cast<float>(radius / kVoxel), openvdb::Vec3f(0.0F), 1.0F, 3.0F);
+  grid->setName("ball");
+  return throughAFile(grid);
+}
+
+/// A cloud that is thickest in its middle.
+std::shared_ptr<const Volume> makeCloud() {
+  openvdb::initialize();
+  const auto grid = openvdb::FloatGrid::create();
+  grid->setName("cloud");
+  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  const int n = static_cast<int>(std::lround(kRadius / kVoxel));
+  for (auto at = openvdb::CoordBBox(openvdb::Coord(-n), openvdb::Coord(n)).begin(); at; ++at) {
+    const double share = 1.0 - (*at).asVec3d().length() / n;
+    if (share > 0.0) grid->tree().setValue(*at, static_cast<float>(share));
+  }
+  return throughAFile(grid);
+}
+
+PlaceSpec placeAt(const Vec3& at) {
+  PlaceSpec place;
+  place.kind = PlaceSpec::Kind::kMap;
+  place.scale = kVoxel;
+  place.translate = at;
+  return place;
+}
+
+/// What is felt of a ball, and of a cloud.
+ModeSpec skin() {
+  ModeSpec mode;
+  mode.kind = ModeKind::kIsosurface;
+  mode.of = "volume";
+  mode.solid = Solid::kBelow;
+  mode.strength = 3.0;
+  return mode;
+}
+ModeSpec layers() {
+  ModeSpec mode;
+  mode.of = "volume";
+  mode.solid = Solid::kAbove;
+  mode.strength = 0.1;
+  return mode;
+}
+
+/// A volume with instances.
+SceneSpec sceneOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
+                  const std::vector<Vec3>& places) {
+  SceneSpec spec;
+  spec.source = "bench";
+  VolumeSpec& many = spec.volumes[mode.of];
+  many.volume = volume;
+  many.instances.reserve(places.size());
+  for (const Vec3& at : places) many.instances.push_back(placeAt(at));
+  spec.graph.modes.push_back(mode);
+  return spec;
+}
+
+/// The same as volumes of one graph, which is asked in every tick.
+SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec& mode,
+                     const std::vector<Vec3>& places) {
+  SceneSpec spec;
+  spec.source = "bench";
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    const std::string name = "volume" + std::to_string(1000 + i);
+    spec.volumes[name].volume = volume;
+    spec.volumes[name].place = placeAt(places[i]);
+    spec.graph.modes.push_back(mode);
+    spec.graph.modes.back().of = name;
+  }
+  return spec;
+}
+
+/// Two balls that overlap, and others about them that the hand does not come to.
+std::vector<Vec3> placesOf(std::size_t count) {
+  std::mt19937_64 random(1);
+  std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
+  constexpr double kApart = 0.06;  // the hand stays within 35 mm
+  std::vector<Vec3> places{{-0.008, 0, 0}, {0.008, 0, 0}};
+  places.resize(std::min<std::size_t>(count, 2));
+  while (places.size() < count) {
+    const Vec3 at(uniform(random), uniform(random), uniform(random));
+    if (at.norm() > kApart) places.push_back(at);
+  }
+  return places;
+}
+
+/// Round two balls that overlap, in and out of them by 3 mm, at up to 0.15 m/s.
+std::vector<Vec3> wayAround(std::size_t ticks) {
+  std::vector<Vec3> way;
+  way.reserve(ticks);
+  for (std::size_t i = 0; i < ticks; ++i) {
+    const double t = kDt * static_cast<double>(i);
+    const Vec3 d = Vec3(std::sin(2.3 * t), std::cos(1.7 * t), std::sin(1.1 * t + 1.0)).normalized();
+    double far = 0.0;
+    for (const double x : {-0.008, 0.008}) {
+      const double along = x * d.x();
+      far = std::max(far, along + std::sqrt(kRadius * kRadius - x * x + along * along));
+    }
+    way.emplace_back(d * (far - 3e-3 * std::sin(6.0 * t)));
+  }
+  return way;
+}
+
+struct Ride {
+  std::vector<double> ns;
+  std::vector<StepReport> reports;
+};
+
+/// A hand's ticks along a way, after the first thousand of them once more.
+Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
+  Reader reader;
+  ProxyState state(ForceLimits{1000.0, 1e9});
+  Ride out;
+  out.ns.reserve(way.size());
+  out.reports.reserve(way.size());
+  for (std::size_t i = 0; i < std::min<std::size_t>(1000, way.size()); ++i) {
+    (void)hapticStep(scene, reader, {way[i]}, state, kDt);
+  }
+  state.release();
+  for (const Vec3& hand : way) {
+    const auto start = Clock::now();
+    const StepReport report = hapticStep(scene, reader, {hand}, state, kDt);
+    const auto end = Clock::now();
+    out.ns.push_back(std::chrono::duration<double, std::nano>(end - start).count());
+    out.reports.push_back(report);
+  }
+  return out;
+}
+
+ordered_json timesOf(std::vector<double> ns) {
+  std::sort(ns.begin(), ns.end());
+  return {{"p50_ns", rounded(bench::percentileOfSorted(ns, 0.5))},
+          {"p99_ns", rounded(bench::percentileOfSorted(ns, 0.99))},
+          {"p999_ns", rounded(bench::percentileOfSorted(ns, 0.999))}};
+}
+
+ordered_json spreadOf(std::vector<double> ratios) {
+  std::sort(ratios.begin(), ratios.end());
+  return {{"median", rounded(bench::percentileOfSorted(ratios, 0.5))},
+          {"least", rounded(ratios.front())},
+          {"most", rounded(ratios.back())}};
+}
+
+void append(std::vector<double>& to, const std::vector<double>& from) {
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+/// What the clock adds to a time [ns], the median.
+double clockCost() {
+  std::vector<double> ns;
+  for (int i = 0; i < 10001; ++i) {
+    const auto start = Clock::now();
+    ns.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
+  }
+  return bench::percentile(ns, 0.5);
+}
+
+/// Looking for what is near, where there is nothing: a hand at 0.3 m/s through the gaps.
+ordered_json lookUp(const Scene& scene) {
+  NearBoxes near;
+  std::vector<double> ns;
+  long asked = 0;
+  std::size_t found = 0;
+  constexpr int kLooks = 200000;
+  ns.reserve(kLooks);
+  for (int i = 0; i < kLooks; ++i) {
+    const double t = kDt * i;
+    const Vec3 p =
+        0.9 * kRoom * Vec3(std::sin(0.4 * t + 1.0), std::sin(0.31 * t + 2.0), std::sin(0.27 * t));
+    const auto start = Clock::now();
+    found += near.near(scene.bounds, {p, p}).size();
+    const auto end = Clock::now();
+    ns.push_back(std::chrono::duration<double, std::nano>(end - start).count());
+    asked += near.asked() ? 1 : 0;
+  }
+  ordered_json json = timesOf(std::move(ns));
+  json["asked_share"] = rounded(static_cast<double>(asked) / kLooks);
+  json["near"] = rounded(static_cast<double>(found) / kLooks);
+  return json;
+}
+
+ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume>& ball) {
+  ordered_json rows = ordered_json::array();
+  const std::vector<Vec3> way = wayAround(options.quick ? 4000 : 40000);
+  const BuiltScene two = buildScene(sceneOf(ball, skin(), placesOf(2)));
+  for (const std::size_t count : {1, 2, 5, 10, 30, 100, 300, 1000, 3000, 10000}) {
+    bench::tell("placements: " + std::to_string(count));
+    const SceneSpec spec = sceneOf(ball, skin(), placesOf(count));
+    const double before = residentMemory();
+    const auto start = Clock::now();
+    const BuiltScene built = buildScene(spec);
+    const double build = seconds(start);
+    const double memory = residentMemory() - before;
+    std::vector<double> alone_ns;
+    std::vector<double> all_ns;
+    std::vector<double> medians;
+    std::vector<double> tails;
+    for (int pair = 0; pair < options.pairs; ++pair) {
+      Ride alone;
+      Ride all;
+      if (pair % 2 == 0) alone = ride(*two.scene, way);
+      all = ride(*built.scene, way);
+      if (pair % 2 == 1) alone = ride(*two.scene, way);
+      medians.push_back(bench::percentile(all.ns, 0.5) / bench::percentile(alone.ns, 0.5));
+      tails.push_back(bench::percentile(all.ns, 0.999) / bench::percentile(alone.ns, 0.999));
+      append(alone_ns, alone.ns);
+      append(all_ns, all.ns);
+      // The comparison means nothing where they do not feel the same.
+      for (std::size_t i = 0; i < way.size() && count >= 2; ++i) {
+        if ((all.reports[i].wanted - alone.reports[i].wanted).norm() > 1e-9) {
+          throw std::runtime_error("others are felt, too: the comparison means nothing");
+        }
+      }
+    }
+    rows.push_back({{"placements", count},
+                    {"tick", timesOf(std::move(all_ns))},
+                    {"two_alone", timesOf(std::move(alone_ns))},
+                    {"p50_ratio", spreadOf(std::move(medians))},
+                    {"p999_ratio", spreadOf(std::move(tails))},
+                    {"look_up", lookUp(*built.scene)},
+                    {"build_s", rounded(build)},
+                    {"memory_mb", rounded(1e-6 * memory)}});
+  }
+  return rows;
+}
+
+ordered_json byOverlap(const Options& options) {
+  ordered_json rows = ordered_json::array();
+  const auto cloud = makeCloud();
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<double> uniform(-4e-3, 4e-3);
+  std::vector<Vec3> places;
+  for (const std::size_t count : {1, 2, 4, 8, 12, 16, 24, 32, 48, 64}) {
+    bench::tell("overlapping: " + std::to_string(count));
+    while (places.size() < count) {
+      places.emplace_back(uniform(random), uniform(random), uniform(random));
+    }
+    // Through all of them, each of which holds across its own gradient.
+    std::vector<Vec3> way;
+    const std::size_t ticks = options.quick ? 2000 : 10000;
+    way.reserve(ticks);
+    for (std::size_t i = 0; i < ticks; ++i) {
+      const double t = kDt * static_cast<double>(i);
+      way.emplace_back(0.008 * Vec3(std::sin(1.3 * t), std::cos(1.1 * t), std::sin(0.9 * t)));
+    }
+    CouplingParams coupling;
+    const BuiltScene parts = buildScene(sceneOf(cloud, layers(), places));
+    const BuiltScene one = buildScene(oneGraphOf(cloud, layers(), places));
+    std::vector<double> parts_ns;
+    std::vector<double> one_ns;
+    long iterations = 0;
+    long readings = 0;
+    const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
+      for (std::size_t i = 0; i < way.size(); ++i) {
+        if (static_cast<std::size_t>(ridden.reports[i].primitives) == count) {
+          ns.push_back(ridden.ns[i]);
+          iterations += ridden.reports[i].iterations;
+          readings += ridden.reports[i].substeps;
+        }
+      }
+    };
+    for (int pair = 0; pair < options.pairs; ++pair) {
+      if (pair % 2 == 0) keep(ride(*one.scene, way), one_ns);
+      keep(ride(*parts.scene, way), parts_ns);
+      if (pair % 2 == 1) keep(ride(*one.scene, way), one_ns);
+    }
+    // Against the reference balance of the primitives that the tick has placed.
+    Reader reader;
+    ProxyState state(ForceLimits{1000.0, 1e9});
+    double off = 0.0;
+    double bound = 0.0;
+    double felt = 0.0;
+    int compared = 0;
+    for (std::size_t i = 0; i < way.size(); ++i) {
+      const StepReport r = hapticStep(*parts.scene, reader, {way[i]}, state, kDt);
+      if (i % 20 != 0 || static_cast<std::size_t>(r.primitives) != count ||
+          r.status != StepStatus::kConverged) {
+        continue;
+      }
+      const test::Reference exact =
+          test::solveReference(way[i], coupling.stiffness, state.primitives().items());
+      const double error = coupling.stiffness * (state.proxy() - way[i] - exact.offset).norm();
+      off = std::max(off, error);
+      bound = std::max(bound, coupling.stiffness * (r.error_bound + exact.error_bound));
+      felt = std::max(felt, coupling.stiffness * exact.offset.norm());
+      ++compared;
+    }
+    const auto all = static_cast<double>(parts_ns.size() + one_ns.size());
+    rows.push_back({{"overlap", count},
+                    {"tick", timesOf(parts_ns)},
+                    {"one_graph", timesOf(one_ns)},
+                    {"ticks", parts_ns.size()},
+                    {"iterations", rounded(static_cast<double>(iterations) / all)},
+                    {"readings", rounded(static_cast<double>(readings) / all)},
+                    {"compared", compared},
+                    {"force_n", rounded(felt)},
+                    {"error_n", rounded(off)},
+                    {"bound_n", rounded(bound)}});
+  }
+  return rows;
+}
+
+ordered_json bySize(const Options& options) {
+  ordered_json rows = ordered_json::array();
+  const std::vector<double> radii =
+      options.quick ? std::vector<double>{0.02, 0.1}
+                    : std::vector<double>{0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5};
+  for (const double radius : radii) {
+    bench::tell("radius: " + std::to_string(radius));
+    const double empty = residentMemory();
+    const auto volume = makeBall(radius);
+    const auto start = Clock::now();
+    const BuiltScene single = buildScene(sceneOf(volume, skin(), {Vec3::Zero()}));
+    const double first = seconds(start);
+    const double with_one = residentMemory();
+    // A thousand, side by side.
+    std::vector<Vec3> places;
+    for (int i = 0; i < 1000; ++i) {
+      places.emplace_back(Vec3(i % 10, i / 10 % 10, i / 100) * 2.2 * radius);
+    }
+    const auto again = Clock::now();
+    const BuiltScene many = buildScene(sceneOf(volume, skin(), places));
+    const double thousand = seconds(again);
+    const double with_all = residentMemory();
+    // Over its skin, as fast as a hand goes.
+    std::vector<Vec3> way;
+    const std::size_t ticks = options.quick ? 4000 : 40000;
+    way.reserve(ticks);
+    for (std::size_t i = 0; i < ticks; ++i) {
+      const double t = kDt * static_cast<double>(i);
+      const double turn = 0.1 * t / radius;  // 0.1 m/s
+      way.emplace_back(
+          (radius - 1e-3 * std::sin(6.0 * t)) *
+          Vec3(std::sin(turn), std::cos(turn), 0.3 * std::sin(0.37 * turn)).normalized());
+    }
+    std::vector<double> ns;
+    for (int run = 0; run < options.pairs; ++run) append(ns, ride(*many.scene, way).ns);
+    rows.push_back({{"volume_mb", rounded(1e-6 * static_cast<double>(volume->memory()))},
+                    {"tick", timesOf(std::move(ns))},
+                    {"one_mb", rounded(1e-6 * (with_one - empty))},
+                    {"thousand_mb", rounded(1e-6 * (with_all - empty))},
+                    {"build_one_s", rounded(first)},
+                    {"build_thousand_s", rounded(thousand)}});
+  }
+  return rows;
+}
+
+/// A scene as it is, explored all over.
+ordered_json explored(const Options& options, const std::string& file) {
+  bench::tell(file);
+  const double before = residentMemory();
+  const auto start = Clock::now();
+  const SceneSpec spec = openScene(file);
+  const BuiltScene built = buildScene(spec);
+  const double build = seconds(start);
+  const double memory = residentMemory() - before;
+  SimulatedDevice device({}, {}, explore(built.bounds, options.quick ? 5.0 : 60.0), 1000.0);
+  Reader reader;
+  ProxyState state(device.info().limits);
+  std::vector<double> ns;
+  int most = 0;
+  double parts = 0.0;
+  long left_out = 0;
+  while (!device.ended()) {
+    const HandState hand = device.read();
+    const auto begin = Clock::now();
+    const StepReport report = hapticStep(*built.scene, reader, hand, state, kDt);
+    ns.push_back(std::chrono::duration<double, std::nano>(Clock::now() - begin).count());
+    device.write(report.force);
+    most = std::max(most, report.parts);
+    parts += report.parts;
+    left_out += report.left_out > 0 ? 1 : 0;
+  }
+  ordered_json json{{"scene", std::filesystem::path(file).filename().string()},
+                    {"parts", built.scene->parts.size()},
+                    {"volumes", built.volumes.size()},
+                    {"ticks", ns.size()},
+                    {"felt_mean", rounded(parts / static_cast<double>(ns.size()))},
+                    {"felt_most", most},
+                    {"ticks_with_parts_left_out", left_out}};
+  json["tick"] = timesOf(std::move(ns));
+  json["build_s"] = rounded(build);
+  json["memory_mb"] = rounded(1e-6 * memory);
+  return json;
+}
+
+int run(const Options& options) {
+  ordered_json json;
+  const auto ball = makeBall(kRadius);
+  {
+    // What is allocated once and for all.
+    (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
+  }
+  const bench::Machine machine = bench::takeMachine(false);
+  json["machine"] = bench::asJson(machine);
+  json["clock_ns"] = rounded(clockCost());
+  const auto wanted = [&](const char* what) {
+    return options.only.empty() || options.only == what;
+  };
+  if (wanted("number")) json["number"] = byNumber(options, ball);
+  if (wanted("overlap")) json["overlap"] = byOverlap(options);
+  if (wanted("size")) json["size"] = bySize(options);
+  json["scenes"] = ordered_json::array();
+  for (const std::string& scene : options.scenes)
+    json["scenes"].push_back(explored(options, scene));
+  bench::tell("");
+  bench::writeResult(json, options.out);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  CLI::App app("What many volumes cost: ticks, memory, building");
+  app.add_flag("--quick", options.quick, "A tenth of the ticks, small volumes");
+  app.add_option("--pairs", options.pairs, "Pairs of runs")->check(CLI::Range(1, 1000));
+  app.add_option("--only", options.only, "One of the tables")
+      ->check(CLI::IsMember({"number", "overlap", "size"}));
+  app.add_option("--scene", options.scenes, "A scene to explore as well");
+  app.add_option("--out", options.out, "Where the result goes, as JSON");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    return run(options);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_scale: %s\n", e.what());
+    return 2;
+  }
+}

@@ -1,0 +1,146 @@
+/// palpate shatter: a large scene out of one volume, for trials of many objects.
+#include <csignal>
+#include <filesystem>
+#include <map>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "engine/error.h"
+#include "scenes/cli/common.h"
+#include "scenes/fragments.h"
+
+namespace palpate::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+struct Interrupted {};
+
+struct Options {
+  std::string file;
+  std::string out;
+  std::string grid;
+  std::string solid = "above";
+  std::string unit = "mm";
+  FragmentOrder order;
+  bool json = false;
+};
+
+/// A folder that appears whole or not at all.
+class WholeFolder {
+ public:
+  explicit WholeFolder(const std::string& path) : path_(path), partial_(path) {
+    while (!partial_.has_filename() && partial_.has_parent_path())
+      partial_ = partial_.parent_path();
+    path_ = partial_;
+    partial_ += fmt::format(".partial-{}", getpid());
+    std::error_code error;
+    if (std::filesystem::exists(path_, error)) {
+      throw Error(path, "it is there already", "remove it, or name another folder");
+    }
+    std::filesystem::create_directory(partial_, error);
+    if (error) {
+      throw Error(path, "the folder cannot be made (" + error.message() + ")",
+                  "choose another place");
+    }
+  }
+  WholeFolder(const WholeFolder&) = delete;
+  WholeFolder& operator=(const WholeFolder&) = delete;
+  ~WholeFolder() {
+    std::error_code error;
+    if (!partial_.empty()) std::filesystem::remove_all(partial_, error);
+  }
+  [[nodiscard]] const std::filesystem::path& place() const { return partial_; }
+  void commit() {
+    std::error_code error;
+    std::filesystem::rename(partial_, path_, error);
+    if (error) {
+      throw Error(path_.string(), "it could not be finished (" + error.message() + ")",
+                  "choose another place");
+    }
+    partial_.clear();
+  }
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path partial_;
+};
+
+int shatter(const Options& options) {
+  const auto on_signal = [](int) { interrupted = 1; };
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+  std::signal(SIGHUP, on_signal);
+  static const std::map<std::string, double> kUnits{
+      {"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}};
+  FragmentOrder order = options.order;
+  order.metres_per_unit = kUnits.at(options.unit);
+  order.solid = options.solid == "above" ? Solid::kAbove : Solid::kBelow;
+  WholeFolder folder(options.out);
+  Fragments made;
+  try {
+    const auto stop = [](const std::function<void(double)>& told) {
+      return [told](double done) {
+        if (interrupted != 0) throw Interrupted{};
+        if (told) told(done);
+      };
+    };
+    LoadOptions load;
+    load.progress = stop(showProgress("loading"));
+    const auto volume = loadVolume(options.file, options.grid, load);
+    made = strewFragments(*volume, order, folder.place(), stop(showProgress("breaking")));
+  } catch (const Interrupted&) {
+    return kInterrupted;
+  }
+  folder.commit();
+  const std::string scene = (std::filesystem::path(options.out) / "scene.json").string();
+  if (options.json) {
+    const OrderedJson json{{"scene", scene},         {"pieces", made.pieces},
+                           {"places", made.count},   {"active_voxels", made.voxels},
+                           {"mean_size", made.size}, {"mean_overlap", made.overlap}};
+    fmt::print("{}\n", dump(json, 2));
+    return kDone;
+  }
+  fmt::print("{}: {} places of {} pieces, {} active voxels\n", scene, made.count, made.pieces,
+             made.voxels);
+  fmt::print("pieces {} mm long in the mean; where the hand is, the boxes of {} meet in the mean\n",
+             rounded(1e3 * made.size), rounded(made.overlap));
+  return kDone;
+}
+
+}  // namespace
+
+void addShatter(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "shatter",
+      "Breaks a volume's solid into fragments and strews them: a large scene for trials");
+  auto options = std::make_shared<Options>();
+  FragmentOrder& order = options->order;
+  verb->add_option("FILE", options->file, "The .vdb to break")->required();
+  verb->add_option("OUT", options->out, "The folder to make: scene.json and the pieces")
+      ->required();
+  verb->add_option("--value", order.value, "The solid's surface, as an isosurface has it")
+      ->required();
+  verb->add_option("--grid", options->grid, "Which grid; not needed where there is one");
+  verb->add_option("--solid", options->solid, "Which side of the value it is on")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"above", "below"}));
+  verb->add_option("--unit", options->unit, "Of the file's lengths")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"m", "cm", "mm", "um"}));
+  verb->add_option("--pieces", order.pieces, "Files to break it into")->capture_default_str();
+  verb->add_option("--count", order.count, "Fragments to strew")->capture_default_str();
+  verb->add_option("--room", order.room, "Edge of the cube that they lie in [m]")
+      ->capture_default_str();
+  verb->add_option("--strength", order.strength, "Of their surfaces [N]")->capture_default_str();
+  verb->add_option("--seed", order.seed, "Where it breaks and where they lie")
+      ->capture_default_str();
+  verb->add_flag("--json", options->json, "Print JSON");
+  verb->footer(
+      "Example:\n  palpate shatter head.vdb rubble --value 1150 && palpate feel rubble/scene.json "
+      "--seconds 10");
+  verb->callback([=, &body] { body = [=] { return shatter(*options); }; });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,333 @@
+#include "scenes/fragments.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <random>
+#include <variant>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <openvdb/openvdb.h>
+
+#include "engine/error.h"
+#include "samplers/volume_grid.h"
+
+namespace palpate {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using openvdb::Coord;
+
+/// So far outside the solid there is data [voxels].
+constexpr double kRim = 3.0;
+/// Of a piece with fewer voxels than this nothing is made.
+constexpr std::uint64_t kLeastVoxels = 64;
+
+/// The same numbers on every machine, which the standard's distributions do not promise.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : engine_(seed) {}
+  /// In [0, 1).
+  double uniform() { return static_cast<double>(engine_() >> 11) * 0x1p-53; }
+  std::uint64_t below(std::uint64_t n) {
+    return static_cast<std::uint64_t>(uniform() * static_cast<double>(n));
+  }
+  /// Every orientation is as likely (Shoemake 1992).
+  Eigen::Quaterniond rotation() {
+    const double u = uniform();
+    const double a = 2.0 * M_PI * uniform();
+    const double b = 2.0 * M_PI * uniform();
+    return {std::sqrt(u) * std::cos(b), std::sqrt(1.0 - u) * std::sin(a),
+            std::sqrt(1.0 - u) * std::cos(a), std::sqrt(u) * std::sin(b)};
+  }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+/// A fragment, as it is made.
+struct Piece {
+  openvdb::FloatGrid::Ptr grid;
+  Vec3 middle = Vec3::Zero();  ///< In the volume's file space.
+  Vec3 size = Vec3::Zero();
+};
+
+/// Breaks the solid of a scalar grid.
+template <class GridT>
+class Breaker {
+ public:
+  Breaker(const GridT& grid, const Volume::Grid::Part& part, const Vec3& voxel,
+          const FragmentOrder& order)
+      : grid_(grid),
+        part_(part),
+        voxel_(voxel.minCoeff()),
+        sign_(order.solid == Solid::kAbove ? 1.0 : -1.0),
+        value_(order.value) {}
+
+  /// Where the pieces are to be nearest to: voxels of the solid, each as likely.
+  std::vector<Vec3> drawSites(int count, Random& random) {
+    std::uint64_t solid = 0;
+    double steps = 0.0;
+    std::uint64_t crossings = 0;
+    const auto accessor = grid_.getConstUnsafeAccessor();
+    for (auto at = grid_.cbeginValueOn(); at; ++at) {
+      const double here = above(*at);
+      if (here > 0.0) ++solid;
+      for (const Coord& next : {Coord(1, 0, 0), Coord(0, 1, 0), Coord(0, 0, 1)}) {
+        typename GridT::ValueType value{};
+        if (!accessor.probeValue(at.getCoord() + next, value)) continue;
+        if ((above(value) > 0.0) == (here > 0.0)) continue;
+        steps += std::abs(above(value) - here);
+        ++crossings;
+      }
+    }
+    if (crossings == 0) {
+      throw Error("--value", fmt::format("there is no surface of {} in the volume", value_),
+                  "palpate info tells its range");
+    }
+    slope_ = steps / static_cast<double>(crossings);
+    std::vector<std::uint64_t> drawn;
+    drawn.reserve(static_cast<std::size_t>(count));
+    for (int i = 0; i < count; ++i) drawn.push_back(random.below(solid));
+    std::sort(drawn.begin(), drawn.end());
+    drawn.erase(std::unique(drawn.begin(), drawn.end()), drawn.end());
+    std::vector<Vec3> sites;
+    std::uint64_t number = 0;
+    for (auto at = grid_.cbeginValueOn(); at && sites.size() < drawn.size(); ++at) {
+      if (!(above(*at) > 0.0)) continue;
+      if (number++ == drawn[sites.size()]) sites.push_back(placeOf(at.getCoord()));
+    }
+    return sites;
+  }
+
+  /// A piece for each site.
+  std::vector<openvdb::FloatGrid::Ptr> breakAt(const std::vector<Vec3>& sites,
+                                               const std::function<void(double)>& progress) {
+    const std::size_t n = sites.size();
+    std::vector<double> per_twice(n * n, 0.0);
+    for (std::size_t i = 0; i < n; ++i) {
+      for (std::size_t j = 0; j < n; ++j) {
+        if (i != j) per_twice[i * n + j] = 0.5 / (sites[i] - sites[j]).norm();
+      }
+    }
+    std::vector<openvdb::FloatGrid::Ptr> grids;
+    std::vector<openvdb::FloatGrid::Accessor> writers;
+    const auto background = static_cast<float>(value_ - sign_ * kRim * slope_);
+    grids.reserve(n);
+    writers.reserve(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      grids.push_back(openvdb::FloatGrid::create(background));
+      writers.push_back(grids.back()->getAccessor());
+    }
+    std::vector<double> squares(n);
+    const double rim = kRim * voxel_;
+    const std::uint64_t all = grid_.activeVoxelCount();
+    std::uint64_t seen = 0;
+    for (auto at = grid_.cbeginValueOn(); at; ++at) {
+      if (progress && seen++ % 100000 == 0) {
+        progress(static_cast<double>(seen) / static_cast<double>(all));
+      }
+      const double solid = above(*at);
+      if (!(solid > -kRim * slope_)) continue;
+      const Vec3 p = placeOf(at.getCoord());
+      for (std::size_t i = 0; i < n; ++i) squares[i] = (p - sites[i]).squaredNorm();
+      const auto nearest = static_cast<std::size_t>(
+          std::min_element(squares.begin(), squares.end()) - squares.begin());
+      for (std::size_t i = 0; i < n; ++i) {
+        // How far within the faces of piece i: the nearest site's is nearly always the nearest.
+        const double* per = per_twice.data() + i * n;
+        double within = i == nearest ? 1e300 : (squares[nearest] - squares[i]) * per[nearest];
+        if (!(within > -rim)) continue;
+        for (std::size_t j = 0; j < n; ++j) {
+          if (j != i) within = std::min(within, (squares[j] - squares[i]) * per[j]);
+        }
+        const double here = std::min(solid, slope_ * within / voxel_);
+        if (here > -kRim * slope_) {
+          writers[i].setValue(at.getCoord(), static_cast<float>(value_ + sign_ * here));
+        }
+      }
+    }
+    return grids;
+  }
+
+ private:
+  /// How much the value is on the solid's side.
+  [[nodiscard]] double above(double value) const { return sign_ * (value - value_); }
+  [[nodiscard]] Vec3 placeOf(const Coord& c) const {
+    return part_.toFile(Vec3(c.x(), c.y(), c.z()));
+  }
+
+  const GridT& grid_;
+  const Volume::Grid::Part& part_;
+  double voxel_;
+  double sign_;
+  double value_;
+  double slope_ = 0.0;  ///< Of the value at the solid's surface, by voxel.
+};
+
+/// The grid's own map, with the piece's middle at the origin. Its size and middle.
+void place(Piece& piece, const Volume::Grid::Part& part) {
+  const openvdb::CoordBBox box = piece.grid->evalActiveVoxelBoundingBox();
+  const auto corner = [](const Coord& c) { return Vec3(c.x(), c.y(), c.z()); };
+  const Box file = boxAbout({corner(box.min()), corner(box.max())},
+                            [&](const Vec3& p_I) { return part.toFile(p_I); });
+  piece.middle = file.centre();
+  piece.size = file.size();
+  openvdb::Mat4d map = openvdb::Mat4d::identity();
+  for (int row = 0; row < 3; ++row) {
+    // OpenVDB multiplies rows from the left.
+    for (int column = 0; column < 3; ++column) map(column, row) = part.linear(row, column);
+    map(3, row) = part.origin[row] - piece.middle[row];
+  }
+  piece.grid->setTransform(openvdb::math::Transform::createLinearTransform(map));
+}
+
+void write(const openvdb::FloatGrid::Ptr& grid, const std::filesystem::path& file) {
+  try {
+    openvdb::io::File vdb(file);
+    vdb.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
+    vdb.write({grid});
+    vdb.close();
+  } catch (const std::exception&) {
+    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
+  }
+}
+
+void checkOrder(const FragmentOrder& order) {
+  const auto refuse = [](const char* what, const std::string& range) {
+    throw Error(what, "it is out of range", "use " + range);
+  };
+  if (order.pieces < 2 || order.pieces > kMostPieces) {
+    refuse("--pieces", fmt::format("2 to {}", kMostPieces));
+  }
+  if (order.count < order.pieces || order.count > kMostFragments) {
+    refuse("--count", fmt::format("at least as many as pieces, at most {}", kMostFragments));
+  }
+  if (!(order.room > 0.0 && order.room <= 1000.0)) refuse("--room", "up to 1000 m, as 1");
+  if (!(order.metres_per_unit > 0.0)) refuse("--unit", "m, cm, mm or um");
+  if (!std::isfinite(order.value)) refuse("--value", "a number");
+  if (!(order.strength > 0.0 && order.strength <= 1000.0)) refuse("--strength", "newtons, as 3");
+}
+
+/// Rounded for a file that people read: a micrometre, a hundredth of a degree.
+double rounded(double x) {
+  return std::round(x * 1e6) / 1e6;
+}
+
+}  // namespace
+
+Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
+                         const std::filesystem::path& folder,
+                         const std::function<void(double)>& progress) {
+  checkOrder(order);
+  const Volume::Grid& source = volume.grid();
+  if (volume.info().vector) {
+    throw Error("grid \"" + volume.info().name + "\"", "it has vectors and no solid",
+                "name a scalar grid");
+  }
+  if (volume.info().grid_class == GridClass::kLevelSet) {
+    throw Error("grid \"" + volume.info().name + "\"",
+                "it is a level set, whose inside has no data", "take a CT, an MRI or a fog");
+  }
+  Random random(order.seed);
+  const Volume::Grid::Part& part = source.parts.front();
+  std::vector<openvdb::FloatGrid::Ptr> grids;
+  std::visit(
+      [&](const auto& grid) {
+        using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
+        if constexpr (std::is_arithmetic_v<typename GridT::ValueType>) {
+          const typename GridT::Ptr voxels = grid->deepCopy();
+          voxels->tree().voxelizeActiveTiles();
+          Breaker<GridT> breaker(*voxels, part, volume.info().voxel, order);
+          const std::vector<Vec3> sites = breaker.drawSites(order.pieces, random);
+          grids = breaker.breakAt(sites, progress);
+        }
+      },
+      part.data);
+
+  Fragments out;
+  std::vector<Piece> pieces;
+  for (openvdb::FloatGrid::Ptr& grid : grids) {
+    if (grid->activeVoxelCount() < kLeastVoxels) continue;
+    Piece piece{std::move(grid)};
+    place(piece, part);
+    pieces.push_back(std::move(piece));
+  }
+  if (pieces.empty()) {
+    throw Error("--pieces", "none of them has as many voxels as can be felt", "use fewer");
+  }
+  Json scene;
+  scene["palpate"] = 1;
+  scene["volumes"] = Json::object();
+  scene["modes"] = Json::array();
+  std::vector<std::string> names;
+  double volume_of_boxes = 0.0;
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    const std::string name = fmt::format("fragment-{:03}", i + 1);
+    openvdb::FloatGrid& grid = *pieces[i].grid;
+    grid.setName("fragment");
+    grid.insertMeta("source", openvdb::StringMetadata(fmt::format(
+                                  "palpate shatter, piece {} of {}, seed {}, of {}", i + 1,
+                                  pieces.size(), order.seed, volume.info().name)));
+    write(pieces[i].grid, folder / (name + ".vdb"));
+    scene["volumes"][name] = {{"file", name + ".vdb"}, {"instances", Json::array()}};
+    scene["modes"].push_back(Json{{"name", name},
+                                  {"mode", "isosurface"},
+                                  {"of", name},
+                                  {"value", order.value},
+                                  {"solid", order.solid == Solid::kAbove ? "above" : "below"},
+                                  {"strength", order.strength}});
+    names.push_back(name);
+    out.voxels += grid.activeVoxelCount();
+    out.size += order.metres_per_unit * pieces[i].size.maxCoeff();
+  }
+  out.pieces = static_cast<int>(pieces.size());
+  out.count = order.count;
+  out.size /= out.pieces;
+  for (int k = 0; k < order.count; ++k) {
+    // Every piece once before any comes again.
+    const std::size_t i = static_cast<std::size_t>(k) % pieces.size();
+    const Eigen::Quaterniond turn = random.rotation();
+    Vec3 at;
+    for (double& x : at) x = rounded(order.room * (random.uniform() - 0.5));
+    scene["volumes"][names[i]]["instances"].push_back(
+        Json{{"scale", order.metres_per_unit},
+             {"rotation_wxyz",
+              {rounded(turn.w()), rounded(turn.x()), rounded(turn.y()), rounded(turn.z())}},
+             {"translate", {at.x(), at.y(), at.z()}}});
+    const Vec3 box = turn.toRotationMatrix().cwiseAbs() * pieces[i].size * order.metres_per_unit;
+    volume_of_boxes += box.prod();
+  }
+  out.overlap = volume_of_boxes / std::pow(order.room, 3);
+  const std::filesystem::path file = folder / "scene.json";
+  std::ofstream text(file);
+  text << "{\n\"palpate\": 1,\n\"volumes\": {";
+  // A volume and an instance a line.
+  const char* between = "\n";
+  for (const auto& [name, entry] : scene["volumes"].items()) {
+    text << between << "\"" << name << "\": {\"file\": " << entry["file"] << ", \"instances\": [";
+    const char* comma = "\n";
+    for (const Json& instance : entry["instances"]) {
+      text << comma << "  " << instance.dump();
+      comma = ",\n";
+    }
+    text << "]}";
+    between = ",\n";
+  }
+  text << "},\n\"modes\": [";
+  between = "\n";
+  for (const Json& mode : scene["modes"]) {
+    text << between << "  " << mode.dump();
+    between = ",\n";
+  }
+  text << "]}\n";
+  text.close();
+  if (!text)
+    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
+  return out;
+}
+
+}  // namespace palpate
