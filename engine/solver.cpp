@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -531,14 +532,7 @@ class Search {
     return false;
   }
 
-  /// The best guess so far, its bound, and what it cost.
-  [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
-  [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
-  [[nodiscard]] int solves() const noexcept { return solves_; }
-
- private:
-  [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
-
+  /// True where the guess is within the tolerance, by the multipliers or along the displacements.
   bool prove(const Vec3& guess) noexcept {
     bool by_multipliers = true;
     const double bound = certify(problem_, guess, by_multipliers);
@@ -551,6 +545,16 @@ class Search {
     return true;
   }
 
+  /// The best guess so far, its bound, and what it cost.
+  [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
+  [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
+  [[nodiscard]] int solves() const noexcept { return solves_; }
+  /// So many were spent before.
+  void count(int solves) noexcept { solves_ += solves; }
+
+ private:
+  [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
+
   void moveOrigin(const Vec3& to) noexcept {
     problem_.moveOrigin(to);
     best_ -= to;
@@ -561,6 +565,192 @@ class Search {
   int solves_ = 0;
   Vec3 best_ = problem_.spring;
   double best_bound_ = 1.0;  // all terms together pull with at most T: |y* - spring| <= 1
+};
+
+/// The balance of planes alone, by pivots: the potential is quadratic in each cell that they part
+/// space into, so it falls along a straight line to a plane that holds or to a cell's own lowest
+/// place, and what is held there is let go of where that takes more than its strength. No plane is
+/// rounded off. In three dimensions at most three hold at once; a few pivots are enough, however
+/// many planes there are, unless many kinks are one point that the proxy stays in.
+class Pivots {
+ public:
+  explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}
+
+  /// Lines and points have no cells.
+  [[nodiscard]] static bool fits(const Terms& terms) noexcept {
+    return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
+  }
+
+  /// From y to the balance, which the multipliers then say; false where it was not reached.
+  bool solve(Vec3& y, int most) noexcept {
+    constexpr int kMostPivots = 40;
+    place(y);
+    while (pivots_ < std::min(kMostPivots, most)) {
+      ++pivots_;
+      const Vec3 g = gradient(y);
+      const Vec3 d = -across(g);
+      const double slope = d.squaredNorm();
+      if (held_ == 3 || slope <= square(8.0 * kEpsilon * (1.0 + g.norm()))) {
+        if (!letGo(g)) return true;
+        continue;
+      }
+      y += fall(d, slope) * d;
+    }
+    return false;
+  }
+  [[nodiscard]] int pivots() const noexcept { return pivots_; }
+
+ private:
+  static double square(double x) noexcept { return x * x; }
+  /// Of term i: q y - q b; how fast it grows along the way; its side, 0 where it holds.
+  [[nodiscard]] double& height(std::size_t i) const noexcept { return terms_.u[0][i]; }
+  [[nodiscard]] double& rate(std::size_t i) const noexcept { return terms_.u[1][i]; }
+  [[nodiscard]] double& side(std::size_t i) const noexcept { return terms_.u[2][i]; }
+
+  void place(const Vec3& y) noexcept {
+    for (std::size_t i = 0; i < terms_.count; ++i) {
+      const Vec3 q = get(terms_.q, i);
+      height(i) = q.dot(y - get(terms_.b, i));
+      side(i) = height(i) >= 0.0 ? 1.0 : -1.0;
+    }
+  }
+
+  /// Of what is smooth here.
+  [[nodiscard]] Vec3 gradient(const Vec3& y) const noexcept {
+    const Terms& t = terms_;
+    double gx = y.x() - problem_.spring.x();
+    double gy = y.y() - problem_.spring.y();
+    double gz = y.z() - problem_.spring.z();
+#pragma omp simd reduction(+ : gx, gy, gz)
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double push = t.sigma[i] * t.u[2][i];
+      gx += push * t.q[0][i];
+      gy += push * t.q[1][i];
+      gz += push * t.q[2][i];
+    }
+    return {gx, gy, gz};
+  }
+
+  /// What of v is across the normals that hold. Twice, as Gram and Schmidt need.
+  [[nodiscard]] Vec3 across(Vec3 v) const noexcept {
+    for (int twice = 0; twice < 2; ++twice) {
+      for (std::size_t k = 0; k < held_; ++k) v -= basis_[k].dot(v) * basis_[k];
+    }
+    return v;
+  }
+
+  void hold(std::size_t i) noexcept {
+    side(i) = 0.0;
+    height(i) = 0.0;
+    holder_[held_] = i;
+    basis_[held_] = across(get(terms_.q, i)).normalized();
+    ++held_;
+  }
+
+  /// To the lowest place along d, as a share of it: past planes, to one that stops it, or to where
+  /// the slope ends by itself.
+  double fall(const Vec3& d, double slope) noexcept {
+    const Terms& t = terms_;
+    const double dx = d.x();
+    const double dy = d.y();
+    const double dz = d.z();
+#pragma omp simd
+    for (std::size_t i = 0; i < t.count; ++i) {
+      t.u[1][i] = t.q[0][i] * dx + t.q[1][i] * dy + t.q[2][i] * dz;
+    }
+    // The planes on the way, and which of them it gets past: a weighted median, found by parting
+    // them about one of them again and again.
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < t.count; ++i) {
+      const double toward = -side(i) * rate(i);
+      const double off = side(i) * height(i);
+      if (toward > 0.0 && off < toward) met_[count++] = {std::max(off, 0.0) / toward, i};
+    }
+    const auto less = [&](const Met& met) {
+      return 2.0 * t.sigma[met.plane] * std::abs(rate(met.plane)) / slope;
+    };
+    double way = 1.0;  // where the slope would end
+    std::size_t stop = t.count;
+    Met* first = met_.data();
+    Met* last = first + count;
+    while (first != last) {
+      const double at = first[(last - first) / 2].way;
+      Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
+      Met* const beyond = std::partition(here, last, [at](const Met& m) { return m.way == at; });
+      double before = 0.0;
+      for (const Met* m = first; m != here; ++m) before += less(*m);
+      if (way - before <= at) {
+        last = here;  // it does not come as far
+        continue;
+      }
+      for (const Met* m = first; m != here; ++m) side(m->plane) = -side(m->plane);
+      way -= before;
+      for (first = here; first != beyond && stop == t.count; ++first) {
+        way -= less(*first);
+        if (way > at) {
+          side(first->plane) = -side(first->plane);
+        } else {
+          stop = first->plane;
+          way = at;
+        }
+      }
+      if (stop != t.count) break;
+    }
+    for (std::size_t i = 0; i < t.count; ++i) height(i) += way * rate(i);
+    for (std::size_t k = 0; k < held_; ++k) height(holder_[k]) = 0.0;
+    if (stop < t.count) hold(stop);
+    return way;
+  }
+
+  /// Lets go of the plane that would have to exert most beyond its strength. False where none
+  /// would: then the multipliers are the balance's.
+  bool letGo(const Vec3& g) noexcept {
+    // sum of push_k q_k = -g, from the last on.
+    std::array<double, 3> push{};
+    Vec3 left = -g;
+    for (std::size_t k = held_; k-- > 0;) {
+      const Vec3 q = get(terms_.q, holder_[k]);
+      push[k] = left.dot(basis_[k]) / q.dot(basis_[k]);
+      left -= push[k] * q;
+    }
+    double worst = 64.0 * kEpsilon;
+    std::size_t drop = held_;
+    for (std::size_t k = 0; k < held_; ++k) {
+      const double beyond = std::abs(push[k]) - terms_.sigma[holder_[k]];
+      if (beyond > worst) {
+        worst = beyond;
+        drop = k;
+      }
+    }
+    if (drop < held_) {
+      side(holder_[drop]) = push[drop] > 0.0 ? 1.0 : -1.0;
+      const std::array<std::size_t, 3> before = holder_;
+      const std::size_t count = std::exchange(held_, 0);
+      for (std::size_t k = 0; k < count; ++k) {
+        if (k != drop) hold(before[k]);
+      }
+      return true;
+    }
+    for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
+    for (std::size_t k = 0; k < held_; ++k) {
+      const double share = push[k] / terms_.sigma[holder_[k]];
+      set(terms_.z, holder_[k], std::clamp(share, -1.0, 1.0) * get(terms_.q, holder_[k]));
+    }
+    return false;
+  }
+
+  Problem& problem_;
+  const Terms& terms_;
+  /// A plane on the way, and where that meets it.
+  struct Met {
+    double way;
+    std::size_t plane;
+  };
+  std::array<Met, kMaxPrimitives> met_;  ///< Scratch.
+  std::array<std::size_t, 3> holder_{};
+  std::array<Vec3, 3> basis_;  ///< Of the normals that hold, each across those before it.
+  std::size_t held_ = 0;
+  int pivots_ = 0;
 };
 
 /// True where the projectors annihilate each other, to rounding.
@@ -871,7 +1061,14 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   const Terms& terms = problem.terms;
   Search search(problem, params);
   bool done = false;
-  if (warm != nullptr && warm->count == count && guess.allFinite()) {
+  if (Pivots::fits(terms)) {
+    Pivots planes(problem);
+    const bool known = warm != nullptr && warm->count == count && guess.allFinite();
+    Vec3 y = known ? guess : problem.spring;
+    done = planes.solve(y, params.max_iterations) && search.prove(y);
+    search.count(planes.pivots());
+  }
+  if (!done && warm != nullptr && warm->count == count && guess.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
       set(terms.z, i, warm->multipliers[terms.source[i]]);
     }

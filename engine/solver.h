@@ -24,7 +24,8 @@ enum class SolveStatus : std::uint8_t {
 enum class SolverKind : std::uint8_t {
   kClosedForm,  ///< Orthogonal primitives, among them any one alone, and directed forces.
   kPair,        ///< A plane and one other: a scalar equation.
-  kGeneral,     ///< Newton on 3x3 systems, warm or by the method of multipliers.
+  kGeneral,     ///< Several: pivots between planes; else Newton on 3x3 systems, warm or by the
+                ///< method of multipliers.
 };
 
 struct SolverParams {
@@ -33,8 +34,8 @@ struct SolverParams {
   /// put it. At most S/k, S the sum of strengths. Rounding lets it come to 1e-8 nearly always, to
   /// less seldom; <= 0 or NaN: as far as it can.
   double tolerance = 1e-6;
-  /// Most 3x3 linear solves, >= 1. Of ten million random balances none took more than 50, of 286
-  /// that a search for hard ones had made none more than 80.
+  /// Most pivots and 3x3 linear solves, >= 1. Of ten million random balances none took more than
+  /// 50, of 286 that a search for hard ones had made none more than 80.
   int max_iterations = 120;
 };
 
@@ -45,9 +46,9 @@ struct SolveResult {
   double error_bound = 0.0;    ///< [m], at least the distance of probe + offset to the exact
                                ///< balance; of the primitives as given, to the last digit of their
                                ///< directions and of their positions from the probe.
-  int iterations = 0;          ///< Of the method that answered: 3x3 linear solves, or, for a plane
-                               ///< and one other primitive, evaluations of their scalar equation;
-                               ///< 0 for the closed form.
+  int iterations = 0;  ///< Of the methods that were tried: pivots and 3x3 linear solves; for a
+                       ///< plane and one other primitive, evaluations of their scalar equation;
+                       ///< 0 for the closed form.
   SolverKind solver = SolverKind::kClosedForm;
   SolveStatus status = SolveStatus::kConverged;
 };
@@ -94,7 +95,7 @@ struct WarmStart {
 ///                    the status is kIterationLimit. Where primitives share a load (parallel
 ///                    planes) it is one way to share it. Means nothing after kBadInput.
 ///
-/// RT: no allocation, no lock, no system call; about 130 KB of stack, touched only as far as there
+/// RT: no allocation, no lock, no system call; about 150 KB of stack, touched only as far as there
 /// are primitives. Cost: O(primitives) per iteration. Deterministic:
 /// the same input and `warm` give the same bits.
 [[nodiscard]] SolveResult solveProxy(const Vec3& probe, double stiffness,
