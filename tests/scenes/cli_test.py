@@ -52,7 +52,7 @@ class Case(unittest.TestCase):
 
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
-        for verb in ("info", "make", "sample", "solve", "check", "explain", "press", "feel",
+        for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
                      "stability", "devices"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertIn("0.", run("--version").stdout)
@@ -75,7 +75,8 @@ class Documents(unittest.TestCase):
 
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
-        for verb in ("info", "import", "make", "sample", "solve", "check", "explain", "press", "feel"):
+        for verb in ("info", "import", "make", "shatter", "sample", "solve", "check", "explain",
+                     "press", "feel"):
             self.assertIn(f"\n## {verb} ", text)
 
 
@@ -130,6 +131,68 @@ class Make(Case):
         self.refused("make", "fibres", self.dir / "never.txt", says=".vdb")
         self.refused("make", "fibres", "/no/such/place/a.vdb", says="cannot be written")
         self.refused("make", "fibres", says="see palpate make --help")
+
+
+class Shatter(Case):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 2)
+
+    def shatter(self, out, *words, count=30, room=0.1):
+        return run("shatter", self.dir / "bodies.vdb", self.dir / out, "--grid", "cloud", "--value",
+                   0.3, "--pieces", 3, "--count", count, "--room", room, *words)
+
+    def test_a_made_scene_is_felt_and_told(self):
+        made = json.loads(self.shatter("rubble", "--json").stdout)
+        self.assertEqual((made["pieces"], made["places"]), (3, 30))
+        self.assertEqual(made["scene"], str(self.dir / "rubble" / "scene.json"))
+        self.assertEqual(sorted(os.listdir(self.dir / "rubble")),
+                         ["fragment-001.vdb", "fragment-002.vdb", "fragment-003.vdb", "scene.json"])
+        checked = json.loads(run("check", made["scene"], "--json").stdout)
+        self.assertEqual(checked["parts"], 30)
+        felt = json.loads(run("feel", made["scene"], "--seconds", 5, "--json").stdout)
+        self.assertEqual(felt["parts"]["all"], 30)
+        self.assertGreater(felt["parts"]["near_mean"], 0)
+        self.assertLessEqual(felt["parts"]["near_most"], 30)
+        self.assertEqual(felt["parts"]["crowded_ticks"], 0)
+        self.assertEqual(felt["parts"]["missing_max"], 0)
+        # What was felt is told by the pieces' modes; what was not is left out.
+        self.assertTrue(felt["felt"])
+        for mode in felt["felt"]:
+            self.assertIn(mode["mode"], ("fragment-001", "fragment-002", "fragment-003"))
+            self.assertGreater(mode["touches"], 0)
+        words = run("feel", made["scene"], "--seconds", 5)
+        self.assertIn("of 30 near in the mean", words.stdout)
+        self.assertNotIn("nothing was felt", words.stderr)
+        self.assertNotIn("crowded", words.stdout)
+
+    def test_more_than_there_is_room_for_is_told(self):
+        self.shatter("heap", "--strength", 0.1, count=200, room=0.01)
+        done = run("feel", self.dir / "heap" / "scene.json", "--seconds", 5, "--json")
+        parts = json.loads(done.stdout)["parts"]
+        self.assertGreater(parts["crowded_ticks"], 0)
+        self.assertGreater(parts["missing_max"], 0)
+        words = run("feel", self.dir / "heap" / "scene.json", "--seconds", 5).stdout
+        self.assertIn("more than 64 parts met", words)
+
+    def test_refusals_leave_nothing(self):
+        self.shatter("there")
+        before = sorted(os.listdir(self.dir))
+
+        def refused(says, *words, out=self.dir / "new", value=0.3, grid="cloud"):
+            self.refused("shatter", self.dir / "bodies.vdb", out, "--value", value, "--grid", grid,
+                         *words, says=says)
+
+        refused("it is there already", out=self.dir / "there")
+        refused("there is no surface of 400", value=400)
+        refused("level set", grid="bowl")
+        refused("--value", value="nan")
+        refused("--count", "--count", 3)
+        refused("cannot be made", out="/no/such/place/new")
+        self.refused("shatter", self.dir / "linear.vdb", self.dir / "new", "--value", 4, "--grid",
+                     "velocity", says="has vectors")
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
 
 
 class Sample(Case):
