@@ -69,6 +69,8 @@ class NearBoxes {
   [[nodiscard]] bool complete() const noexcept { return left_out_ == 0; }
   /// So many that meet the query are not among them.
   [[nodiscard]] std::size_t leftOut() const noexcept { return left_out_; }
+  /// What the tree was asked for last; empty where it was too much.
+  [[nodiscard]] const Box& known() const noexcept { return known_; }
   /// True if the last call has asked the tree.
   [[nodiscard]] bool asked() const noexcept { return asked_; }
   /// The boxes have moved, or are others.

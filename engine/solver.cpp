@@ -24,8 +24,9 @@ namespace {
 //     eq. (15)        y, and a z for each primitive, of gradient zero
 //
 // balance(), at the end of this file, tries in this order what is exact or cheap: orthogonal
-// primitives one by one, a plane and one other by a scalar equation, Newton on what held the proxy
-// a tick ago, and the method of multipliers. docs/decisions/0005 says why these.
+// primitives one by one, a plane and one other by a scalar equation, pivots where all are planes,
+// Newton on what held the proxy a tick ago, and the method of multipliers. docs/decisions/0005 and
+// 0012 say why these.
 
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 /// A line search ends where this share of the slope is left.
@@ -49,8 +50,9 @@ struct Terms {
   std::array<double*, 3> q;  ///< unit direction
   std::array<double*, 3> b;
   std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
-  std::array<double*, 3> u;  ///< scratch: u of the last envelopeGradient, then Line's fields
-  std::size_t* source;       ///< index of the primitive
+  std::array<double*, 3>
+      u;                ///< scratch: u of the last envelopeGradient, then Line's fields; Pivots'
+  std::size_t* source;  ///< index of the primitive
 
   /// b <- P (scale (b - origin)).
   void placeFeet(const Vec3& origin, double scale) noexcept;
@@ -549,8 +551,6 @@ class Search {
   [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
   [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
   [[nodiscard]] int solves() const noexcept { return solves_; }
-  /// So many were spent before.
-  void count(int solves) noexcept { solves_ += solves; }
 
  private:
   [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
@@ -581,21 +581,22 @@ class Pivots {
     return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
   }
 
-  /// From y to the balance, which the multipliers then say; false where it was not reached.
-  bool solve(Vec3& y, int most) noexcept {
-    constexpr int kMostPivots = 40;
+  /// From y towards the balance, and the multipliers there; false where it was not reached.
+  bool solve(Vec3& y) noexcept {
     place(y);
-    while (pivots_ < std::min(kMostPivots, most)) {
+    while (pivots_ < kMostPivots) {
       ++pivots_;
       const Vec3 g = gradient(y);
       const Vec3 d = -across(g);
       const double slope = d.squaredNorm();
       if (held_ == 3 || slope <= square(8.0 * kEpsilon * (1.0 + g.norm()))) {
-        if (!letGo(g)) return true;
-        continue;
+        if (letGo(g)) continue;
+        speak(g);
+        return true;
       }
       y += fall(d, slope) * d;
     }
+    speak(gradient(y));
     return false;
   }
   [[nodiscard]] int pivots() const noexcept { return pivots_; }
@@ -673,7 +674,8 @@ class Pivots {
     std::size_t stop = t.count;
     Met* first = met_.data();
     Met* last = first + count;
-    while (first != last) {
+    constexpr int kMostPartings = 64;  // six are enough on average
+    for (int parting = 0; first != last && parting < kMostPartings; ++parting) {
       const double at = first[(last - first) / 2].way;
       Met* const here = std::partition(first, last, [at](const Met& m) { return m.way < at; });
       Met* const beyond = std::partition(here, last, [at](const Met& m) { return m.way == at; });
@@ -702,10 +704,8 @@ class Pivots {
     return way;
   }
 
-  /// Lets go of the plane that would have to exert most beyond its strength. False where none
-  /// would: then the multipliers are the balance's.
-  bool letGo(const Vec3& g) noexcept {
-    // sum of push_k q_k = -g, from the last on.
+  /// What those that hold exert: sum of push_k q_k = -g, from the last on.
+  [[nodiscard]] std::array<double, 3> pushes(const Vec3& g) const noexcept {
     std::array<double, 3> push{};
     Vec3 left = -g;
     for (std::size_t k = held_; k-- > 0;) {
@@ -713,6 +713,13 @@ class Pivots {
       push[k] = left.dot(basis_[k]) / q.dot(basis_[k]);
       left -= push[k] * q;
     }
+    return push;
+  }
+
+  /// Lets go of the plane that would have to exert most beyond its strength; false where none
+  /// would.
+  bool letGo(const Vec3& g) noexcept {
+    const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;
     std::size_t drop = held_;
     for (std::size_t k = 0; k < held_; ++k) {
@@ -722,22 +729,27 @@ class Pivots {
         drop = k;
       }
     }
-    if (drop < held_) {
-      side(holder_[drop]) = push[drop] > 0.0 ? 1.0 : -1.0;
-      const std::array<std::size_t, 3> before = holder_;
-      const std::size_t count = std::exchange(held_, 0);
-      for (std::size_t k = 0; k < count; ++k) {
-        if (k != drop) hold(before[k]);
-      }
-      return true;
+    if (drop == held_) return false;
+    side(holder_[drop]) = push[drop] > 0.0 ? 1.0 : -1.0;
+    const std::array<std::size_t, 3> before = holder_;
+    const std::size_t count = std::exchange(held_, 0);
+    for (std::size_t k = 0; k < count; ++k) {
+      if (k != drop) hold(before[k]);
     }
+    return true;
+  }
+
+  /// The multipliers of where it is.
+  void speak(const Vec3& g) noexcept {
+    const std::array<double, 3> push = pushes(g);
     for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
     for (std::size_t k = 0; k < held_; ++k) {
       const double share = push[k] / terms_.sigma[holder_[k]];
       set(terms_.z, holder_[k], std::clamp(share, -1.0, 1.0) * get(terms_.q, holder_[k]));
     }
-    return false;
   }
+
+  static constexpr int kMostPivots = 40;
 
   Problem& problem_;
   const Terms& terms_;
@@ -1054,19 +1066,21 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   return problem;
 }
 
-/// Two and more primitives that are not orthogonal, nor a plane and one other: Newton.
+/// Two and more primitives that are not orthogonal, nor a plane and one other: pivots, or Newton.
 void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
                     const SolverParams& params, WarmStart* warm, SolveResult& result) noexcept {
   result.solver = SolverKind::kGeneral;
   const Terms& terms = problem.terms;
   Search search(problem, params);
   bool done = false;
+  int pivots = 0;
   if (Pivots::fits(terms)) {
     Pivots planes(problem);
     const bool known = warm != nullptr && warm->count == count && guess.allFinite();
     Vec3 y = known ? guess : problem.spring;
-    done = planes.solve(y, params.max_iterations) && search.prove(y);
-    search.count(planes.pivots());
+    (void)planes.solve(y);
+    done = search.prove(y);
+    pivots = planes.pivots();
   }
   if (!done && warm != nullptr && warm->count == count && guess.allFinite()) {
     for (std::size_t i = 0; i < terms.count; ++i) {
@@ -1077,7 +1091,7 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   }
   if (!done) done = search.cold();
   if (!done) result.status = SolveStatus::kIterationLimit;
-  result.iterations = search.solves();
+  result.iterations = pivots + search.solves();
   result.offset = search.offset();
   result.error_bound = search.bound();
   if (warm == nullptr) return;

@@ -108,15 +108,19 @@ class Tick {
     state_.known_ = true;
   }
 
-  /// The parts that the proxy can come to in this tick.
+  /// The parts that the proxy can come to on its way to the hand; stayNear() sees to it that it
+  /// comes to no others.
   void meetParts(StepReport& report) noexcept {
-    Box way;
-    way.extend(state_.proxy_);
-    way.extend(probe_);
+    // A balance may take it aside, but seldom farther than to the hand.
     const double length = (probe_ - state_.proxy_).norm();
-    const std::span<const std::uint32_t> near = state_.near_.near(scene_.bounds, way);
+    const Vec3 about = Vec3::Constant(length);
+    const std::span<const std::uint32_t> near =
+        state_.near_.near(scene_.bounds, {state_.proxy_ - about, state_.proxy_ + about});
     const double gone = (state_.proxy_ - state_.chosen_at_).norm();
-    if (state_.near_.asked() || gone + length >= state_.chosen_for_) choose(near, length, report);
+    if (state_.near_.asked() || state_.crowded_ || gone + length >= state_.chosen_for_) {
+      choose(near, length, report);
+    }
+    felt_count_ = 1;
     for (const std::uint8_t slot : state_.nearOrder()) {
       ProxyState::NearPart& part = state_.slots_[slot];
       state_.felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
@@ -133,22 +137,22 @@ class Tick {
     const auto take = [&](double reach) {
       count = 0;
       state_.chosen_for_ = std::numeric_limits<double>::infinity();
-      for (const std::uint32_t part : near) {
-        const double free = freeWithin(scene_.parts[part], state_.proxy_, reach);
-        if (free > reach) {
-          state_.chosen_for_ = std::min(state_.chosen_for_, free);
+      for (std::size_t i = 0; i < near.size(); ++i) {
+        if (state_.free_[i] > reach) {
+          state_.chosen_for_ = std::min(state_.chosen_for_, state_.free_[i]);
         } else {
-          awake[count++] = part;
+          awake[count++] = near[i];
         }
       }
     };
     state_.chosen_at_ = state_.proxy_;
+    for (std::size_t i = 0; i < near.size(); ++i) {
+      state_.free_[i] = freeWithin(scene_.parts[near[i]], state_.proxy_, length + kAhead);
+    }
     take(length + kAhead);
     if (count > kMaxNearParts) take(length);
-    if (count > kMaxNearParts || !state_.near_.complete()) {
-      count = strongest({awake.data(), count}, report);
-      state_.chosen_for_ = 0.0;  // to be told of in every tick
-    }
+    state_.crowded_ = count > kMaxNearParts || !state_.near_.complete();  // told in every tick
+    if (state_.crowded_) count = strongest({awake.data(), count}, report);
     keep({awake.data(), count}, report);
   }
 
@@ -161,12 +165,42 @@ class Tick {
       const double most = scene_.parts[a].most;
       return most > scene_.parts[b].most || (most == scene_.parts[b].most && a < b);
     });
-    for (auto left = room; left != parts.end(); ++left) report.missing += scene_.parts[*left].most;
     const std::size_t unknown = state_.near_.leftOut();
-    report.missing += static_cast<double>(unknown) * scene_.strongest_part;
-    report.left_out = static_cast<int>(unknown + static_cast<std::size_t>(parts.end() - room));
+    double missing = static_cast<double>(unknown) * scene_.strongest_part;
+    for (auto left = room; left != parts.end(); ++left) missing += scene_.parts[*left].most;
+    report.missing = std::max(report.missing, missing);
+    report.left_out = std::max(
+        report.left_out, static_cast<int>(unknown + static_cast<std::size_t>(parts.end() - room)));
     std::sort(begin, room);
     return static_cast<std::size_t>(room - begin);
+  }
+
+  /// Cuts a way where it would come to parts that were not chosen: primitives that push, and
+  /// volumes that move, take the proxy farther than to the hand.
+  void stayNear(Way& way, const Vec3& from) noexcept {
+    strays_ = false;
+    const Vec3 line = way.end - from;
+    const Box& known = state_.near_.known();
+    double share = 1.0;
+    for (int a = 0; a < 3 && !known.empty(); ++a) {
+      if (way.end[a] > known.upper[a]) {
+        share = std::min(share, (known.upper[a] - from[a]) / line[a]);
+      } else if (way.end[a] < known.lower[a]) {
+        share = std::min(share, (known.lower[a] - from[a]) / line[a]);
+      }
+    }
+    if ((way.end - state_.chosen_at_).norm() >= state_.chosen_for_) {
+      const double gone = (from - state_.chosen_at_).norm();
+      share = std::min(share, (state_.chosen_for_ - gone) / line.norm());
+    }
+    if (share >= 1.0) return;
+    constexpr double kShort = 0.99;
+    way.end = from + kShort * std::max(share, 0.0) * line;
+    way.clear = false;
+    way.cut = true;
+    way.near = false;
+    strays_ = true;
+    ++strayed_;
   }
 
   /// No data of a part are nearer to p than this [m], as far as that is known; more than `enough`
@@ -266,7 +300,8 @@ class Tick {
       const bool known = sampled_ && !deep_ && (way.near || !cut);
       const bool arrived = known && way.clear && !doubtful();
       const bool spent = sampled_ && (held_ + later >= scene_.step.max_substeps ||
-                                      report.substeps + later >= kMostSubsteps);
+                                      report.substeps + later >= kMostSubsteps ||
+                                      (strays_ && strayed_ > kMostStrays));
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
@@ -280,6 +315,7 @@ class Tick {
       if (cut && !deep_) {
         moveTo(way, report);
         rail_ = {};
+        if (strays_) meetParts(report);
       }
       if (!balance(false, report)) return false;
       if (deep_) read_at_ = state_.proxy_;  // whence the next way is swept
@@ -352,6 +388,7 @@ class Tick {
       }
     }
     if (!rail_.laid) layRail(way, report);
+    if (!scene_.parts.empty()) stayNear(way, from);
     meetSurfaces(way, report);
     return way;
   }
@@ -670,6 +707,8 @@ class Tick {
   ProxyState& state_;
   const std::span<Body> bodies_;  ///< One for each of the scene's motions.
   std::size_t felt_count_ = 1;    ///< Of ProxyState::felt_.
+  bool strays_ = false;           ///< The last way led beyond the parts that were chosen,
+  int strayed_ = 0;               ///< as so many ways of this tick did.
   Rail rail_;
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.
@@ -679,6 +718,8 @@ class Tick {
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 
+  /// So often in a tick parts are chosen anew: each time the proxy comes 2 mm on, or farther.
+  static constexpr int kMostStrays = 16;
   /// So much farther than needed a part is felt: there is less to choose [m].
   static constexpr double kAhead = 2e-3;
   /// Farther behind a surface that holds no proxy goes [voxels].

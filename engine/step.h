@@ -53,12 +53,13 @@ struct StepReport {
                           ///< what bounds the work on the hand (docs/tick.md, Energy).
   int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
-  int samples = 0;       ///< Field reads, all sub-steps.
-  int traced = 0;        ///< Reads of vectors along streams.
-  int walked = 0;        ///< Cells looked at for a surface on the way.
-  int primitives = 0;    ///< Balanced in the last sub-step.
-  int parts = 0;         ///< Of the scene's, whose data were near enough to be asked.
-  int left_out = 0;      ///< Parts that were there and for which there was no room: the weakest.
+  int samples = 0;     ///< Field reads, all sub-steps.
+  int traced = 0;      ///< Reads of vectors along streams.
+  int walked = 0;      ///< Cells looked at for a surface on the way.
+  int primitives = 0;  ///< Balanced in the last sub-step.
+  int parts = 0;       ///< Of the scene's, that were asked: their data are near, or were when they
+                       ///< were chosen.
+  int left_out = 0;    ///< Parts that were there and for which there was no room: the weakest.
   double missing = 0.0;  ///< By so much at most the force is off for that [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
   StepStatus status = StepStatus::kConverged;
@@ -77,6 +78,7 @@ class ProxyState {
         slots_(kMaxNearParts),
         felt_(1 + kMaxNearParts),
         awake_(NearBoxes::kMost),
+        free_(NearBoxes::kMost),
         bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
 
@@ -179,6 +181,8 @@ class ProxyState {
   std::vector<std::uint32_t> awake_;  ///< The tick's own: parts that the proxy can come to.
   Vec3 chosen_at_ = Vec3::Zero();     ///< Where these were chosen last [m];
   double chosen_for_ = 0.0;           ///< within so much of there no other has data [m].
+  bool crowded_ = false;              ///< There was no room for some.
+  std::vector<double> free_;          ///< Scratch: of each part that is near.
   std::vector<Body> bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;

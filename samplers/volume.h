@@ -63,7 +63,7 @@ class Volume {
 
   [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
   [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }
-  /// Of the grid, and of the B-spline coefficients made so far [bytes].
+  /// Of the grid, and of the B-spline coefficients and maps of free space made so far [bytes].
   [[nodiscard]] std::uint64_t memory() const;
 
  private:

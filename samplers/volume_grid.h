@@ -1,4 +1,4 @@
-/// Private to samplers: the OpenVDB side of Volume. Include it in .cpp files only.
+/// Private to samplers and scenes: the OpenVDB side of Volume. Include it in .cpp files only.
 #pragma once
 
 #include <array>

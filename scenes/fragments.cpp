@@ -21,7 +21,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 using openvdb::Coord;
 
-/// So far outside the solid there is data [voxels].
+/// So far may the value fall outside the solid, or beyond a face [voxels].
 constexpr double kRim = 3.0;
 /// Of a piece with fewer voxels than this nothing is made.
 constexpr std::uint64_t kLeastVoxels = 64;
@@ -48,6 +48,10 @@ class Random {
   std::mt19937_64 engine_;
 };
 
+/// Whoever listens may throw.
+using Told = std::function<void(double)>;
+constexpr std::uint64_t kTold = 100000;  // voxels at a time
+
 /// A fragment, as it is made.
 struct Piece {
   openvdb::FloatGrid::Ptr grid;
@@ -63,24 +67,29 @@ class Breaker {
           const FragmentOrder& order)
       : grid_(grid),
         part_(part),
-        voxel_(voxel.minCoeff()),
+        edges_(voxel),
+        rim_(kRim * voxel.minCoeff()),
         sign_(order.solid == Solid::kAbove ? 1.0 : -1.0),
         value_(order.value) {}
 
   /// Where the pieces are to be nearest to: voxels of the solid, each as likely.
-  std::vector<Vec3> drawSites(int count, Random& random) {
+  std::vector<Vec3> drawSites(int count, Random& random, const Told& told) {
     std::uint64_t solid = 0;
+    std::uint64_t seen = 0;
     double steps = 0.0;
     std::uint64_t crossings = 0;
     const auto accessor = grid_.getConstUnsafeAccessor();
     for (auto at = grid_.cbeginValueOn(); at; ++at) {
+      if (seen++ % kTold == 0) told(0.0);
       const double here = above(*at);
       if (here > 0.0) ++solid;
-      for (const Coord& next : {Coord(1, 0, 0), Coord(0, 1, 0), Coord(0, 0, 1)}) {
+      for (int axis = 0; axis < 3; ++axis) {
+        Coord next = at.getCoord();
+        ++next[axis];
         typename GridT::ValueType value{};
-        if (!accessor.probeValue(at.getCoord() + next, value)) continue;
+        if (!accessor.probeValue(next, value)) continue;
         if ((above(value) > 0.0) == (here > 0.0)) continue;
-        steps += std::abs(above(value) - here);
+        steps += std::abs(above(value) - here) / edges_[axis];
         ++crossings;
       }
     }
@@ -104,8 +113,7 @@ class Breaker {
   }
 
   /// A piece for each site.
-  std::vector<openvdb::FloatGrid::Ptr> breakAt(const std::vector<Vec3>& sites,
-                                               const std::function<void(double)>& progress) {
+  std::vector<openvdb::FloatGrid::Ptr> breakAt(const std::vector<Vec3>& sites, const Told& told) {
     const std::size_t n = sites.size();
     std::vector<double> per_twice(n * n, 0.0);
     for (std::size_t i = 0; i < n; ++i) {
@@ -115,7 +123,8 @@ class Breaker {
     }
     std::vector<openvdb::FloatGrid::Ptr> grids;
     std::vector<openvdb::FloatGrid::Accessor> writers;
-    const auto background = static_cast<float>(value_ - sign_ * kRim * slope_);
+    const double lowest = -slope_ * rim_;
+    const auto background = static_cast<float>(value_ + sign_ * lowest);
     grids.reserve(n);
     writers.reserve(n);
     for (std::size_t i = 0; i < n; ++i) {
@@ -123,15 +132,12 @@ class Breaker {
       writers.push_back(grids.back()->getAccessor());
     }
     std::vector<double> squares(n);
-    const double rim = kRim * voxel_;
     const std::uint64_t all = grid_.activeVoxelCount();
     std::uint64_t seen = 0;
     for (auto at = grid_.cbeginValueOn(); at; ++at) {
-      if (progress && seen++ % 100000 == 0) {
-        progress(static_cast<double>(seen) / static_cast<double>(all));
-      }
+      if (seen++ % kTold == 0) told(0.9 * static_cast<double>(seen) / static_cast<double>(all));
       const double solid = above(*at);
-      if (!(solid > -kRim * slope_)) continue;
+      if (!(solid > lowest)) continue;
       const Vec3 p = placeOf(at.getCoord());
       for (std::size_t i = 0; i < n; ++i) squares[i] = (p - sites[i]).squaredNorm();
       const auto nearest = static_cast<std::size_t>(
@@ -140,12 +146,12 @@ class Breaker {
         // How far within the faces of piece i: the nearest site's is nearly always the nearest.
         const double* per = per_twice.data() + i * n;
         double within = i == nearest ? 1e300 : (squares[nearest] - squares[i]) * per[nearest];
-        if (!(within > -rim)) continue;
+        if (!(within > -rim_)) continue;
         for (std::size_t j = 0; j < n; ++j) {
           if (j != i) within = std::min(within, (squares[j] - squares[i]) * per[j]);
         }
-        const double here = std::min(solid, slope_ * within / voxel_);
-        if (here > -kRim * slope_) {
+        const double here = std::min(solid, slope_ * within);
+        if (here > lowest) {
           writers[i].setValue(at.getCoord(), static_cast<float>(value_ + sign_ * here));
         }
       }
@@ -162,10 +168,11 @@ class Breaker {
 
   const GridT& grid_;
   const Volume::Grid::Part& part_;
-  double voxel_;
+  Vec3 edges_;  ///< Of a voxel, file.
+  double rim_;  ///< [file]
   double sign_;
   double value_;
-  double slope_ = 0.0;  ///< Of the value at the solid's surface, by voxel.
+  double slope_ = 0.0;  ///< Of the value at the solid's surface, by the file's unit of length.
 };
 
 /// The grid's own map, with the piece's middle at the origin. Its size and middle.
@@ -203,7 +210,7 @@ void checkOrder(const FragmentOrder& order) {
   if (order.pieces < 2 || order.pieces > kMostPieces) {
     refuse("--pieces", fmt::format("2 to {}", kMostPieces));
   }
-  if (order.count < order.pieces || order.count > kMostFragments) {
+  if (order.places < order.pieces || order.places > kMostFragments) {
     refuse("--count", fmt::format("at least as many as pieces, at most {}", kMostFragments));
   }
   if (!(order.room > 0.0 && order.room <= 1000.0)) refuse("--room", "up to 1000 m, as 1");
@@ -212,7 +219,7 @@ void checkOrder(const FragmentOrder& order) {
   if (!(order.strength > 0.0 && order.strength <= 1000.0)) refuse("--strength", "newtons, as 3");
 }
 
-/// Rounded for a file that people read: a micrometre, a hundredth of a degree.
+/// Rounded for a file that people read: to a micrometre.
 double rounded(double x) {
   return std::round(x * 1e6) / 1e6;
 }
@@ -232,6 +239,9 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
     throw Error("grid \"" + volume.info().name + "\"",
                 "it is a level set, whose inside has no data", "take a CT, an MRI or a fog");
   }
+  const Told told = [&](double done) {
+    if (progress) progress(done);
+  };
   Random random(order.seed);
   const Volume::Grid::Part& part = source.parts.front();
   std::vector<openvdb::FloatGrid::Ptr> grids;
@@ -242,8 +252,8 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
           const typename GridT::Ptr voxels = grid->deepCopy();
           voxels->tree().voxelizeActiveTiles();
           Breaker<GridT> breaker(*voxels, part, volume.info().voxel, order);
-          const std::vector<Vec3> sites = breaker.drawSites(order.pieces, random);
-          grids = breaker.breakAt(sites, progress);
+          const std::vector<Vec3> sites = breaker.drawSites(order.pieces, random, told);
+          grids = breaker.breakAt(sites, told);
         }
       },
       part.data);
@@ -266,6 +276,7 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
   std::vector<std::string> names;
   double volume_of_boxes = 0.0;
   for (std::size_t i = 0; i < pieces.size(); ++i) {
+    told(0.9);
     const std::string name = fmt::format("fragment-{:03}", i + 1);
     openvdb::FloatGrid& grid = *pieces[i].grid;
     grid.setName("fragment");
@@ -285,9 +296,10 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
     out.size += order.metres_per_unit * pieces[i].size.maxCoeff();
   }
   out.pieces = static_cast<int>(pieces.size());
-  out.count = order.count;
+  out.places = order.places;
   out.size /= out.pieces;
-  for (int k = 0; k < order.count; ++k) {
+  for (int k = 0; k < order.places; ++k) {
+    if (static_cast<std::uint64_t>(k) % kTold == 0) told(0.95);
     // Every piece once before any comes again.
     const std::size_t i = static_cast<std::size_t>(k) % pieces.size();
     const Eigen::Quaterniond turn = random.rotation();
@@ -308,6 +320,7 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
   // A volume and an instance a line.
   const char* between = "\n";
   for (const auto& [name, entry] : scene["volumes"].items()) {
+    told(0.99);
     text << between << "\"" << name << "\": {\"file\": " << entry["file"] << ", \"instances\": [";
     const char* comma = "\n";
     for (const Json& instance : entry["instances"]) {
@@ -325,8 +338,10 @@ Fragments strewFragments(const Volume& volume, const FragmentOrder& order,
   }
   text << "]}\n";
   text.close();
-  if (!text)
+  if (!text) {
     throw Error(file.string(), "it cannot be written", "choose another place, or make room");
+  }
+  told(1.0);
   return out;
 }
 

@@ -88,6 +88,25 @@ class WholeFile {
   std::FILE* file_ = nullptr;
 };
 
+/// A folder that appears whole or not at all: filled beside its place and renamed by commit().
+class WholeFolder {
+ public:
+  /// Throws Error where there is something of this name, and where it cannot be made.
+  explicit WholeFolder(const std::filesystem::path& path);
+  WholeFolder(const WholeFolder&) = delete;
+  WholeFolder& operator=(const WholeFolder&) = delete;
+  ~WholeFolder();
+
+  /// Where it is until commit().
+  [[nodiscard]] const std::filesystem::path& place() const noexcept { return partial_; }
+  /// Throws Error where somebody else was faster.
+  void commit();
+
+ private:
+  std::filesystem::path path_;
+  std::filesystem::path partial_;
+};
+
 /// Opens a text file, or throws Error. - is standard input; `holder` keeps a file open.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 

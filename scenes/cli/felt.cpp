@@ -111,6 +111,11 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
   if (!expected_.current() || expected_.current()->id != tick.scene) return;
   SceneFelt& felt = *expected_.current();
+  if (scene_ != felt.id) {
+    scene_ = felt.id;
+    own_ = {};
+    slots_.fill({});
+  }
   const auto forces = state.forces();
   std::size_t next = 0;
   const auto add = [&](ModeFelt& mode, const ModeMemory& memory, Contact& last) {

@@ -115,6 +115,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::int64_t most_near_ = 0;
   std::int64_t crowded_ = 0;  ///< Ticks in which there was no room for some.
   double missing_ = 0.0;      ///< Most that the force was off for that [N].
+  std::uint64_t scene_ = 0;   ///< Whose contacts these are.
   Contacts own_;
   std::array<Contacts, kMaxNearParts> slots_;
   Vec3 last_probe_ = Vec3::Zero();

@@ -2,7 +2,6 @@
 #include <csignal>
 #include <filesystem>
 #include <map>
-#include <unistd.h>
 
 #include <fmt/format.h>
 
@@ -25,46 +24,6 @@ struct Options {
   std::string unit = "mm";
   FragmentOrder order;
   bool json = false;
-};
-
-/// A folder that appears whole or not at all.
-class WholeFolder {
- public:
-  explicit WholeFolder(const std::string& path) : path_(path), partial_(path) {
-    while (!partial_.has_filename() && partial_.has_parent_path())
-      partial_ = partial_.parent_path();
-    path_ = partial_;
-    partial_ += fmt::format(".partial-{}", getpid());
-    std::error_code error;
-    if (std::filesystem::exists(path_, error)) {
-      throw Error(path, "it is there already", "remove it, or name another folder");
-    }
-    std::filesystem::create_directory(partial_, error);
-    if (error) {
-      throw Error(path, "the folder cannot be made (" + error.message() + ")",
-                  "choose another place");
-    }
-  }
-  WholeFolder(const WholeFolder&) = delete;
-  WholeFolder& operator=(const WholeFolder&) = delete;
-  ~WholeFolder() {
-    std::error_code error;
-    if (!partial_.empty()) std::filesystem::remove_all(partial_, error);
-  }
-  [[nodiscard]] const std::filesystem::path& place() const { return partial_; }
-  void commit() {
-    std::error_code error;
-    std::filesystem::rename(partial_, path_, error);
-    if (error) {
-      throw Error(path_.string(), "it could not be finished (" + error.message() + ")",
-                  "choose another place");
-    }
-    partial_.clear();
-  }
-
- private:
-  std::filesystem::path path_;
-  std::filesystem::path partial_;
 };
 
 int shatter(const Options& options) {
@@ -97,12 +56,12 @@ int shatter(const Options& options) {
   const std::string scene = (std::filesystem::path(options.out) / "scene.json").string();
   if (options.json) {
     const OrderedJson json{{"scene", scene},         {"pieces", made.pieces},
-                           {"places", made.count},   {"active_voxels", made.voxels},
+                           {"places", made.places},  {"active_voxels", made.voxels},
                            {"mean_size", made.size}, {"mean_overlap", made.overlap}};
     fmt::print("{}\n", dump(json, 2));
     return kDone;
   }
-  fmt::print("{}: {} places of {} pieces, {} active voxels\n", scene, made.count, made.pieces,
+  fmt::print("{}: {} places of {} pieces, {} active voxels\n", scene, made.places, made.pieces,
              made.voxels);
   fmt::print("pieces {} mm long in the mean; where the hand is, the boxes of {} meet in the mean\n",
              rounded(1e3 * made.size), rounded(made.overlap));
@@ -130,7 +89,7 @@ void addShatter(CLI::App& app, std::function<int()>& body) {
       ->capture_default_str()
       ->check(CLI::IsMember({"m", "cm", "mm", "um"}));
   verb->add_option("--pieces", order.pieces, "Files to break it into")->capture_default_str();
-  verb->add_option("--count", order.count, "Fragments to strew")->capture_default_str();
+  verb->add_option("--count", order.places, "Fragments to strew")->capture_default_str();
   verb->add_option("--room", order.room, "Edge of the cube that they lie in [m]")
       ->capture_default_str();
   verb->add_option("--strength", order.strength, "Of their surfaces [N]")->capture_default_str();

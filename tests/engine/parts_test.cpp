@@ -35,6 +35,28 @@ FieldPtr fieldOf(const Ball& ball) {
   return makeSphere(ball.centre, ball.radius);
 }
 
+/// A ball whose data end 3 mm beyond its surface.
+FieldPtr tightFieldOf(const Ball& ball) {
+  FieldFrame frame;
+  const Vec3 size = Vec3::Constant(ball.radius + 3e-3);
+  frame.bounds = {ball.centre - size, ball.centre + size};
+  frame.background = 3e-3;
+  return makeScalarField(frame, [ball](const Vec3& p) noexcept -> ScalarSample {
+    const Vec3 d = p - ball.centre;
+    return {d.norm() - ball.radius, d.normalized(), true};
+  });
+}
+
+/// 1 along x everywhere, in voxels so large that nothing is read twice on a way.
+FieldPtr makeWind() {
+  FieldFrame frame;
+  frame.voxel = 0.1;
+  frame.bounds = {Vec3::Constant(-1.0), Vec3::Constant(1.0)};
+  return makeVectorField(frame, [](const Vec3&) noexcept -> VectorSample {
+    return {Vec3::UnitX(), Mat3::Zero(), true};
+  });
+}
+
 GraphSpec specOf(const Ball& ball, const std::string& name = "ball") {
   GraphSpec spec;
   spec.modes.resize(1);
@@ -197,6 +219,83 @@ TEST_CASE("no fast hand passes a part unfelt", "[scale]") {
   CHECK(allocations == 0);
   CHECK(felt > 100);
   CHECK(most < 30);
+}
+
+TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", "[scale]") {
+  // A wind of 3 N, or of 12, takes the proxy 6 or 24 mm beyond the hand; a wall is in its way.
+  for (const double wind : {3.0, 12.0}) {
+    for (const double gap : {1e-3, 4e-3, 5.5e-3, 0.011, 0.02}) {
+      CAPTURE(wind, gap);
+      const Ball wall{Vec3(0.1, 0, 0), 0.04, 20.0, 0.0};
+      const auto scene_of = [&](bool parts) {
+        GraphSpec spec;
+        spec.modes.resize(1);
+        spec.modes[0].kind = ModeKind::kForce;
+        spec.modes[0].of = "wind";
+        spec.modes[0].strength = wind;
+        std::map<std::string, FieldPtr> fields{{"wind", makeWind()}};
+        std::vector<Part> parts_of;
+        if (parts) {
+          parts_of.push_back(makePart(specOf(wall), {{"ball", tightFieldOf(wall)}}));
+        } else {
+          spec.modes.push_back(specOf(wall, "wall").modes[0]);
+          fields["wall"] = tightFieldOf(wall);
+        }
+        return makeScene(spec, fields, {}, {}, std::move(parts_of));
+      };
+      Hand apart(scene_of(true));
+      Hand together(scene_of(false));
+      StepReport a;
+      StepReport b;
+      for (int i = 0; i < 20; ++i) {
+        // The hand rests before the ball: the wind does the rest.
+        a = apart.step({0.06 - gap, 0, 0});
+        b = together.step({0.06 - gap, 0, 0});
+        REQUIRE(a.proxy.x() < 0.0601);
+      }
+      // The wall takes what the wind has beyond the way to it.
+      CHECK((a.wanted - b.wanted).norm() < 1e-6);
+      if (wind / 500.0 > gap) CHECK(a.parts == 1);
+    }
+  }
+}
+
+TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
+  // A plane that comes at 1 m/s takes the proxy along, against a ball that stands.
+  const Ball wall{Vec3(0.1, 0, 0), 0.04, 30.0, 0.0};
+  const auto scene_of = [&](bool parts) {
+    GraphSpec spec = specOf({Vec3::Zero(), 0.0, 8.0, 0.0}, "pusher");
+    std::vector<Keyframe> path(2);
+    path[1].time = 0.08;
+    path[1].translate = Vec3(0.08, 0, 0);
+    spec.motions["pusher"] = std::make_shared<const Motion>(path);
+    std::map<std::string, FieldPtr> fields{{"pusher", makeHalfSpace({-0.02, 0, 0}, Vec3::UnitX())}};
+    std::vector<Part> parts_of;
+    if (parts) {
+      parts_of.push_back(makePart(specOf(wall), {{"ball", tightFieldOf(wall)}}));
+    } else {
+      spec.modes.push_back(specOf(wall, "wall").modes[0]);
+      fields["wall"] = tightFieldOf(wall);
+    }
+    CouplingParams soft;
+    soft.stiffness = 100.0;
+    return makeScene(spec, fields, soft, {}, std::move(parts_of));
+  };
+  Hand apart(scene_of(true));
+  Hand together(scene_of(false));
+  double most = 0.0;
+  double off = 0.0;
+  for (int i = 0; i < 200; ++i) {
+    const Vec3 hand(0.0, 0.0, 0.0);
+    const StepReport a = apart.step(hand);
+    const StepReport b = together.step(hand);
+    CAPTURE(i);
+    REQUIRE(a.proxy.x() < 0.0601);
+    off = std::max(off, (a.wanted - b.wanted).norm());
+    most = std::max(most, b.proxy.x());
+  }
+  CHECK(most > 0.055);
+  CHECK(off < 1e-6);
 }
 
 TEST_CASE("where there is no room for all parts the strongest are felt", "[scale]") {

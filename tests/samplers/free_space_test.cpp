@@ -154,6 +154,7 @@ TEST_CASE("the map of free space is the distance to the nearest block with data"
   CHECK(FreeMap().around({1, 2, 3}) > 1e8);
   const std::array<FreeMap::Voxels, 1> one{{{{0, 0, 0}, {7, 7, 7}}}};
   CHECK(FreeMap(one).around({std::nan(""), 0, 0}) == 0.0);
+  CHECK(FreeMap(one).around({100, 0, std::nan("")}) == 0.0);
   CHECK(FreeMap(one).around({HUGE_VAL, 0, 0}) > 1e8);
 
   // Whatever the extent, at most 4 MB; the blocks are larger then.

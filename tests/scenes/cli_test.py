@@ -190,6 +190,8 @@ class Shatter(Case):
         refused("--value", value="nan")
         refused("--count", "--count", 3)
         refused("cannot be made", out="/no/such/place/new")
+        refused("it is there already", out="/")
+        refused("it has no name", out="")
         self.refused("shatter", self.dir / "linear.vdb", self.dir / "new", "--value", 4, "--grid",
                      "velocity", says="has vectors")
         self.assertEqual(sorted(os.listdir(self.dir)), before)

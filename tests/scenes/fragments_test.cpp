@@ -78,7 +78,7 @@ FragmentOrder someOrder() {
   FragmentOrder order;
   order.value = kValue;
   order.pieces = 7;
-  order.count = 40;
+  order.places = 40;
   order.room = 0.5;
   return order;
 }
@@ -123,7 +123,7 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
 
 TEST_CASE("strewn fragments lie in their room and are felt where they lie", "[scale]") {
   const Broken broken(someOrder());
-  CHECK(broken.made.count == 40);
+  CHECK(broken.made.places == 40);
   CHECK(broken.made.size > 0.02);
   CHECK(broken.made.overlap > 0.01);
   const BuiltScene built = buildScene(readSceneFile(broken.folder / "out/scene.json"));
@@ -196,7 +196,7 @@ TEST_CASE("what cannot be broken is refused, whoever cancels is heard", "[scale]
   CHECK_THAT(refusal("flow", someOrder()), Contains("vectors"));
   CHECK_THAT(refusal("bone", with([](auto& o) { o.value = 1e6; })), Contains("no surface"));
   CHECK_THAT(refusal("bone", with([](auto& o) { o.pieces = 1; })), Contains("--pieces"));
-  CHECK_THAT(refusal("bone", with([](auto& o) { o.count = 6; })), Contains("--count"));
+  CHECK_THAT(refusal("bone", with([](auto& o) { o.places = 6; })), Contains("--count"));
   CHECK_THAT(refusal("bone", with([](auto& o) { o.room = 0.0; })), Contains("--room"));
   CHECK_THAT(refusal("bone", with([](auto& o) { o.strength = -1.0; })), Contains("--strength"));
   CHECK(std::filesystem::is_empty(folder / "out"));
