@@ -4,8 +4,8 @@
 ///     palpate_bench_scale [--quick] [--pairs N] [--only WHAT] [--scene SCENE]... [--out
 ///     RESULT.json]
 ///
-/// Ticks are compared in pairs of runs, each pair beginning with the other scene. All of one hand:
-/// the program is pinned to a core; scenes are built by all of them before.
+/// Ticks are compared in pairs of runs, each pair beginning with the other scene. Scenes are built
+/// by all cores; the thread that ticks stays on one while it is timed.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -52,6 +52,28 @@ struct Options {
   std::string only;  // one of the tables; empty: all
   std::vector<std::string> scenes;
   std::string out;
+};
+
+/// Keeps the thread on the core that it is on, as long as this lives.
+class Pinned {
+ public:
+  Pinned() {
+    cpu_set_t one;
+    CPU_ZERO(&one);
+    CPU_SET(static_cast<unsigned>(std::max(0, sched_getcpu())), &one);
+    good_ = sched_getaffinity(0, sizeof before_, &before_) == 0 &&
+            sched_setaffinity(0, sizeof one, &one) == 0;
+  }
+  Pinned(const Pinned&) = delete;
+  Pinned& operator=(const Pinned&) = delete;
+  ~Pinned() {
+    if (good_) (void)sched_setaffinity(0, sizeof before_, &before_);
+  }
+  [[nodiscard]] bool good() const noexcept { return good_; }
+
+ private:
+  cpu_set_t before_;
+  bool good_ = false;
 };
 
 double seconds(Clock::time_point from) {
@@ -151,21 +173,37 @@ SceneSpec oneGraphOf(const std::shared_ptr<const Volume>& volume, const ModeSpec
   return spec;
 }
 
-/// Two balls that overlap, and others about them that the hand does not come to.
+/// Where a hand goes through free space, at the time [s] that a way of 0.3 m/s takes.
+Vec3 freePlace(double time) {
+  // A circle about the two balls, through the room's corners' middles.
+  constexpr double kRound = 0.35;  // [m]
+  const double turn = 0.3 * time / kRound;
+  const Vec3 u = Vec3(1, 1, 0).normalized();
+  const Vec3 v = Vec3(-1, 1, 1).normalized();
+  return kRound * (std::cos(turn) * u + std::sin(turn) * v);
+}
+
+/// Two balls that overlap, and others about them that a hand does not come to on its two ways.
 std::vector<Vec3> placesOf(std::size_t count) {
   std::mt19937_64 random(1);
   std::uniform_real_distribution<double> uniform(-kRoom, kRoom);
-  constexpr double kApart = 0.06;  // the hand stays within 35 mm
+  constexpr double kApart = 0.06;  // from the middle: the hand stays within 35 mm
+  constexpr double kFree = 0.03;   // from the free way: a ball has 2 cm, its data another 3 mm
+  std::vector<Vec3> free;
+  for (int i = 0; i < 2000; ++i) free.push_back(freePlace(i * (2.0 * M_PI * 0.35 / 0.3 / 2000)));
   std::vector<Vec3> places{{-0.008, 0, 0}, {0.008, 0, 0}};
   places.resize(std::min<std::size_t>(count, 2));
   while (places.size() < count) {
     const Vec3 at(uniform(random), uniform(random), uniform(random));
-    if (at.norm() > kApart) places.push_back(at);
+    const bool in_the_way = std::any_of(free.begin(), free.end(), [&](const Vec3& p) {
+      return (p - at).squaredNorm() < kFree * kFree;
+    });
+    if (at.norm() > kApart && !in_the_way) places.push_back(at);
   }
   return places;
 }
 
-/// Round two balls that overlap, in and out of them by 3 mm, at up to 0.15 m/s.
+/// Round two balls that overlap, in and out of them by 3 mm, at up to 0.17 m/s.
 std::vector<Vec3> wayAround(std::size_t ticks) {
   std::vector<Vec3> way;
   way.reserve(ticks);
@@ -187,8 +225,9 @@ struct Ride {
   std::vector<StepReport> reports;
 };
 
-/// A hand's ticks along a way, after the first thousand of them once more.
+/// A hand's ticks along a way, after a thousand to warm up.
 Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
+  const Pinned pinned;
   Reader reader;
   ProxyState state(ForceLimits{1000.0, 1e9});
   Ride out;
@@ -236,28 +275,48 @@ double clockCost() {
   return bench::percentile(ns, 0.5);
 }
 
-/// Looking for what is near, where there is nothing: a hand at 0.3 m/s through the gaps.
-ordered_json lookUp(const Scene& scene) {
-  NearBoxes near;
-  std::vector<double> ns;
-  long asked = 0;
-  std::size_t found = 0;
-  constexpr int kLooks = 200000;
-  ns.reserve(kLooks);
-  for (int i = 0; i < kLooks; ++i) {
-    const double t = kDt * i;
-    const Vec3 p =
-        0.9 * kRoom * Vec3(std::sin(0.4 * t + 1.0), std::sin(0.31 * t + 2.0), std::sin(0.27 * t));
-    const auto start = Clock::now();
-    found += near.near(scene.bounds, {p, p}).size();
-    const auto end = Clock::now();
-    ns.push_back(std::chrono::duration<double, std::nano>(end - start).count());
-    asked += near.asked() ? 1 : 0;
+/// Looking for what is near in free space, and whole ticks there: a hand at 0.3 m/s.
+void freeSpace(const Scene& scene, ordered_json& row) {
+  constexpr int kLooks = 40000;
+  std::vector<Vec3> way;
+  way.reserve(kLooks);
+  for (int i = 0; i < kLooks; ++i) way.push_back(freePlace(kDt * i));
+  {
+    const Pinned pinned;
+    NearBoxes near;
+    std::vector<double> all;
+    std::vector<double> asking;
+    std::size_t found = 0;
+    for (const Vec3& p : way) {
+      const auto start = Clock::now();
+      found += near.near(scene.bounds, {p, p}).size();
+      const auto end = Clock::now();
+      all.push_back(std::chrono::duration<double, std::nano>(end - start).count());
+      if (near.asked()) asking.push_back(all.back());
+    }
+    row["look_up"] = timesOf(std::move(all));
+    row["look_up"]["asking_p50_ns"] = rounded(bench::percentile(asking, 0.5));
+    row["look_up"]["asking_share"] = rounded(static_cast<double>(asking.size()) / kLooks);
+    row["look_up"]["near"] = rounded(static_cast<double>(found) / kLooks);
   }
-  ordered_json json = timesOf(std::move(ns));
-  json["asked_share"] = rounded(static_cast<double>(asked) / kLooks);
-  json["near"] = rounded(static_cast<double>(found) / kLooks);
-  return json;
+  const Ride free = ride(scene, way);
+  for (const StepReport& r : free.reports) {
+    if (r.wanted != Vec3::Zero()) throw std::runtime_error("something is felt in free space");
+  }
+  row["free_tick"] = timesOf(free.ns);
+}
+
+/// What four hands take beside the scene: readers and proxies, after they have felt it [bytes].
+double memoryOfHands(const Scene& scene, const std::vector<Vec3>& way) {
+  const double before = residentMemory();
+  std::vector<Reader> readers(4);
+  std::vector<ProxyState> states(4);
+  for (std::size_t hand = 0; hand < readers.size(); ++hand) {
+    for (std::size_t i = 0; i < std::min<std::size_t>(2000, way.size()); ++i) {
+      (void)hapticStep(scene, readers[hand], {way[i]}, states[hand], kDt);
+    }
+  }
+  return residentMemory() - before;
 }
 
 ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume>& ball) {
@@ -271,7 +330,10 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
     const auto start = Clock::now();
     const BuiltScene built = buildScene(spec);
     const double build = seconds(start);
-    const double memory = residentMemory() - before;
+    ordered_json row{{"placements", count},
+                     {"build_s", rounded(build)},
+                     {"memory_mb", rounded(1e-6 * (residentMemory() - before))},
+                     {"hands_mb", rounded(1e-6 * memoryOfHands(*built.scene, way))}};
     std::vector<double> alone_ns;
     std::vector<double> all_ns;
     std::vector<double> medians;
@@ -293,14 +355,50 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
         }
       }
     }
-    rows.push_back({{"placements", count},
-                    {"tick", timesOf(std::move(all_ns))},
-                    {"two_alone", timesOf(std::move(alone_ns))},
-                    {"p50_ratio", spreadOf(std::move(medians))},
-                    {"p999_ratio", spreadOf(std::move(tails))},
-                    {"look_up", lookUp(*built.scene)},
-                    {"build_s", rounded(build)},
-                    {"memory_mb", rounded(1e-6 * memory)}});
+    row["tick"] = timesOf(std::move(all_ns));
+    if (count >= 2) {
+      row["two_alone"] = timesOf(std::move(alone_ns));
+      row["p50_ratio"] = spreadOf(std::move(medians));
+      row["p999_ratio"] = spreadOf(std::move(tails));
+    }
+    freeSpace(*built.scene, row);
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+/// The cloud at places within 4 mm, and a hand that goes through all of them.
+struct Heap {
+  std::vector<Vec3> places;
+  std::vector<Vec3> way;
+
+  Heap(std::size_t count, std::size_t ticks) {
+    std::mt19937_64 random(2);
+    std::uniform_real_distribution<double> uniform(-4e-3, 4e-3);
+    while (places.size() < count) {
+      places.emplace_back(uniform(random), uniform(random), uniform(random));
+    }
+    way.reserve(ticks);
+    for (std::size_t i = 0; i < ticks; ++i) {
+      const double t = kDt * static_cast<double>(i);
+      way.emplace_back(0.008 * Vec3(std::sin(1.3 * t), std::cos(1.1 * t), std::sin(0.9 * t)));
+    }
+  }
+};
+
+/// More than there is room for.
+ordered_json crowds(const Options& options) {
+  ordered_json rows = ordered_json::array();
+  const auto cloud = makeCloud();
+  for (const std::size_t count : {64, 65, 128, 512, 1024, 2048}) {
+    bench::tell("crowd: " + std::to_string(count));
+    const Heap heap(count, options.quick ? 1000 : 10000);
+    const BuiltScene built = buildScene(sceneOf(cloud, layers(), heap.places));
+    const Ride ridden = ride(*built.scene, heap.way);
+    double missing = 0.0;
+    for (const StepReport& r : ridden.reports) missing = std::max(missing, r.missing);
+    rows.push_back(
+        {{"placed", count}, {"tick", timesOf(ridden.ns)}, {"missing_n", rounded(missing)}});
   }
   return rows;
 }
@@ -308,71 +406,70 @@ ordered_json byNumber(const Options& options, const std::shared_ptr<const Volume
 ordered_json byOverlap(const Options& options) {
   ordered_json rows = ordered_json::array();
   const auto cloud = makeCloud();
-  std::mt19937_64 random(2);
-  std::uniform_real_distribution<double> uniform(-4e-3, 4e-3);
-  std::vector<Vec3> places;
   for (const std::size_t count : {1, 2, 4, 8, 12, 16, 24, 32, 48, 64}) {
     bench::tell("overlapping: " + std::to_string(count));
-    while (places.size() < count) {
-      places.emplace_back(uniform(random), uniform(random), uniform(random));
-    }
-    // Through all of them, each of which holds across its own gradient.
-    std::vector<Vec3> way;
-    const std::size_t ticks = options.quick ? 2000 : 10000;
-    way.reserve(ticks);
-    for (std::size_t i = 0; i < ticks; ++i) {
-      const double t = kDt * static_cast<double>(i);
-      way.emplace_back(0.008 * Vec3(std::sin(1.3 * t), std::cos(1.1 * t), std::sin(0.9 * t)));
-    }
-    CouplingParams coupling;
-    const BuiltScene parts = buildScene(sceneOf(cloud, layers(), places));
-    const BuiltScene one = buildScene(oneGraphOf(cloud, layers(), places));
+    const Heap heap(count, options.quick ? 2000 : 10000);
+    const BuiltScene parts = buildScene(sceneOf(cloud, layers(), heap.places));
+    const BuiltScene one = buildScene(oneGraphOf(cloud, layers(), heap.places));
     std::vector<double> parts_ns;
     std::vector<double> one_ns;
-    long iterations = 0;
-    long readings = 0;
+    std::vector<double> ratios;
+    double iterations = 0.0;
+    // Only ticks in which all of them take part.
     const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
-      for (std::size_t i = 0; i < way.size(); ++i) {
-        if (static_cast<std::size_t>(ridden.reports[i].primitives) == count) {
-          ns.push_back(ridden.ns[i]);
-          iterations += ridden.reports[i].iterations;
-          readings += ridden.reports[i].substeps;
-        }
+      std::vector<double> own;
+      for (std::size_t i = 0; i < heap.way.size(); ++i) {
+        if (static_cast<std::size_t>(ridden.reports[i].primitives) != count) continue;
+        own.push_back(ridden.ns[i]);
       }
+      append(ns, own);
+      return bench::percentile(own, 0.5);
     };
     for (int pair = 0; pair < options.pairs; ++pair) {
-      if (pair % 2 == 0) keep(ride(*one.scene, way), one_ns);
-      keep(ride(*parts.scene, way), parts_ns);
-      if (pair % 2 == 1) keep(ride(*one.scene, way), one_ns);
+      Ride together;
+      if (pair % 2 == 0) together = ride(*one.scene, heap.way);
+      const Ride apart = ride(*parts.scene, heap.way);
+      if (pair % 2 == 1) together = ride(*one.scene, heap.way);
+      ratios.push_back(keep(apart, parts_ns) / keep(together, one_ns));
+      for (std::size_t i = 0; i < heap.way.size(); ++i) {
+        iterations += apart.reports[i].iterations;
+        if ((apart.reports[i].wanted - together.reports[i].wanted).norm() > 1e-6) {
+          throw std::runtime_error("parts and one graph feel different");
+        }
+      }
     }
     // Against the reference balance of the primitives that the tick has placed.
+    const double k = parts.scene->coupling.stiffness;
     Reader reader;
     ProxyState state(ForceLimits{1000.0, 1e9});
     double off = 0.0;
     double bound = 0.0;
     double felt = 0.0;
     int compared = 0;
-    for (std::size_t i = 0; i < way.size(); ++i) {
-      const StepReport r = hapticStep(*parts.scene, reader, {way[i]}, state, kDt);
+    for (std::size_t i = 0; i < heap.way.size(); ++i) {
+      const StepReport r = hapticStep(*parts.scene, reader, {heap.way[i]}, state, kDt);
       if (i % 20 != 0 || static_cast<std::size_t>(r.primitives) != count ||
           r.status != StepStatus::kConverged) {
         continue;
       }
       const test::Reference exact =
-          test::solveReference(way[i], coupling.stiffness, state.primitives().items());
-      const double error = coupling.stiffness * (state.proxy() - way[i] - exact.offset).norm();
+          test::solveReference(heap.way[i], k, state.primitives().items());
+      const double error = k * (state.proxy() - heap.way[i] - exact.offset).norm();
+      const double allowed = k * (r.error_bound + exact.error_bound);
+      constexpr double kRounding = 1e-12;  // [N] of the proxy's place
+      if (error > allowed + kRounding) throw std::runtime_error("an error is beyond its bound");
       off = std::max(off, error);
-      bound = std::max(bound, coupling.stiffness * (r.error_bound + exact.error_bound));
-      felt = std::max(felt, coupling.stiffness * exact.offset.norm());
+      bound = std::max(bound, allowed);
+      felt = std::max(felt, k * exact.offset.norm());
       ++compared;
     }
-    const auto all = static_cast<double>(parts_ns.size() + one_ns.size());
+    const double ridden = static_cast<double>(options.pairs) * static_cast<double>(heap.way.size());
     rows.push_back({{"overlap", count},
                     {"tick", timesOf(parts_ns)},
                     {"one_graph", timesOf(one_ns)},
-                    {"ticks", parts_ns.size()},
-                    {"iterations", rounded(static_cast<double>(iterations) / all)},
-                    {"readings", rounded(static_cast<double>(readings) / all)},
+                    {"ratio", spreadOf(std::move(ratios))},
+                    {"kept", rounded(static_cast<double>(parts_ns.size()) / ridden)},
+                    {"iterations", rounded(iterations / ridden)},
                     {"compared", compared},
                     {"force_n", rounded(felt)},
                     {"error_n", rounded(off)},
@@ -396,14 +493,16 @@ ordered_json bySize(const Options& options) {
     const double with_one = residentMemory();
     // A thousand, side by side.
     std::vector<Vec3> places;
+    places.reserve(1000);
     for (int i = 0; i < 1000; ++i) {
-      places.emplace_back(Vec3(i % 10, i / 10 % 10, i / 100) * 2.2 * radius);
+      const int layer = i / 100;
+      places.emplace_back(Vec3(i % 10, i / 10 % 10, layer) * 2.2 * radius);
     }
     const auto again = Clock::now();
     const BuiltScene many = buildScene(sceneOf(volume, skin(), places));
     const double thousand = seconds(again);
     const double with_all = residentMemory();
-    // Over its skin, as fast as a hand goes.
+    // Over its skin.
     std::vector<Vec3> way;
     const std::size_t ticks = options.quick ? 4000 : 40000;
     way.reserve(ticks);
@@ -472,7 +571,8 @@ int run(const Options& options) {
     // What is allocated once and for all.
     (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
   }
-  const bench::Machine machine = bench::takeMachine(false);
+  bench::Machine machine = bench::takeMachine(false);
+  machine.pinned = Pinned().good();
   json["machine"] = bench::asJson(machine);
   json["clock_ns"] = rounded(clockCost());
   const auto wanted = [&](const char* what) {
@@ -480,6 +580,7 @@ int run(const Options& options) {
   };
   if (wanted("number")) json["number"] = byNumber(options, ball);
   if (wanted("overlap")) json["overlap"] = byOverlap(options);
+  if (wanted("crowd")) json["crowd"] = crowds(options);
   if (wanted("size")) json["size"] = bySize(options);
   json["scenes"] = ordered_json::array();
   for (const std::string& scene : options.scenes)
@@ -494,10 +595,10 @@ int run(const Options& options) {
 int main(int argc, char** argv) {
   Options options;
   CLI::App app("What many volumes cost: ticks, memory, building");
-  app.add_flag("--quick", options.quick, "A tenth of the ticks, small volumes");
+  app.add_flag("--quick", options.quick, "Fewer ticks, small volumes");
   app.add_option("--pairs", options.pairs, "Pairs of runs")->check(CLI::Range(1, 1000));
   app.add_option("--only", options.only, "One of the tables")
-      ->check(CLI::IsMember({"number", "overlap", "size"}));
+      ->check(CLI::IsMember({"number", "overlap", "crowd", "size"}));
   app.add_option("--scene", options.scenes, "A scene to explore as well");
   app.add_option("--out", options.out, "Where the result goes, as JSON");
   CLI11_PARSE(app, argc, argv);

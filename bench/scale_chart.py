@@ -36,7 +36,9 @@ def draw_number(rows, folder):
     x = [r["placements"] for r in rows]
     figure, (tick, memory, build) = panels(3)
     ticks_of(tick, x, rows, "tick")
-    ticks_of(tick, x, rows, "two_alone", ":", ", the two alone", (OTHER, OTHER))
+    paired = [r for r in rows if "two_alone" in r]
+    ticks_of(tick, [r["placements"] for r in paired], paired, "two_alone", ":", ", the two alone",
+             (OTHER, OTHER))
     tick.set_ylabel("a tick on two of them that overlap [us]")
     tick.set_ylim(bottom=0)
     tick.legend(fontsize=7, frameon=False)
@@ -110,20 +112,29 @@ def spread(ratio):
 
 def tables(data):
     parts = []
-    body = [[r["placements"], microseconds(r["tick"]), microseconds(r["two_alone"]),
-             spread(r["p50_ratio"]), spread(r["p999_ratio"]),
+    body = [[r["placements"], microseconds(r["tick"]),
+             microseconds(r["two_alone"]) if "two_alone" in r else "",
+             spread(r["p50_ratio"]) if "two_alone" in r else "",
+             spread(r["p999_ratio"]) if "two_alone" in r else "",
              f"{number(r['look_up']['p50_ns'])} / {number(r['look_up']['p999_ns'])}",
-             number(1e3 * r["build_s"]), number(r["memory_mb"])] for r in data["number"]]
+             number(r["look_up"]["asking_p50_ns"]), microseconds(r["free_tick"]),
+             number(1e3 * r["build_s"]), number(r["memory_mb"]), number(r["hands_mb"])]
+            for r in data["number"]]
     parts.append("**Volumes placed.** Two of them overlap where the hand is.\n\n" + table(
         ["placed", "tick [us], p50 / p99.9", "the two alone", "ratio of p50", "ratio of p99.9",
-         "look-up [ns], p50 / p99.9", "build [ms]", "memory [MB]"], body))
+         "look-up in free space [ns], p50 / p99.9", "where it asks the tree, p50",
+         "tick in free space [us]", "build [ms]", "memory [MB]", "four hands [MB]"], body))
     body = [[r["overlap"], microseconds(r["tick"]), microseconds(r["one_graph"]),
-             number(1e-3 * r["tick"]["p50_ns"] / r["overlap"]), number(r["iterations"]),
+             spread(r["ratio"]), number(1e-3 * r["tick"]["p50_ns"] / r["overlap"]), number(r["iterations"]),
              number(r["force_n"]), number(r["error_n"]), number(r["bound_n"])]
             for r in data["overlap"]]
     parts.append("**Volumes that overlap.**\n\n" + table(
-        ["overlap", "tick [us], p50 / p99.9", "as one graph", "p50 for each [us]", "iterations",
+        ["overlap", "tick [us], p50 / p99.9", "as one graph", "ratio of p50", "p50 for each [us]",
+         "iterations",
          "largest force [N]", "largest error [N]", "bound given [N]"], body))
+    body = [[r["placed"], microseconds(r["tick"]), number(r["missing_n"])] for r in data["crowd"]]
+    parts.append("**More than there is room for**: clouds as before; 64 are felt.\n\n" + table(
+        ["overlap", "tick [us], p50 / p99.9", "the force is off by at most [N]"], body))
     body = [[number(r["volume_mb"]), microseconds(r["tick"]), number(r["one_mb"]),
              number(r["thousand_mb"]), number(r["thousand_mb"] / r["one_mb"]),
              number(1e3 * r["build_one_s"]), number(1e3 * r["build_thousand_s"])]
