@@ -427,6 +427,42 @@ TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
   }
 }
 
+TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[solver]") {
+  // Newton stops where 1e-6 is proved, some 5e-7 of it left; what pivots find is exact.
+  for (const std::size_t count : {3, 8, 64, 1024}) {
+    CAPTURE(count);
+    Random random(21);
+    for (int i = 0; i < (count == 1024 ? 20 : 200); ++i) {
+      const BalanceProblem p = bench::makeProblem(Family::kPlanes, static_cast<int>(count), random);
+      const SolveResult r = solveProxy(p.probe, p.stiffness, p.primitives, p.start);
+      double strength = 0.0;
+      for (const Primitive& primitive : p.primitives) strength += primitive.strength;
+      REQUIRE(r.status == SolveStatus::kConverged);
+      REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
+      REQUIRE(r.iterations <= 40);
+    }
+  }
+  // Three that cross in one point, three times each, and slots through it; a load that they hold,
+  // one that takes some and one that takes all.
+  const std::vector<Vec3> normals{{1, 0, 0}, {0.6, 0.8, 0}, {0.2, 0.3, 0.9}};
+  for (const double load : {1e-3, 4e-3, 0.1}) {
+    std::vector<Primitive> set;
+    for (int again = 0; again < 3; ++again) {
+      for (const Vec3& normal : normals) {
+        set.push_back(plane({1e-3, 0, 0}, normal, 0.3));
+        set.push_back(plane({1e-3, 0, 0}, normal, 0.1));
+        set.push_back(plane({1e-3, 0, 0}, -normal, 0.1));
+      }
+    }
+    const Vec3 probe = Vec3(1e-3, 0, 0) - load * Vec3(0.5, 0.6, 0.7);
+    const SolveResult r = solveProxy(probe, kStiffness, set, probe);
+    const Reference exact = solveReference(probe, kStiffness, set);
+    CAPTURE(load);
+    CHECK(r.status == SolveStatus::kConverged);
+    CHECK((r.offset - exact.offset).norm() <= r.error_bound + exact.error_bound);
+  }
+}
+
 TEST_CASE("a plane and one other primitive are balanced however near their kinks are", "[solver]") {
   Random random(22);
   for (long i = 0; i < test::cases(20000); ++i) {

@@ -91,6 +91,9 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
   const auto pieces = broken.pieces();
   std::map<Coord, int> times;
   std::uint64_t active = 0;
+  std::uint64_t as_they_were = 0;
+  // The skin falls by 10 a unit of length; faces do, too: no step beyond what a voxel's edge makes.
+  double steepest = 0.0;
   for (const auto& piece : pieces) {
     active += piece->activeVoxelCount();
     const auto accessor = piece->getConstAccessor();
@@ -102,13 +105,21 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
     CHECK(piece->voxelSize() == Vec3d(2.0, 2.0, 3.0));
     for (auto at = piece->cbeginValueOn(); at; ++at) {
       REQUIRE(*at <= source.getValue(at.getCoord()));
+      for (int axis = 0; axis < 3; ++axis) {
+        Coord next = at.getCoord();
+        ++next[axis];
+        if (!accessor.isValueOn(next)) continue;
+        const double step = std::abs(double{*at} - double{accessor.getValue(next)});
+        steepest = std::max(steepest, step / (axis == 2 ? 3.0 : 2.0));
+      }
       if (!(*at > kValue)) continue;
+      as_they_were += *at == source.getValue(at.getCoord()) ? 1 : 0;
       ++times[at.getCoord()];
       for (int axis = 0; axis < 3; ++axis) {
         for (const int side : {-1, 1}) {
           Coord next = at.getCoord();
           next[axis] += side;
-          REQUIRE(accessor.isValueOn(next));
+          REQUIRE(accessor.isValueOn(next));  // so its edge is below the value everywhere
         }
       }
     }
@@ -119,6 +130,11 @@ TEST_CASE("fragments are the solid, each voxel in one of them, and closed", "[sc
   CHECK(std::all_of(times.begin(), times.end(), [](const auto& t) { return t.second == 1; }));
   CHECK(times.size() <= solid);
   CHECK(times.size() > solid - solid / 100);
+  // Far from faces the values are the volume's; at the ball's middle, 400 above, none is so far.
+  CHECK(as_they_were > solid / 4);
+  CHECK(as_they_were < solid);
+  CHECK(steepest < 20.0);
+  CHECK(steepest > 5.0);
 }
 
 TEST_CASE("strewn fragments lie in their room and are felt where they lie", "[scale]") {
@@ -168,6 +184,10 @@ TEST_CASE("the same order breaks and strews the same, another seed does not", "[
     CHECK(a[i]->activeVoxelCount() == b[i]->activeVoxelCount());
     CHECK(a[i]->evalActiveVoxelBoundingBox() == b[i]->evalActiveVoxelBoundingBox());
     CHECK(a[i]->transform() == b[i]->transform());
+    const auto twin = b[i]->getConstAccessor();
+    bool same = true;
+    for (auto at = a[i]->cbeginValueOn(); at; ++at) same &= *at == twin.getValue(at.getCoord());
+    CHECK(same);
   }
 }
 
