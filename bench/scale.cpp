@@ -190,6 +190,7 @@ std::vector<Vec3> placesOf(std::size_t count) {
   constexpr double kApart = 0.06;  // from the middle: the hand stays within 35 mm
   constexpr double kFree = 0.03;   // from the free way: a ball has 2 cm, its data another 3 mm
   std::vector<Vec3> free;
+  free.reserve(2000);
   for (int i = 0; i < 2000; ++i) free.push_back(freePlace(i * (2.0 * M_PI * 0.35 / 0.3 / 2000)));
   std::vector<Vec3> places{{-0.008, 0, 0}, {0.008, 0, 0}};
   places.resize(std::min<std::size_t>(count, 2));
@@ -268,6 +269,7 @@ void append(std::vector<double>& to, const std::vector<double>& from) {
 /// What the clock adds to a time [ns], the median.
 double clockCost() {
   std::vector<double> ns;
+  ns.reserve(10001);
   for (int i = 0; i < 10001; ++i) {
     const auto start = Clock::now();
     ns.push_back(std::chrono::duration<double, std::nano>(Clock::now() - start).count());
@@ -286,6 +288,8 @@ void freeSpace(const Scene& scene, ordered_json& row) {
     NearBoxes near;
     std::vector<double> all;
     std::vector<double> asking;
+    all.reserve(kLooks);
+    asking.reserve(kLooks);
     std::size_t found = 0;
     for (const Vec3& p : way) {
       const auto start = Clock::now();
@@ -418,6 +422,7 @@ ordered_json byOverlap(const Options& options) {
     // Only ticks in which all of them take part.
     const auto keep = [&](const Ride& ridden, std::vector<double>& ns) {
       std::vector<double> own;
+      own.reserve(heap.way.size());
       for (std::size_t i = 0; i < heap.way.size(); ++i) {
         if (static_cast<std::size_t>(ridden.reports[i].primitives) != count) continue;
         own.push_back(ridden.ns[i]);

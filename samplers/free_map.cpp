@@ -20,7 +20,7 @@ std::int64_t floorTo(std::int64_t x, std::int64_t edge) {
 void spread(std::vector<std::uint8_t>& distance, const std::array<std::size_t, 3>& size) {
   std::array<std::int64_t, 3> n{};
   for (std::size_t a = 0; a < 3; ++a) n[a] = static_cast<std::int64_t>(size[a]);
-  const auto pass = [&](int sign) {
+  const auto pass = [&](std::int64_t sign) {
     const auto visit = [&](std::int64_t i, std::int64_t j, std::int64_t k) {
       std::uint8_t& here = distance[static_cast<std::size_t>((i * n[1] + j) * n[2] + k)];
       if (here == 0) return;

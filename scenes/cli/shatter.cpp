@@ -31,10 +31,10 @@ int shatter(const Options& options) {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
   std::signal(SIGHUP, on_signal);
-  static const std::map<std::string, double> kUnits{
+  static const std::map<std::string, double> units{
       {"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}};
   FragmentOrder order = options.order;
-  order.metres_per_unit = kUnits.at(options.unit);
+  order.metres_per_unit = units.at(options.unit);
   order.solid = options.solid == "above" ? Solid::kAbove : Solid::kBelow;
   WholeFolder folder(options.out);
   Fragments made;
