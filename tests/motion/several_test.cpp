@@ -98,6 +98,7 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
       const double ring = (first - height * n).norm();
       const double step = voxelsPerTick(0.5) / (kRadius * std::cos(latitude));
       double off = 0.0;
+      double off_late = 0.0;
       double aside = 0.0;
       double reads = 0.0;
       long late = 0;
@@ -108,15 +109,19 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
         const Vec3 p = r.proxy / kVoxel;
         reads += r.samples + r.traced;
         late += r.status == StepStatus::kConverged ? 0 : 1;
-        off = std::max(off, std::abs(probed.off(p, 0.0)));
+        double& worst = r.status == StepStatus::kConverged ? off : off_late;
+        worst = std::max(worst, std::abs(probed.off(p, 0.0)));
         const Vec3 d = p - kCentre;
         aside = std::max(aside, std::hypot(n.dot(d) - height, (d - n.dot(d) * n).norm() - ring));
       }
-      CAPTURE(friction, drag, off, aside, reads / ticks, late);
+      CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
       // Line and plane share the load along the normal, and who carries what decides the friction:
       // in some ticks it sticks by one reading and slips by the next.
       CHECK(late <= (friction > 0.0 ? ticks / 8 : 0));
-      CHECK(off <= 0.01);
+      CHECK(off <= 0.002);
+      // Those ticks say that they are not finished; how far off they are hangs on the last digits:
+      // 0.0093 to 0.0121 in 64 runs whose strengths differ by 1e-9 N, a wall's own friction or not.
+      CHECK(off_late <= 0.015);
       // The circle is on the true sphere; the interpolated one is up to 6.3e-3 voxel off it. Where
       // that pushes the proxy off its line, the line gives way, and what pulls aside meanwhile
       // (with friction the hand is ahead, on a chord) is not held: 0.6 voxel over 2,176.
