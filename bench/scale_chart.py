@@ -129,7 +129,7 @@ def tables(data):
              number(r["force_n"]), number(r["error_n"]), number(r["bound_n"])]
             for r in data["overlap"]]
     parts.append("**Volumes that overlap.**\n\n" + table(
-        ["overlap", "tick [us], p50 / p99.9", "as one graph", "ratio of p50", "p50 for each [us]",
+        ["overlap", "tick [us], p50 / p99.9", "without instances", "ratio of p50", "p50 for each [us]",
          "iterations",
          "largest force [N]", "largest error [N]", "bound given [N]"], body))
     body = [[r["placed"], microseconds(r["tick"]), number(r["missing_n"])] for r in data["crowd"]]
