@@ -1,8 +1,11 @@
 """What the benchmarks' charts share: how they look, where they go, and tables in Markdown."""
+import argparse
 import io
+import json
 import math
 import re
 import sys
+from pathlib import Path
 
 import matplotlib
 
@@ -71,6 +74,20 @@ def number(x):
         digits = 2 if abs(x) >= 1 else 1
         return f"{x:.{max(0, digits - math.floor(math.log10(abs(x))))}f}"
     return f"{x:.1e}"
+
+
+def run(description, draw, tables):
+    """A chart's program: draws RESULT.json into FOLDER, and puts its tables where they go."""
+    parser = argparse.ArgumentParser(description=description.split("\n", maxsplit=1)[0])
+    parser.add_argument("result", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--doc", type=Path, help="a page whose marked part the tables replace")
+    arguments = parser.parse_args()
+    page = Page(arguments.doc)
+    prepare(arguments.folder)
+    data = json.loads(arguments.result.read_text())
+    draw(data, arguments.folder)
+    page.fill(tables(data))
 
 
 def where(machine):

@@ -3,11 +3,30 @@
 #include <algorithm>
 #include <cstdio>
 #include <fstream>
-#include <sched.h>
 
 #include "bench/commit.h"
 
 namespace palpate::bench {
+
+namespace {
+
+/// False where it is not allowed.
+bool stayHere() {
+  cpu_set_t core;
+  CPU_ZERO(&core);
+  const int here = sched_getcpu();
+  if (here < 0) return false;
+  CPU_SET(static_cast<std::size_t>(here), &core);
+  return sched_setaffinity(0, sizeof core, &core) == 0;
+}
+
+}  // namespace
+
+Pinned::Pinned() : good_(sched_getaffinity(0, sizeof before_, &before_) == 0 && stayHere()) {}
+
+Pinned::~Pinned() {
+  if (good_) (void)sched_setaffinity(0, sizeof before_, &before_);
+}
 
 Machine takeMachine(bool pin) {
   Machine machine;
@@ -24,11 +43,7 @@ Machine takeMachine(bool pin) {
   machine.flags = PALPATE_FLAGS;
   machine.commit = kCommit;
 
-  cpu_set_t core;
-  CPU_ZERO(&core);
-  const int here = sched_getcpu();
-  if (here >= 0) CPU_SET(static_cast<std::size_t>(here), &core);
-  machine.pinned = pin && here >= 0 && sched_setaffinity(0, sizeof core, &core) == 0;
+  machine.pinned = pin && stayHere();
 
   machine.clock_step = 1e9;
   for (int i = 0; i < 1000; ++i) {

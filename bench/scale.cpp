@@ -15,7 +15,6 @@
 #include <malloc.h>
 #include <memory>
 #include <random>
-#include <sched.h>
 #include <string>
 #include <thread>
 #include <unistd.h>
@@ -52,28 +51,6 @@ struct Options {
   std::string only;  // one of the tables; empty: all
   std::vector<std::string> scenes;
   std::string out;
-};
-
-/// Keeps the thread on the core that it is on, as long as this lives.
-class Pinned {
- public:
-  Pinned() {
-    cpu_set_t one;
-    CPU_ZERO(&one);
-    CPU_SET(static_cast<unsigned>(std::max(0, sched_getcpu())), &one);
-    good_ = sched_getaffinity(0, sizeof before_, &before_) == 0 &&
-            sched_setaffinity(0, sizeof one, &one) == 0;
-  }
-  Pinned(const Pinned&) = delete;
-  Pinned& operator=(const Pinned&) = delete;
-  ~Pinned() {
-    if (good_) (void)sched_setaffinity(0, sizeof before_, &before_);
-  }
-  [[nodiscard]] bool good() const noexcept { return good_; }
-
- private:
-  cpu_set_t before_;
-  bool good_ = false;
 };
 
 double seconds(Clock::time_point from) {
@@ -228,7 +205,7 @@ struct Ride {
 
 /// A hand's ticks along a way, after a thousand to warm up.
 Ride ride(const Scene& scene, const std::vector<Vec3>& way) {
-  const Pinned pinned;
+  const bench::Pinned pinned;
   Reader reader;
   ProxyState state(ForceLimits{1000.0, 1e9});
   Ride out;
@@ -284,7 +261,7 @@ void freeSpace(const Scene& scene, ordered_json& row) {
   way.reserve(kLooks);
   for (int i = 0; i < kLooks; ++i) way.push_back(freePlace(kDt * i));
   {
-    const Pinned pinned;
+    const bench::Pinned pinned;
     NearBoxes near;
     std::vector<double> all;
     std::vector<double> asking;
@@ -577,7 +554,7 @@ int run(const Options& options) {
     (void)buildScene(sceneOf(ball, skin(), placesOf(10)));
   }
   bench::Machine machine = bench::takeMachine(false);
-  machine.pinned = Pinned().good();
+  machine.pinned = bench::Pinned().good();
   json["machine"] = bench::asJson(machine);
   json["clock_ns"] = rounded(clockCost());
   const auto wanted = [&](const char* what) {

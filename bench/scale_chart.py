@@ -6,13 +6,10 @@
 Into FOLDER go scale_number, scale_overlap and scale_size as .png and .svg. The tables go to standard
 output, or into FILE.md between its markers.
 """
-import argparse
-import json
 import sys
-from pathlib import Path
 
 sys.dont_write_bytecode = True
-from charting import Page, clear, number, plt, prepare, save, table, where  # noqa: E402
+from charting import clear, number, plt, run, save, table, where  # noqa: E402
 
 # Okabe and Ito's colours.
 MEDIAN, TAIL, OTHER = "#0072B2", "#D55E00", "#8c8c8c"
@@ -153,20 +150,11 @@ def tables(data):
     return "\n\n".join(parts) + "\n"
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("result", type=Path)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--doc", type=Path)
-    arguments = parser.parse_args()
-    page = Page(arguments.doc)
-    prepare(arguments.folder)
-    data = json.loads(arguments.result.read_text())
-    draw_number(data["number"], arguments.folder)
-    draw_overlap(data["overlap"], arguments.folder)
-    draw_size(data["size"], arguments.folder)
-    page.fill(tables(data))
+def draw(data, folder):
+    draw_number(data["number"], folder)
+    draw_overlap(data["overlap"], folder)
+    draw_size(data["size"], folder)
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__, draw, tables)

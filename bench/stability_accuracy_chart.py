@@ -6,13 +6,10 @@
 Into FOLDER goes stability_accuracy as .png and .svg. The table goes to standard output, or into
 FILE.md between its markers.
 """
-import argparse
-import json
 import sys
-from pathlib import Path
 
 sys.dont_write_bytecode = True
-from charting import Page, clear, number, plt, prepare, save, table, where  # noqa: E402
+from charting import clear, number, plt, run, save, table, where  # noqa: E402
 
 # Okabe and Ito's colours.
 COLOURS = {"palpate": "#0072B2", "constraint approach": "#E69F00", "force function": "#8c8c8c",
@@ -64,18 +61,5 @@ def tables(data):
             f"\n\n{where(data['machine'])}.")
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
-    parser.add_argument("result", type=Path)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--doc", type=Path)
-    arguments = parser.parse_args()
-    page = Page(arguments.doc)
-    prepare(arguments.folder)
-    data = json.loads(arguments.result.read_text())
-    draw(data, arguments.folder)
-    page.fill(tables(data))
-
-
 if __name__ == "__main__":
-    main()
+    run(__doc__, draw, tables)

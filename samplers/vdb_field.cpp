@@ -281,8 +281,7 @@ class GridReader {
              const Sampling& sampling)
       : grid_(std::get<typename GridT::ConstPtr>(gridFor(volume, part, sampling.interpolation))),
         map_(volume.grid().parts[part], placement),
-        free_(freeMapOf(volume, part, sampling.interpolation,
-                        gridFor(volume, part, sampling.interpolation))),
+        free_(freeMapOf(volume, part, sampling.interpolation, grid_)),
         voxel_(1.0 / map_.index_from_world.rowwise().norm().maxCoeff()),
         // For `inside`: a level set means something only within its band.
         all_corners_(volume.info().grid_class == GridClass::kLevelSet),

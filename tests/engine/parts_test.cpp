@@ -12,11 +12,14 @@
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/hand.h"
 #include "tests/support/random.h"
 
 using namespace palpate;
 using palpate::test::CountScope;
+using palpate::test::Hand;
 using palpate::test::Random;
+using palpate::test::wander;
 
 namespace {
 
@@ -94,19 +97,18 @@ std::unique_ptr<const Scene> asOne(const std::vector<Ball>& balls,
   return makeScene(spec, fields, coupling);
 }
 
-struct Hand {
-  std::unique_ptr<const Scene> scene;
-  Reader reader;
-  ProxyState state{kOpen};
-
-  explicit Hand(std::unique_ptr<const Scene> felt) : scene(std::move(felt)) {}
-  StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, kDt); }
-};
-
-/// A hand's way through a room of the size.
-Vec3 wander(double time, double size) {
-  return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
-                     std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));
+/// A graph, and a wall in its way: as a part, or as one of its own volumes.
+std::unique_ptr<const Scene> besideWall(GraphSpec spec, std::map<std::string, FieldPtr> fields,
+                                        const Ball& wall, bool as_part,
+                                        const CouplingParams& coupling = {}) {
+  std::vector<Part> parts;
+  if (as_part) {
+    parts.push_back(makePart(specOf(wall), {{"ball", tightFieldOf(wall)}}));
+  } else {
+    spec.modes.push_back(specOf(wall, "wall").modes[0]);
+    fields["wall"] = tightFieldOf(wall);
+  }
+  return makeScene(spec, fields, coupling, {}, std::move(parts));
 }
 
 std::vector<Ball> someBalls(std::size_t count, double room, Random& random) {
@@ -233,15 +235,7 @@ TEST_CASE("what pushes the proxy beyond the hand meets parts as the hand does", 
         spec.modes[0].kind = ModeKind::kForce;
         spec.modes[0].of = "wind";
         spec.modes[0].strength = wind;
-        std::map<std::string, FieldPtr> fields{{"wind", makeWind()}};
-        std::vector<Part> parts_of;
-        if (parts) {
-          parts_of.push_back(makePart(specOf(wall), {{"ball", tightFieldOf(wall)}}));
-        } else {
-          spec.modes.push_back(specOf(wall, "wall").modes[0]);
-          fields["wall"] = tightFieldOf(wall);
-        }
-        return makeScene(spec, fields, {}, {}, std::move(parts_of));
+        return besideWall(spec, {{"wind", makeWind()}}, wall, parts);
       };
       Hand apart(scene_of(true));
       Hand together(scene_of(false));
@@ -269,17 +263,10 @@ TEST_CASE("what moves pushes a hand into parts, not through them", "[scale]") {
     path[1].time = 0.08;
     path[1].translate = Vec3(0.08, 0, 0);
     spec.motions["pusher"] = std::make_shared<const Motion>(path);
-    std::map<std::string, FieldPtr> fields{{"pusher", makeHalfSpace({-0.02, 0, 0}, Vec3::UnitX())}};
-    std::vector<Part> parts_of;
-    if (parts) {
-      parts_of.push_back(makePart(specOf(wall), {{"ball", tightFieldOf(wall)}}));
-    } else {
-      spec.modes.push_back(specOf(wall, "wall").modes[0]);
-      fields["wall"] = tightFieldOf(wall);
-    }
     CouplingParams soft;
     soft.stiffness = 100.0;
-    return makeScene(spec, fields, soft, {}, std::move(parts_of));
+    return besideWall(spec, {{"pusher", makeHalfSpace({-0.02, 0, 0}, Vec3::UnitX())}}, wall, parts,
+                      soft);
   };
   Hand apart(scene_of(true));
   Hand together(scene_of(false));

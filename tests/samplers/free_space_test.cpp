@@ -5,7 +5,6 @@
 #include <memory>
 #include <vector>
 
-#include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 #include <openvdb/openvdb.h>
 
@@ -14,6 +13,7 @@
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"
+#include "tests/support/hand.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
@@ -58,14 +58,6 @@ FieldPtr fieldOf(const openvdb::GridPtrVec& grids, const Placement& placement = 
   return makeVdbField(loadVolume(folder / "a.vdb", name), placement, sampling);
 }
 
-Placement slanted() {
-  Placement placement;
-  placement.scale = 0.01;
-  placement.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  placement.translate = Vec3(0.1, -0.2, 0.3);
-  return placement;
-}
-
 /// A field that does not say where it is free.
 class Blind : public ScalarField {
  public:
@@ -97,21 +89,6 @@ GraphSpec skinOf(const std::string& name) {
   spec.modes[0].friction = 0.3;
   return spec;
 }
-
-/// A hand's way through a room of the size.
-Vec3 wander(double time, double size) {
-  return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
-                     std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));
-}
-
-struct Hand {
-  std::unique_ptr<const Scene> scene;
-  Reader reader;
-  ProxyState state{ForceLimits{1000.0, 1e9}};
-
-  explicit Hand(std::unique_ptr<const Scene> felt) : scene(std::move(felt)) {}
-  StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, 1e-3); }
-};
 
 }  // namespace
 

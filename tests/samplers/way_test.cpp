@@ -12,6 +12,7 @@
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"
+#include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -27,15 +28,6 @@ FieldPtr fieldOf(const openvdb::GridBase::Ptr& grid, const Placement& placement 
   const TemporaryFolder folder;
   writeVdb(folder / "a.vdb", {grid});
   return makeVdbField(loadVolume(folder / "a.vdb", ""), placement, sampling);
-}
-
-/// Slanted, shifted and scaled.
-Placement slanted() {
-  Placement placement;
-  placement.scale = 0.01;
-  placement.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
-  placement.translate = Vec3(0.1, -0.2, 0.3);
-  return placement;
 }
 
 /// Values between -1 and 1 without any order: the hardest interpolant.

@@ -5,6 +5,8 @@
 #include <utility>
 #include <variant>
 
+#include <Eigen/Geometry>
+
 #include "engine/field.h"
 #include "engine/flow.h"
 #include "engine/graph.h"
@@ -26,6 +28,15 @@ struct Probe {
   Vec3 cellGradient(const Vec3& p) { return std::get<0>(field)->cellGradient(p, cache); }
   VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
 };
+
+/// Slanted, shifted and scaled.
+inline Placement slanted() {
+  Placement placement;
+  placement.scale = 0.01;
+  placement.rotation = Eigen::AngleAxisd(0.7, Vec3(1, 2, 3).normalized()).toRotationMatrix();
+  placement.translate = Vec3(0.1, -0.2, 0.3);
+  return placement;
+}
 
 /// What a vector and its Jacobian give on the fly; a scalar in the first place.
 inline Vec3 onTheFly(Derivation what, const VectorSample& s) {

@@ -1,0 +1,28 @@
+/// A hand that feels a scene, and a way for it.
+#pragma once
+
+#include <cmath>
+#include <memory>
+#include <utility>
+
+#include "engine/step.h"
+
+namespace palpate::test {
+
+/// With a reader and a proxy of its own, at 1 kHz; nothing limits its force.
+struct Hand {
+  std::unique_ptr<const Scene> scene;
+  Reader reader;
+  ProxyState state{ForceLimits{1000.0, 1e9}};
+
+  explicit Hand(std::unique_ptr<const Scene> felt) : scene(std::move(felt)) {}
+  StepReport step(const Vec3& hand) { return hapticStep(*scene, reader, {hand}, state, 1e-3); }
+};
+
+/// Where it is on a way through a room of the size [m].
+inline Vec3 wander(double time, double size) {
+  return size * Vec3(std::sin(3.1 * time) * std::cos(0.7 * time), std::sin(2.3 * time + 1.0),
+                     std::cos(1.7 * time) * std::sin(0.9 * time + 0.4));
+}
+
+}  // namespace palpate::test
