@@ -23,6 +23,7 @@
 #include <unistd.h>
 #include <vector>
 
+#include "engine/realtime.h"
 #include "tests/devices/vm/vm_arm.h"
 
 namespace {
@@ -284,11 +285,13 @@ class Arm {
     place();
     ++report_.count;
     report_.step = steps_;
+    stepped_ = nowNs();
     return report_;
   }
   void take(const Out& out) {
     if (out.command == kNothing) {
       ++report_.received;
+      report_.phase = static_cast<std::uint32_t>((nowNs() - stepped_) / 1000);
       force_ = out.force;
     }
     if (out.command == kGo) {
@@ -347,6 +350,7 @@ class Arm {
   bool moves_ = false;
   bool logged_ = false;
   std::uint32_t steps_ = 0;
+  std::int64_t stepped_ = 0;  ///< [ns], when.
   std::string lines_;
 };
 

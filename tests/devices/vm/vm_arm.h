@@ -39,8 +39,9 @@ struct In {
   std::uint32_t count = 0;     ///< Of reports, one a millisecond.
   std::uint32_t received = 0;  ///< Of forces.
   std::array<std::int32_t, 3> position{};
-  std::uint32_t step = 0;  ///< Of the hand's path; 0 before it.
-  std::array<std::uint8_t, 16> rest{};
+  std::uint32_t step = 0;   ///< Of the hand's path; 0 before it.
+  std::uint32_t phase = 0;  ///< [us] from the report before it to the newest force.
+  std::array<std::uint8_t, 12> rest{};
 };
 struct Out {
   std::uint8_t id = 2;
