@@ -294,6 +294,9 @@ class PartBuilder {
 
   /// What is left for the scene's own graph; the rest is built by build().
   GraphSpec plan(const GraphSpec& graph) {
+    const auto placed_often = [](const auto& entry) { return !entry.second.instances.empty(); };
+    const auto& all = spec_.volumes;
+    if (spec_.one_graph && std::none_of(all.begin(), all.end(), placed_often)) return graph;
     std::map<std::string, PlanVolume> volumes;
     for (const auto& [name, field] : built_.fields) {
       PlanVolume& volume = volumes[name];
@@ -361,7 +364,10 @@ class PartBuilder {
   void addJobs(const PartPlan& plan, std::vector<SceneCache::Placed>& wanted) {
     const std::size_t count =
         plan.leader.empty() ? 1 : spec_.volumes.at(plan.leader).instances.size();
-    built_.parts.push_back({jobs_.size(), count});
+    std::vector<std::string> things = plan.volumes;
+    for (const auto& [name, derived] : plan.graph.fields) things.push_back(name);
+    built_.parts.push_back(
+        {jobs_.size(), count, std::move(things), plan.leader, plan.graph.mode_numbers});
     for (std::size_t i = 0; i < count; ++i) {
       jobs_.push_back({&plan, wanted.size()});
       for (const std::string& name : plan.volumes) {

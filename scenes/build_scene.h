@@ -65,6 +65,7 @@ struct SceneSpec {
   GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
   std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
                                                      ///< guide is given, else metres of W.
+  bool one_graph = false;          ///< Whatever there is of it: without instances it has no parts.
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 
@@ -77,8 +78,11 @@ struct ComputedField {
 
 /// Parts of a scene that are alike: the instances of the same volumes.
 struct PartGroup {
-  std::size_t first = 0;  ///< Index into Scene::parts,
-  std::size_t count = 0;  ///< one after the other.
+  std::size_t first = 0;            ///< Index into Scene::parts,
+  std::size_t count = 0;            ///< one after the other.
+  std::vector<std::string> things;  ///< The volumes and derived fields that each has.
+  std::string leader;               ///< That whose instances they are; empty: it is there once.
+  std::vector<std::size_t> modes;   ///< Indices into SceneSpec::graph's.
 };
 
 /// A scene and what it was made of.

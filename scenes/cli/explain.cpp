@@ -407,7 +407,7 @@ std::string sentence(const std::string& name, const Mode& mode, const std::vecto
 
 OrderedJson modeReport(const Told& told, std::size_t i) {
   const Mode& mode = told.graph().modes[i];
-  const ModeSpec& spec = told.opened.spec.graph.modes[told.graph().mode_sources[i]];
+  const ModeSpec& spec = told.opened.told.graph.modes[told.graph().mode_sources[i]];
   const Parts parts = std::visit([&](const auto& m) { return partsOf(told, m); }, mode);
   const std::vector<Load> loads = loadsOf(told.state, told.report, i);
   OrderedJson json;
@@ -689,11 +689,21 @@ int explain(const Options& options) {
   const Vec3 at = readVector("--at", options.at);
   const Vec3 hand = at + readVector("--push", options.push);
   checkReach("--push", hand);
-  const auto witness = std::make_shared<Witness>();
-  const Opened opened = openFor(options.scene, {writeDown, witness, {}});
-  const Scene& scene = *opened.built.scene;
   const double dt = 1.0 / options.rate;
   const ForceLimits limits = pathLimits();
+  const auto rehearse = [&](const BuiltScene& built) {
+    std::set<std::size_t> near;
+    Reader reader;
+    ProxyState state(limits);
+    (void)restAt(*built.scene, reader, state, at, dt);
+    addNear(state, near);
+    (void)hapticStep(*built.scene, reader, {hand}, state, dt);
+    addNear(state, near);
+    return near;
+  };
+  const auto witness = std::make_shared<Witness>();
+  const Opened opened = openFor(options.scene, rehearse, {writeDown, witness, {}});
+  const Scene& scene = *opened.built.scene;
 
   Reader reader;
   ProxyState state(limits);

@@ -375,7 +375,8 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
 }
 
 /// Ticks all the way; true if none was a fault.
-bool run(const Scene& scene, const Way& way, double rate, Curve& curve, Picture* picture) {
+template <class Seen>
+bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   Reader reader;
   ProxyState state(pathLimits());
   const double dt = 1.0 / rate;
@@ -385,8 +386,7 @@ bool run(const Scene& scene, const Way& way, double rate, Curve& curve, Picture*
     tick.probe = way.hand(i);
     tick.time = i * dt;
     if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt);
-    curve.add(i, tick.report, state);
-    if (picture != nullptr) picture->add(tick);
+    seen(i, tick, state);
   }
   return !state.faulted();
 }
@@ -394,7 +394,13 @@ bool run(const Scene& scene, const Way& way, double rate, Curve& curve, Picture*
 int press(const Options& options) {
   checkRate(options.rate);
   const Way way = wayOf(options);
-  const Opened opened = openFor(options.scene);
+  const auto rehearse = [&](const BuiltScene& built) {
+    std::set<std::size_t> near;
+    run(*built.scene, way, options.rate,
+        [&](int, const Telemetry&, const ProxyState& state) { addNear(state, near); });
+    return near;
+  };
+  const Opened opened = openFor(options.scene, rehearse);
   checkOutputs(options, opened.spec);
   std::optional<Picture> picture;
   if (!options.picture.empty()) picture.emplace(options.picture);
@@ -402,13 +408,16 @@ int press(const Options& options) {
   if (!options.csv.empty()) file.emplace(options.csv);
 
   Curve curve(opened, way);
-  const bool good =
-      run(*opened.built.scene, way, options.rate, curve, picture ? &*picture : nullptr);
+  const auto seen = [&](int i, const Telemetry& tick, const ProxyState& state) {
+    curve.add(i, tick.report, state);
+    if (picture) picture->add(tick);
+  };
+  const bool good = run(*opened.built.scene, way, options.rate, seen);
   if (file) {
     file->write(csv(curve.rows()));
     file->commit();
   }
-  if (picture) picture->draw(opened.spec, opened.built);
+  if (picture) picture->draw(opened.told, opened.built);
   const OrderedJson summary = curve.summary(options, opened.spec.source);
   if (options.json) {
     fmt::print("{}\n", dump(summary, 2));

@@ -49,14 +49,22 @@ struct Setup {
   std::vector<bench::MapMethod> methods;
 };
 
-/// Where a hand that explores a scene is pushed back by about the load.
-bench::Contact touchOf(const Opened& opened, double load, double rate) {
-  const Scene& scene = *opened.built.scene;
+/// Where a hand that explores a scene is pushed back by about the load, and what is near there.
+struct Touch {
+  bench::Contact contact;
+  std::set<std::size_t> near;
+};
+
+Touch touchOf(const BuiltScene& built, const Options& options) {
+  const Scene& scene = *built.scene;
+  const double load = options.load;
+  const double rate = options.rate;
   Reader reader;
   ProxyState state(pathLimits());
   constexpr double kSeconds = 10.0;
-  const HandTarget hand = explore(opened.built.bounds, kSeconds);
-  bench::Contact contact;
+  const HandTarget hand = explore(built.bounds, kSeconds);
+  Touch touch;
+  bench::Contact& contact = touch.contact;
   double best = 1e9;
   for (long i = 0; i < std::lround(kSeconds * rate); ++i) {
     const Vec3 at = hand.at(static_cast<double>(i) / rate);
@@ -70,12 +78,14 @@ bench::Contact touchOf(const Opened& opened, double load, double rate) {
     contact.place = report.proxy;
     contact.outwards = report.wanted.normalized();
     contact.primitives.assign(state.primitives().items().begin(), state.primitives().items().end());
+    touch.near.clear();
+    addNear(state, touch.near);
   }
   if (contact.primitives.empty()) {
-    throw Error(opened.spec.source, "a hand that explores it feels nothing to press on",
+    throw Error(options.scene, "a hand that explores it feels nothing to press on",
                 "palpate check shows where the volumes are");
   }
-  return contact;
+  return touch;
 }
 
 Setup setupOf(const Options& options) {
@@ -86,9 +96,15 @@ Setup setupOf(const Options& options) {
     setup.methods = bench::methodsOver(setup.contact);
     return setup;
   }
-  const Opened opened = openFor(options.scene);
+  std::optional<Touch> touch;
+  const auto rehearse = [&](const BuiltScene& built) {
+    touch = touchOf(built, options);
+    return touch->near;
+  };
+  const Opened opened = openFor(options.scene, rehearse);
+  if (!touch) touch = touchOf(opened.built, options);
   setup.name = opened.spec.source;
-  setup.contact = touchOf(opened, options.load, options.rate);
+  setup.contact = touch->contact;
   setup.methods = bench::methodsOver(setup.contact);
   constexpr double kFree = 5e-3;  // [m]
   setup.methods.insert(

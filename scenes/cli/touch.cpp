@@ -8,6 +8,8 @@
 
 #include "devices/path_device.h"
 #include "engine/error.h"
+#include "scenes/nearby.h"
+#include "scenes/scene_cache.h"
 
 namespace palpate::cli {
 namespace {
@@ -63,27 +65,43 @@ void checkRate(double rate) {
   throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
 }
 
-Opened openFor(const std::string& scene, const UserSpec& watcher) {
+Opened openFor(const std::string& scene, const Rehearsal& rehearse, const UserSpec& watcher) {
   Opened opened;
   opened.spec = openScene(scene, showProgress("loading"));
   for (const std::string& note : opened.spec.notes) complain(note);
   const DeviceInfo device = pathDevice();
   checkDevice(opened.spec, device);
-  SceneSpec spec = opened.spec;
+  opened.told = opened.spec;
   if (watcher.place != nullptr) {
     ModeSpec mode;
     mode.kind = ModeKind::kUser;
     mode.user = watcher;
-    spec.graph.modes.push_back(mode);
+    opened.told.graph.modes.push_back(mode);
   }
-  opened.built = buildScene(spec, showProgress("loading"));
-  if (!opened.built.scene->parts.empty()) {
-    throw Error(scene,
-                "it has parts (instances, or many volumes), which are not told one by one yet",
-                "give a scene of one of them, or use feel");
+  SceneCache cache;
+  opened.built = buildScene(opened.told, showProgress("loading"), &cache);
+  if (const std::size_t all = opened.built.scene->parts.size(); all > 0) {
+    const std::set<std::size_t> near = rehearse(opened.built);
+    opened.told = nearby(opened.told, opened.built, near);
+    if (opened.told.graph.modes.empty()) {
+      throw Error(scene, "the hand comes near nothing of it", "palpate check shows where it is");
+    }
+    try {
+      opened.built = buildScene(opened.told, nullptr, &cache);
+    } catch (const SceneError& e) {
+      // All of it has been built once, so it is only that one graph holds less.
+      throw Error(scene, fmt::format("these parts are more than are told at once ({})", e.what()),
+                  "come near fewer of them, by a shorter way");
+    }
+    complain(fmt::format("{}: the hand comes near {} of its {} parts; the others are left out",
+                         scene, near.size(), all));
   }
   for (const std::string& note : opened.built.notes) complain(note);
   return opened;
+}
+
+void addNear(const ProxyState& state, std::set<std::size_t>& parts) {
+  for (const std::uint8_t slot : state.nearOrder()) parts.insert(state.nearPart(slot).part);
 }
 
 std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field) {

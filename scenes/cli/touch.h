@@ -3,6 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -23,11 +25,18 @@ void checkRate(double rate);
 
 /// A scene with its notes told on stderr, refused where a `path` device would refuse it.
 struct Opened {
-  SceneSpec spec;
-  BuiltScene built;
+  SceneSpec spec;    ///< As its file says it.
+  SceneSpec told;    ///< Of one graph: where that has parts, those that the hand comes near.
+  BuiltScene built;  ///< From `told`.
 };
+/// The caller's hand in a scene of parts; returns all that it came near.
+using Rehearsal = std::function<std::set<std::size_t>(const BuiltScene&)>;
 /// `watcher`: a mode of the caller's own that is added last, if it has a function.
-[[nodiscard]] Opened openFor(const std::string& scene, const UserSpec& watcher = {});
+[[nodiscard]] Opened openFor(const std::string& scene, const Rehearsal& rehearse,
+                             const UserSpec& watcher = {});
+
+/// Adds the parts of the last tick.
+void addNear(const ProxyState& state, std::set<std::size_t>& parts);
 
 /// Who reads a field, modes and the coupling: why it is sampled.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);

@@ -410,5 +410,137 @@ class Press(Touch):
         self.refused(*at, "--along", "0,0,-0.1", "--picture", "p.txt", says=".png")
 
 
+class NearParts(Touch):
+    """Scenes of parts are told as one graph of what the hand comes near."""
+    MODES = (
+        ("d", "v", {**WALL, "friction": 0.3, "viscosity": 0.1, "by": "d"}),
+        ("d", "v", {"mode": "isosurface", "of": "speed", "value": 6.7, "strength": 2}),
+        ("d", "v", {"name": "stream", "mode": "follow", "of": "v", "by": "speed",
+                    "strength": {"product": [{"piecewise": [[0, 0.2], [9, 0.4]]},
+                                             {"piecewise": [[0, 1], [9, 2]], "by": "steep"}]}}),
+        ("ball", {"name": "honey", "mode": "viscosity", "of": "ball", "strength": 0.2}),
+        ("floor", {"name": "floor", "mode": "guide", "shape": "plane", "at": [2, 2, 2.1],
+                   "along": [0, 0, 1], "strength": 1, "in": "ball"}))
+    FIELDS = {"speed": ("magnitude", "v"), "slope": ("gradient", "d"),
+              "steep": ("magnitude", "slope")}
+    STEP = [0.01, 0, 0]  # so the first places overlap
+
+    def place(self, i):
+        return {"scale": 0.01, "translate": along(self.STEP, i if i < 3 else 30 * i)}
+
+    def many(self, count):
+        """What stands in many places."""
+        volumes = {"d": {"file": "linear.vdb", "grid": "density",
+                         "instances": [self.place(i) for i in range(count)]},
+                   "v": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "d"}},
+                   "ball": {"file": "ball.vdb", "place": PLACE}}
+        return self.scene(*(mode[-1] for mode in self.MODES), volumes=volumes,
+                          fields={name: {kind: of} for name, (kind, of) in self.FIELDS.items()})
+
+    def few(self, near):
+        """The same with those places only, each written out."""
+        volumes = {"ball": {"file": "ball.vdb", "place": PLACE}}
+        fields = {}
+        for i in near:
+            volumes[f"d[{i}]"] = {**VOLUMES["d"], "place": self.place(i)}
+            volumes[f"v[{i}]"] = {**VOLUMES["v"], "place": {"like": f"d[{i}]"}}
+            for name, (kind, of) in self.FIELDS.items():
+                fields[f"{name}[{i}]"] = {kind: f"{of}[{i}]"}
+        modes = []
+        for number, (*reads, mode) in enumerate(self.MODES):
+            if "d" not in reads:
+                modes.append(mode)
+                continue
+            for i in near:
+                text = json.dumps({"name": f"/modes/{number}", **mode})
+                for name in ("d", "v", "speed", "steep"):
+                    for key in ("of", "by"):
+                        text = text.replace(f'"{key}": "{name}"', f'"{key}": "{name}[{i}]"')
+                one = json.loads(text)
+                modes.append({**one, "name": f"{one['name']}[{i}]"})
+        file = self.dir / "few.json"
+        file.write_text(json.dumps({"palpate": 1, "volumes": volumes, "fields": fields,
+                                    "modes": modes}))
+        self.addCleanup(lambda: file.unlink(missing_ok=True))
+        return file
+
+    def told(self, *words_):
+        done = run(*words_)
+        return done.stdout.replace("few.json", "touch.json"), done.stderr
+
+    def test_each_near_part_is_told_as_if_it_were_written_out(self):
+        many = self.many(1000)
+        few = self.few((0, 1, 2))
+        for push in ([0, 0, 0.001], along(INTO, 0.002), along(INTO, -0.004)):
+            words_ = ("--at", words([0.025, 0.022, 0.02]), "--push", words(push))
+            for how in ((), ("--json",)):
+                a, said = self.told("explain", many, *words_, *how)
+                b, nothing = self.told("explain", few, *words_, *how)
+                self.assertEqual(a, b)
+                self.assertIn("the hand comes near 3 of its 1000 parts", said)
+                self.assertNotIn("parts", nothing)
+            out = json.loads(a)
+            self.assertIn("stream[2]", [mode["name"] for mode in out["modes"]])
+            self.assertGreater(sum(mode["active"] for mode in out["modes"]), 3)
+        words_ = ("--at", words([0.025, 0.022, 0.02]), "--along", words(along(INTO, 0.01)))
+        for how in (("--json",), ("--csv", "-")):
+            a, said = self.told("press", many, *words_, *how)
+            b, _ = self.told("press", few, *words_, *how)
+            self.assertEqual(a, b)
+            self.assertIn("the hand comes near 3 of its 1000 parts", said)
+        # Somewhere else it is another one.
+        out, _ = self.explain(many, along(self.STEP, 30 * 7, start=MIDDLE), along(INTO, 0.002))
+        self.assertEqual([mode["name"] for mode in out["modes"]],
+                         ["wall[7]", "/modes/1[7]", "stream[7]", "honey", "floor"])
+
+    def test_what_is_there_alone_is_a_part_among_many(self):
+        balls = {f"b{i}": {"file": "ball.vdb", "place": {"like": f"b{i - 1}"} if i == 5 else
+                           {"scale": 0.01, "translate": [0.2 * i, 0, 0]}} for i in range(12)}
+        skins = [{"name": f"skin {i}", "mode": "isosurface", "of": f"b{i}", "value": 0,
+                  "solid": "below", "strength": 3} for i in range(12)]
+        few = [skins[4], skins[5]]
+        a, said = self.told("press", self.scene(*skins, volumes=balls), "--at", "0.8,0,0.025",
+                            "--along", "0,0,-0.01", "--json")
+        b, _ = self.told("press", self.scene(*few, volumes=balls), "--at", "0.8,0,0.025", "--along",
+                         "0,0,-0.01", "--json")
+        self.assertEqual(a, b)
+        self.assertIn("near 2 of its 12 parts", said)
+        self.assertAlmostEqual(json.loads(a)["modes"][0]["touched_at"], 0.005, delta=0.0002)
+        # Of the fifth only what it is placed like is loaded with it: that nothing reads.
+        del balls["b5"]
+        balls["b5"] = {"file": "ball.vdb", "place": {"like": "b6"}}
+        skins[6]["strength"] = 0
+        out, _ = self.explain(self.scene(*skins, volumes=balls), [1.2, 0, 0.0205], [0, 0, -0.002])
+        self.assertEqual([mode["name"] for mode in out["modes"]], ["skin 5"])
+        self.assertEqual(out["modes"][0]["primitives"][0]["state"], "holds")
+
+    def test_nothing_near_and_too_much(self):
+        balls = {"b": {"file": "ball.vdb", "instances": [self.place(i) for i in range(5)]}}
+        skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
+        far = self.scene(skin, volumes=balls)
+        self.refused("press", far, "--at", "0,5,0", "--along", "0,0,1", says="comes near nothing")
+        out, _ = self.explain(far, [0, 5, 0], [0, 0, 0.001])
+        self.assertEqual(out["modes"], [])
+        self.assertEqual(size(out["force"]["sent"]), 0)
+        balls["b"]["instances"] = [{"scale": 0.01, "translate": [0.05 * i, 0, 0]}
+                                   for i in range(70)]
+        row = self.scene(skin, volumes=balls)
+        self.refused("press", row, "--at", "0,0,0.021", "--along", "3.5,0,0", "--speed", 1,
+                     says="more than are told at once")
+        self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
+                                              "0.15,0,0", "--speed", 1).stderr)
+
+    def test_a_map_of_one_part(self):
+        balls = {"b": {"file": "ball.vdb",
+                       "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
+                                     for i in range(9)]}}
+        skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
+        done = run("stability", self.scene(skin, volumes=balls), "--size", 9, "--rate", 250, "--json")
+        self.assertIn("of its 9 parts", done.stderr)
+        tick = json.loads(done.stdout)["methods"][0]
+        self.assertEqual(tick["name"], "whole tick")
+        self.assertGreater(tick["rests"], 0.2)
+
+
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1], verbosity=1)

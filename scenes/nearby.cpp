@@ -1,0 +1,121 @@
+#include "scenes/nearby.h"
+
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include <fmt/format.h>
+
+namespace palpate {
+namespace {
+
+/// A mode, called as its scene calls it.
+ModeSpec named(const GraphSpec& graph, std::size_t number) {
+  ModeSpec mode = graph.modes[number];
+  if (mode.name.empty()) mode.name = fmt::format("/modes/{}", number);
+  return mode;
+}
+
+/// One part of a group, and what its things are called.
+class Copy {
+ public:
+  Copy(const SceneSpec& spec, const PartGroup& group, std::size_t part)
+      : spec_(spec), group_(group), instance_(part - group.first) {}
+
+  void addThings(SceneSpec& out) const {
+    for (const std::string& name : group_.things) {
+      const auto volume = spec_.volumes.find(name);
+      if (volume == spec_.volumes.end()) {
+        DerivedSpec derived = spec_.graph.fields.at(name);
+        rename(derived.of);
+        out.graph.fields[called(name)] = derived;
+        continue;
+      }
+      VolumeSpec copy = volume->second;
+      if (name == group_.leader) {
+        copy.place = copy.instances.at(instance_);
+        copy.instances.clear();
+      }
+      rename(copy.place.like);
+      out.volumes[called(name)] = std::move(copy);
+    }
+  }
+
+  void addMode(std::size_t number, SceneSpec& out) const {
+    ModeSpec mode = named(spec_.graph, number);
+    mode.name = called(mode.name);
+    rename(mode.of);
+    rename(mode.by);
+    for (TransferSpec* transfer : {&mode.strength, &mode.friction, &mode.viscosity}) {
+      for (TransferSpec::Factor& factor : transfer->factors) rename(factor.by);
+    }
+    out.graph.modes.push_back(std::move(mode));
+  }
+
+ private:
+  [[nodiscard]] std::string called(const std::string& name) const {
+    return group_.leader.empty() ? name : fmt::format("{}[{}]", name, instance_);
+  }
+  /// Where it is a name of the part's.
+  void rename(std::string& name) const {
+    const auto& things = group_.things;
+    if (std::find(things.begin(), things.end(), name) != things.end()) name = called(name);
+  }
+
+  const SceneSpec& spec_;
+  const PartGroup& group_;
+  std::size_t instance_;
+};
+
+/// Volumes that others are placed like stay, though nothing reads them.
+void addPlaces(const SceneSpec& spec, SceneSpec& out) {
+  for (bool more = true; more;) {
+    std::set<std::string> missing;
+    for (const auto& [name, volume] : out.volumes) {
+      const bool like = volume.place.kind == PlaceSpec::Kind::kLike;
+      if (like && out.volumes.count(volume.place.like) == 0) missing.insert(volume.place.like);
+    }
+    more = !missing.empty();
+    for (const std::string& name : missing) out.volumes[name] = spec.volumes.at(name);
+  }
+}
+
+}  // namespace
+
+SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
+                 const std::set<std::size_t>& parts) {
+  SceneSpec out = spec;
+  out.one_graph = true;
+  out.graph.modes.clear();
+  out.guide_volumes.clear();
+  std::map<std::size_t, std::vector<Copy>> copies;  // by mode
+  for (const PartGroup& group : built.parts) {
+    for (const std::string& name : group.things) {
+      out.volumes.erase(name);
+      out.graph.fields.erase(name);
+    }
+    for (const std::size_t mode : group.modes) copies[mode];
+    const auto end = parts.lower_bound(group.first + group.count);
+    for (auto part = parts.lower_bound(group.first); part != end; ++part) {
+      const Copy copy(spec, group, *part);
+      copy.addThings(out);
+      for (const std::size_t mode : group.modes) copies[mode].push_back(copy);
+    }
+  }
+  addPlaces(spec, out);
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const auto several = copies.find(i);
+    if (several != copies.end()) {
+      for (const Copy& copy : several->second) copy.addMode(i, out);
+      continue;
+    }
+    const auto guide = spec.guide_volumes.find(i);
+    if (guide != spec.guide_volumes.end()) {
+      out.guide_volumes[out.graph.modes.size()] = guide->second;
+    }
+    out.graph.modes.push_back(named(spec.graph, i));
+  }
+  return out;
+}
+
+}  // namespace palpate

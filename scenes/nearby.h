@@ -1,0 +1,22 @@
+/// What a hand comes near in a scene of parts, as a scene of one graph, which tells of each by
+/// name.
+#pragma once
+
+#include <cstddef>
+#include <set>
+
+#include "scenes/build_scene.h"
+
+namespace palpate {
+
+/// What is always there and these parts of a scene, without the others: the same forces where no
+/// other is near. Of an instance, names of volumes, fields and modes end in its number, "rock[7]".
+///
+/// @param spec   What `built` was built from.
+/// @param parts  Indices into Scene::parts.
+///
+/// buildScene() throws SceneError (/volumes, /modes) where they are more than one graph holds.
+[[nodiscard]] SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
+                               const std::set<std::size_t>& parts);
+
+}  // namespace palpate
