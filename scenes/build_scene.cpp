@@ -46,6 +46,11 @@ class Placer {
                        "place one of them by fit, unit or scale");
     }
     const VolumeSpec& volume = spec_.volumes.at(name);
+    if (volume.place.kind == PlaceSpec::Kind::kLike && !volume.instances.empty()) {
+      throw SceneError(at(spec_, "/volumes/" + name + "/instances"),
+                       "it is placed like another volume as well",
+                       "give one of place and instances");
+    }
     return done_[name] =
                volume.instances.empty() ? compute(name, volume.place, path) : placementOf(name, 0);
   }

@@ -304,6 +304,16 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   bad = scene;
   bad["modes"][0]["of"] = "bal";
   CHECK_THAT(error(bad), Contains("/modes/0/of") && Contains("did you mean \"ball\"?"));
+  // As only C++ can say it.
+  SceneSpec both = parseScene(scene.dump(), "s.json", folder.path());
+  for (auto& [name, volume] : both.volumes) {
+    if (!volume.instances.empty()) continue;
+    volume.place.kind = PlaceSpec::Kind::kLike;
+    volume.place.like = "ball";
+    volume.instances = both.volumes.at("ball").instances;
+    break;
+  }
+  CHECK_THROWS_WITH(buildScene(both), Contains("/instances: it is placed like another volume"));
   // Whoever cancels is heard while parts are built, too.
   int calls = 0;
   CHECK_THROWS_AS(buildScene(parseScene(scene.dump(), "s.json", folder.path()),
