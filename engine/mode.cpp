@@ -510,9 +510,18 @@ void settle(const Mode& mode, const Vec3& proxy, const Vec3& x, ModeMemory& memo
   }
 }
 
-bool givesWay(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
+void letIn(ModeMemory& memory) noexcept {
+  memory.contact = Contact::kInside;
+  forgetWalls(memory);
+}
+
+double pastWalls(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
   std::size_t which = 0;
-  return memory.placed && deepest(x, memory, which) > kHeld * mode.skin.voxel;
+  return memory.placed ? deepest(x, memory, which) / mode.skin.voxel : -1.0;
+}
+
+bool givesWay(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
+  return pastWalls(mode, x, memory) > kHeld;
 }
 
 double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept {

@@ -237,6 +237,15 @@ void settle(const Mode& mode, const Vec3& proxy, const Vec3& x,
 /// [voxels]; below zero before it, and where nothing would hold there. RT: no allocation.
 [[nodiscard]] double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept;
 
+/// Nothing of an isosurface holds the proxy any more, as if it had been found behind it. RT: no
+/// allocation.
+void letIn(ModeMemory& memory) noexcept;
+
+/// How far x is behind the walls that a mode remembers, the one that it is deepest behind [voxels];
+/// below zero before them, and where there is none. RT: no allocation.
+[[nodiscard]] double pastWalls(const IsosurfaceMode& mode, const Vec3& x,
+                               const ModeMemory& memory) noexcept;
+
 /// True where x is behind a wall that a mode remembers: pressed through. RT: no allocation.
 [[nodiscard]] bool givesWay(const IsosurfaceMode& mode, const Vec3& x,
                             const ModeMemory& memory) noexcept;

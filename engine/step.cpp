@@ -292,7 +292,7 @@ class Tick {
     sampled_ = false;
     rail_ = {};
     read_at_ = state_.proxy_;
-    deep_ = false;
+    deep_ = out_ = false;
     bool cut = false;
     if (!balance(true, report)) return false;
     for (;;) {
@@ -305,13 +305,20 @@ class Tick {
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
-        if (deep_) way = {state_.proxy_, false};
+        if (deep_) {
+          way = {state_.proxy_, false};
+          if (++state_.stuck_ >= kStuck) letThrough();
+        } else {
+          state_.stuck_ = 0;
+        }
         moveTo(way, report);
         return true;
       }
       cut = way.cut;
+      out_ = out_ || (deep_ && way.end == deep_at_);
       read(way.end, report);
       deep_ = behindAWall();
+      if (deep_) deep_at_ = way.end;
       if (cut && !deep_) {
         moveTo(way, report);
         rail_ = {};
@@ -325,12 +332,33 @@ class Tick {
   }
 
   /// True where properties were read so far behind a surface that holds that no proxy belongs
-  /// there: between walls that meet at an acute angle a plane may lead behind another one.
+  /// there: between walls that meet at an acute angle a plane may lead behind another one. A proxy
+  /// that stands so deep itself, in a thin wall that was seen from its other side, is let out where
+  /// else it would come to the same place again and again.
   [[nodiscard]] bool behindAWall() const noexcept {
-    return anyMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
-      const auto* mode = std::get_if<IsosurfaceMode>(&any);
-      if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return false;
-      return depthOf(*mode, *felt.properties) > kDeep && !givesWay(*mode, target_, memory);
+    return anyMode([&](const Mode& mode, const ModeMemory& memory, const Felt& felt, std::size_t) {
+      return isBehind(mode, memory, felt);
+    });
+  }
+  [[nodiscard]] bool isBehind(const Mode& any, const ModeMemory& memory,
+                              const Felt& felt) const noexcept {
+    const auto* mode = std::get_if<IsosurfaceMode>(&any);
+    if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return false;
+    if (!(depthOf(*mode, *felt.properties) > kDeep)) return false;
+    if (givesWay(*mode, target_, memory)) return false;
+    const double stands = pastWalls(*mode, state_.proxy_, memory);
+    return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
+  }
+
+  /// A proxy that has had no way to its balance for some ticks would stay for ever. Where the
+  /// spring pulls with twice what all that was placed can hold, the surfaces that it may not go
+  /// behind let it through. With less a thin wall that a fast hand strokes would open.
+  void letThrough() noexcept {
+    double most = 0.0;
+    for (const Primitive& primitive : state_.primitives_.items()) most += primitive.strength;
+    if (state_.stiffness_.value * (state_.proxy_ - probe_).norm() <= 2.0 * most) return;
+    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+      if (isBehind(mode, memory, felt)) letIn(memory);
     });
   }
 
@@ -712,6 +740,8 @@ class Tick {
   Rail rail_;
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.
+  Vec3 deep_at_ = Vec3::Zero();            ///< Where it was [m].
+  bool out_ = false;                       ///< It was twice: a proxy so deep itself is let out.
   int held_ = 0;                           ///< Readings after which something held the proxy.
   Vec3 read_at_ = Vec3::Zero();            ///< Where properties were read last [m].
   Vec3 target_ = Vec3::Zero();             ///< The last balance [m],
@@ -724,6 +754,8 @@ class Tick {
   static constexpr double kAhead = 2e-3;
   /// Farther behind a surface that holds no proxy goes [voxels].
   static constexpr double kDeep = 0.3;
+  /// So many ticks in a row end where they began, and are not followed by another.
+  static constexpr int kStuck = 3;
   /// A shorter way along a surface is seen from where properties were read [voxels].
   static constexpr double kSeen = 0.1;
   /// What is read holds so far from there, as a share of how far the proxy may go.

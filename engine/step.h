@@ -194,6 +194,7 @@ class ProxyState {
   double time_ = 0.0;      ///< [s]
   double posed_at_ = 0.0;  ///< Time of the bodies' poses [s].
   VaryingStiffness stiffness_;
+  int stuck_ = 0;  ///< Ticks in a row that ended where they began: their ways led behind a surface.
   bool placed_ = false;
   bool known_ = false;  ///< Properties have been read in this scene.
   Fault fault_ = Fault::kNone;
