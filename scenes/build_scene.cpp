@@ -299,9 +299,7 @@ class PartBuilder {
 
   /// What is left for the scene's own graph; the rest is built by build().
   GraphSpec plan(const GraphSpec& graph) {
-    const auto placed_often = [](const auto& entry) { return !entry.second.instances.empty(); };
-    const auto& all = spec_.volumes;
-    if (spec_.one_graph && std::none_of(all.begin(), all.end(), placed_often)) return graph;
+    if (spec_.one_graph) return graph;
     std::map<std::string, PlanVolume> volumes;
     for (const auto& [name, field] : built_.fields) {
       PlanVolume& volume = volumes[name];

@@ -65,7 +65,7 @@ struct SceneSpec {
   GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
   std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
                                                      ///< guide is given, else metres of W.
-  bool one_graph = false;          ///< Whatever there is of it: without instances it has no parts.
+  bool one_graph = false;          ///< No parts, however many volumes; not with instances.
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 

@@ -3,11 +3,17 @@
 #include <algorithm>
 #include <map>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
+#include "engine/error.h"
+
 namespace palpate {
 namespace {
+
+using Volumes = std::map<std::string, VolumeSpec>;
 
 /// A mode, called as its scene calls it.
 ModeSpec named(const GraphSpec& graph, std::size_t number) {
@@ -16,26 +22,35 @@ ModeSpec named(const GraphSpec& graph, std::size_t number) {
   return mode;
 }
 
+/// A scene's volumes, those with instances at the first of them: ten thousand places are not copied
+/// for every part.
+Volumes placedOnce(const SceneSpec& spec) {
+  Volumes volumes = spec.volumes;
+  for (auto& [name, volume] : volumes) {
+    const std::vector<PlaceSpec> places = std::exchange(volume.instances, {});
+    if (!places.empty()) volume.place = places.front();
+  }
+  return volumes;
+}
+
 /// One part of a group, and what its things are called.
 class Copy {
  public:
   Copy(const SceneSpec& spec, const PartGroup& group, std::size_t part)
       : spec_(spec), group_(group), instance_(part - group.first) {}
 
-  void addThings(SceneSpec& out) const {
+  void addThings(const Volumes& once, SceneSpec& out) const {
     for (const std::string& name : group_.things) {
-      const auto volume = spec_.volumes.find(name);
-      if (volume == spec_.volumes.end()) {
+      checkFree(called(name));
+      const auto volume = once.find(name);
+      if (volume == once.end()) {
         DerivedSpec derived = spec_.graph.fields.at(name);
         rename(derived.of);
         out.graph.fields[called(name)] = derived;
         continue;
       }
       VolumeSpec copy = volume->second;
-      if (name == group_.leader) {
-        copy.place = copy.instances.at(instance_);
-        copy.instances.clear();
-      }
+      if (name == group_.leader) copy.place = spec_.volumes.at(name).instances.at(instance_);
       rename(copy.place.like);
       out.volumes[called(name)] = std::move(copy);
     }
@@ -61,6 +76,15 @@ class Copy {
     const auto& things = group_.things;
     if (std::find(things.begin(), things.end(), name) != things.end()) name = called(name);
   }
+  /// Throws where an instance would be called as something of the scene's own.
+  void checkFree(const std::string& name) const {
+    const bool own = spec_.volumes.count(name) != 0 || spec_.graph.fields.count(name) != 0;
+    if (group_.leader.empty() || !own) return;
+    throw SceneError(
+        fmt::format("{}/volumes/{}/instances/{}", spec_.source.empty() ? "" : spec_.source + ": ",
+                    group_.leader, instance_),
+        fmt::format("it is told of as \"{}\", and there is one of that name", name), "rename that");
+  }
 
   const SceneSpec& spec_;
   const PartGroup& group_;
@@ -68,15 +92,15 @@ class Copy {
 };
 
 /// Volumes that others are placed like stay, though nothing reads them.
-void addPlaces(const SceneSpec& spec, SceneSpec& out) {
+void addPlaces(const Volumes& once, Volumes& out) {
   for (bool more = true; more;) {
     std::set<std::string> missing;
-    for (const auto& [name, volume] : out.volumes) {
+    for (const auto& [name, volume] : out) {
       const bool like = volume.place.kind == PlaceSpec::Kind::kLike;
-      if (like && out.volumes.count(volume.place.like) == 0) missing.insert(volume.place.like);
+      if (like && out.count(volume.place.like) == 0) missing.insert(volume.place.like);
     }
     more = !missing.empty();
-    for (const std::string& name : missing) out.volumes[name] = spec.volumes.at(name);
+    for (const std::string& name : missing) out[name] = once.at(name);
   }
 }
 
@@ -84,25 +108,29 @@ void addPlaces(const SceneSpec& spec, SceneSpec& out) {
 
 SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
                  const std::set<std::size_t>& parts) {
+  const Volumes once = placedOnce(spec);
   SceneSpec out = spec;
   out.one_graph = true;
+  out.volumes = once;
   out.graph.modes.clear();
   out.guide_volumes.clear();
-  std::map<std::size_t, std::vector<Copy>> copies;  // by mode
   for (const PartGroup& group : built.parts) {
     for (const std::string& name : group.things) {
       out.volumes.erase(name);
       out.graph.fields.erase(name);
     }
+  }
+  std::map<std::size_t, std::vector<Copy>> copies;  // by mode
+  for (const PartGroup& group : built.parts) {
     for (const std::size_t mode : group.modes) copies[mode];
     const auto end = parts.lower_bound(group.first + group.count);
     for (auto part = parts.lower_bound(group.first); part != end; ++part) {
       const Copy copy(spec, group, *part);
-      copy.addThings(out);
+      copy.addThings(once, out);
       for (const std::size_t mode : group.modes) copies[mode].push_back(copy);
     }
   }
-  addPlaces(spec, out);
+  addPlaces(once, out.volumes);
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
     const auto several = copies.find(i);
     if (several != copies.end()) {

@@ -10,12 +10,14 @@
 namespace palpate {
 
 /// What is always there and these parts of a scene, without the others: the same forces where no
-/// other is near. Of an instance, names of volumes, fields and modes end in its number, "rock[7]".
+/// other is near, but where a tick ends at its sub-step limit. Of an instance, names of volumes,
+/// fields and modes end in its number, "rock[7]"; what stands nowhere near stands once.
 ///
 /// @param spec   What `built` was built from.
 /// @param parts  Indices into Scene::parts.
 ///
-/// buildScene() throws SceneError (/volumes, /modes) where they are more than one graph holds.
+/// Throws SceneError where something else has such a name. buildScene() of it does where it is more
+/// than one graph holds: 64 volumes, 64 properties, 256 modes.
 [[nodiscard]] SceneSpec nearby(const SceneSpec& spec, const BuiltScene& built,
                                const std::set<std::size_t>& parts);
 

@@ -59,26 +59,56 @@ std::vector<std::string> namesOf(const ModeSpec& mode) {
   return names;
 }
 
-/// Throws where a mode reads what nothing is called.
+/// Throws where a mode or a field reads what nothing is called.
 void checkNames(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  const auto check = [&](const std::string& path, const std::string& name) {
+    if (volumes.count(name) != 0 || graph.fields.count(name) != 0) return;
+    std::vector<std::string> all;
+    all.reserve(volumes.size() + graph.fields.size());
+    for (const auto& [other, volume] : volumes) all.push_back(other);
+    for (const auto& [other, derived] : graph.fields) all.push_back(other);
+    const std::string near = nearestName(name, all);
+    throw SceneError(
+        path, "there is no volume or field \"" + name + "\"",
+        near.empty() ? "name a volume or field of this scene" : "did you mean \"" + near + "\"?");
+  };
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     for (const auto& [key, name] : keyedNamesOf(graph.modes[i])) {
-      if (volumes.count(name) != 0 || graph.fields.count(name) != 0) continue;
-      std::vector<std::string> all;
-      all.reserve(volumes.size() + graph.fields.size());
-      for (const auto& [other, volume] : volumes) all.push_back(other);
-      for (const auto& [other, derived] : graph.fields) all.push_back(other);
-      const std::string near = nearestName(name, all);
-      throw SceneError(
-          "/modes/" + std::to_string(i) + "/" + key, "there is no volume or field \"" + name + "\"",
-          near.empty() ? "name a volume or field of this scene" : "did you mean \"" + near + "\"?");
+      check("/modes/" + std::to_string(i) + "/" + key, name);
     }
   }
+  for (const auto& [name, derived] : graph.fields) check("/fields/" + name, derived.of);
+}
+
+/// The first of a part's modes that reads something that stands with the leader and something that
+/// does not.
+std::size_t firstMixed(const PartPlan& part, const GraphSpec& graph,
+                       const std::map<std::string, PlanVolume>& volumes) {
+  const auto with_leader = [&](std::string name) {
+    std::size_t steps = 0;
+    for (auto derived = graph.fields.find(name);
+         derived != graph.fields.end() && steps++ < graph.fields.size();
+         derived = graph.fields.find(name)) {
+      name = derived->second.of;
+    }
+    const auto volume = volumes.find(name);
+    return volume != volumes.end() && volume->second.leader == part.leader;
+  };
+  for (const std::size_t i : part.graph.mode_numbers) {
+    const std::vector<std::string> names = namesOf(graph.modes[i]);
+    const auto count = std::count_if(names.begin(), names.end(), with_leader);
+    if (count > 0 && static_cast<std::size_t>(count) < names.size()) return i;
+  }
+  return part.graph.mode_numbers.front();
 }
 
 }  // namespace
 
 ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolume>& volumes) {
+  const bool placed_often = std::any_of(volumes.begin(), volumes.end(), [](const auto& entry) {
+    return !entry.second.leader.empty();
+  });
+  if (placed_often) checkNames(graph, volumes);
   Together together;
   for (const auto& [name, volume] : volumes) together.add(name);
   for (const auto& [name, derived] : graph.fields) together.add(name);
@@ -137,7 +167,7 @@ ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolu
   for (auto& [name, thing] : things) {
     const bool many = !thing.leader.empty();
     if (many) {
-      const std::string path = "/modes/" + std::to_string(thing.graph.mode_numbers.front());
+      const std::string path = "/modes/" + std::to_string(firstMixed(thing, graph, volumes));
       for (const std::string& volume : thing.volumes) {
         if (volumes.at(volume).leader == thing.leader) continue;
         throw SceneError(path,

@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <iostream>
@@ -14,6 +15,11 @@
 #include "engine/error.h"
 
 namespace palpate::cli {
+namespace {
+
+volatile std::sig_atomic_t interrupted = 0;
+
+}  // namespace
 
 std::string dump(const OrderedJson& json, int indent) {
   return json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
@@ -156,6 +162,28 @@ void WholeFolder::commit() {
                 "choose another place");
   }
   partial_.clear();
+}
+
+void checkOutputsApart(const std::vector<std::string>& outputs,
+                       const std::vector<std::filesystem::path>& inputs) {
+  for (const std::string& output : outputs) {
+    for (const std::filesystem::path& input : inputs) {
+      std::error_code error;
+      if (output.empty() || output == "-" || !std::filesystem::equivalent(output, input, error)) {
+        continue;
+      }
+      throw Error(output, "it is an input of this run", "write to another file");
+    }
+  }
+}
+
+void noteInterrupts() noexcept {
+  const auto note = [](int) { interrupted = 1; };
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, note);
+}
+
+void endIfInterrupted() {
+  if (interrupted != 0) throw Interrupted{};
 }
 
 std::istream& openInput(const std::string& file, std::ifstream& holder) {

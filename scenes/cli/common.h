@@ -107,6 +107,17 @@ class WholeFolder {
   std::filesystem::path partial_;
 };
 
+/// Throws Error where an output (empty and - are none) is also an input, under whatever name.
+void checkOutputsApart(const std::vector<std::string>& outputs,
+                       const std::vector<std::filesystem::path>& inputs);
+
+/// Thrown where the user ends a run: nothing is written, and the program ends with kInterrupted.
+struct Interrupted {};
+/// From here on Ctrl-C, SIGTERM and SIGHUP are only noted.
+void noteInterrupts() noexcept;
+/// Throws Interrupted if there was one.
+void endIfInterrupted();
+
 /// Opens a text file, or throws Error. - is standard input; `holder` keeps a file open.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 

@@ -692,13 +692,11 @@ int explain(const Options& options) {
   const double dt = 1.0 / options.rate;
   const ForceLimits limits = pathLimits();
   const auto rehearse = [&](const BuiltScene& built) {
-    std::set<std::size_t> near;
+    Near near;
     Reader reader;
     ProxyState state(limits);
-    (void)restAt(*built.scene, reader, state, at, dt);
-    addNear(state, near);
-    (void)hapticStep(*built.scene, reader, {hand}, state, dt);
-    addNear(state, near);
+    near.add(state, restAt(*built.scene, reader, state, at, dt).report);
+    near.add(state, hapticStep(*built.scene, reader, {hand}, state, dt));
     return near;
   };
   const auto witness = std::make_shared<Witness>();

@@ -222,14 +222,7 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
     if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
   }
   for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
-  for (const std::string& place : places) {
-    for (const std::filesystem::path& input : inputs) {
-      std::error_code error;
-      if (!place.empty() && place != "-" && std::filesystem::equivalent(place, input, error)) {
-        throw Error(place, "it is an input of this run", "write to another file");
-      }
-    }
-  }
+  checkOutputsApart(places, inputs);
 }
 
 /// Every tick as it comes: counted on the spot, handed to the thread that writes if it is asked

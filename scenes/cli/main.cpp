@@ -94,6 +94,9 @@ int main(int argc, char** argv) {
   } catch (const Error& e) {
     cli::complain(e.what());
     return cli::kBadInput;
+  } catch (const cli::Interrupted&) {
+    cli::complain("interrupted: nothing is written");
+    return cli::kInterrupted;
   } catch (const std::bad_alloc&) {
     cli::complain("memory: there is not enough for this: use a smaller volume");
     return cli::kEndedEarly;

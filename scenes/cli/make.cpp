@@ -1,5 +1,4 @@
 /// palpate make: volumes from formulas, for examples and trials.
-#include <csignal>
 #include <optional>
 
 #include <fmt/format.h>
@@ -10,8 +9,6 @@
 
 namespace palpate::cli {
 namespace {
-
-volatile std::sig_atomic_t interrupted = 0;
 
 struct Options {
   std::string name;
@@ -24,14 +21,10 @@ int make(const Options& options) {
   if (std::filesystem::path(options.out).extension() != ".vdb") {
     throw Error(options.out, "the output is not named .vdb", "name it so");
   }
-  const auto on_signal = [](int) { interrupted = 1; };
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
-  std::signal(SIGHUP, on_signal);
-
+  noteInterrupts();
   WholeFile file(options.out);
   const std::vector<MadeGrid> grids = writeMade(options.name, options.voxel, file.place());
-  if (interrupted != 0) return kInterrupted;
+  endIfInterrupted();
   file.commit();
 
   OrderedJson json;

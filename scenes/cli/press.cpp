@@ -163,7 +163,7 @@ class Curve {
   const Way way_;
   std::vector<Row> rows_;
   std::vector<ModePressed> modes_;
-  std::array<int, 5> statuses_{};
+  std::array<int, kStepStatuses> statuses_{};
   Vec3 last_force_ = Vec3::Zero();
   double last_stiffness_ = 0.0;
   double net_ = 0.0;    ///< Given to the hand [J].
@@ -363,15 +363,7 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
   }
   std::vector<std::filesystem::path> inputs{options.scene};
   for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
-  for (const std::string& place : {options.csv, options.picture}) {
-    for (const std::filesystem::path& input : inputs) {
-      std::error_code error;
-      if (place.empty() || place == "-" || !std::filesystem::equivalent(place, input, error)) {
-        continue;
-      }
-      throw Error(place, "it is an input of this run", "write to another file");
-    }
-  }
+  checkOutputsApart({options.csv, options.picture}, inputs);
 }
 
 /// Ticks all the way; true if none was a fault.
@@ -387,17 +379,19 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
     tick.time = i * dt;
     if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt);
     seen(i, tick, state);
+    endIfInterrupted();
   }
   return !state.faulted();
 }
 
 int press(const Options& options) {
   checkRate(options.rate);
+  noteInterrupts();
   const Way way = wayOf(options);
   const auto rehearse = [&](const BuiltScene& built) {
-    std::set<std::size_t> near;
+    Near near;
     run(*built.scene, way, options.rate,
-        [&](int, const Telemetry&, const ProxyState& state) { addNear(state, near); });
+        [&](int, const Telemetry& tick, const ProxyState& state) { near.add(state, tick.report); });
     return near;
   };
   const Opened opened = openFor(options.scene, rehearse);

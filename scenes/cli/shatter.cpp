@@ -1,5 +1,4 @@
 /// palpate shatter: a large scene out of one volume, for trials of many objects.
-#include <csignal>
 #include <filesystem>
 #include <map>
 
@@ -12,10 +11,6 @@
 namespace palpate::cli {
 namespace {
 
-volatile std::sig_atomic_t interrupted = 0;
-
-struct Interrupted {};
-
 struct Options {
   std::string file;
   std::string out;
@@ -27,31 +22,24 @@ struct Options {
 };
 
 int shatter(const Options& options) {
-  const auto on_signal = [](int) { interrupted = 1; };
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
-  std::signal(SIGHUP, on_signal);
+  noteInterrupts();
   static const std::map<std::string, double> units{
       {"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}};
   FragmentOrder order = options.order;
   order.metres_per_unit = units.at(options.unit);
   order.solid = options.solid == "above" ? Solid::kAbove : Solid::kBelow;
   WholeFolder folder(options.out);
-  Fragments made;
-  try {
-    const auto stop = [](const std::function<void(double)>& told) {
-      return [told](double done) {
-        if (interrupted != 0) throw Interrupted{};
-        if (told) told(done);
-      };
+  const auto stop = [](const std::function<void(double)>& told) {
+    return [told](double done) {
+      endIfInterrupted();
+      if (told) told(done);
     };
-    LoadOptions load;
-    load.progress = stop(showProgress("loading"));
-    const auto volume = loadVolume(options.file, options.grid, load);
-    made = strewFragments(*volume, order, folder.place(), stop(showProgress("breaking")));
-  } catch (const Interrupted&) {
-    return kInterrupted;
-  }
+  };
+  LoadOptions load;
+  load.progress = stop(showProgress("loading"));
+  const auto volume = loadVolume(options.file, options.grid, load);
+  const Fragments made =
+      strewFragments(*volume, order, folder.place(), stop(showProgress("breaking")));
   folder.commit();
   const std::string scene = (std::filesystem::path(options.out) / "scene.json").string();
   if (options.json) {

@@ -52,7 +52,7 @@ struct Setup {
 /// Where a hand that explores a scene is pushed back by about the load, and what is near there.
 struct Touch {
   bench::Contact contact;
-  std::set<std::size_t> near;
+  Near near;
 };
 
 Touch touchOf(const BuiltScene& built, const Options& options) {
@@ -78,17 +78,25 @@ Touch touchOf(const BuiltScene& built, const Options& options) {
     contact.place = report.proxy;
     contact.outwards = report.wanted.normalized();
     contact.primitives.assign(state.primitives().items().begin(), state.primitives().items().end());
-    touch.near.clear();
-    addNear(state, touch.near);
+    touch.near = {};
+    touch.near.add(state, report);
   }
   if (contact.primitives.empty()) {
     throw Error(options.scene, "a hand that explores it feels nothing to press on",
                 "palpate check shows where the volumes are");
   }
+  // What a hand that swings there can come to.
+  constexpr double kAround = 0.01;  // [m]
+  for (std::size_t i = 0; i < scene.parts.size(); ++i) {
+    const Box& bounds = scene.parts[i].bounds;
+    const Vec3 nearest = contact.place.cwiseMax(bounds.lower).cwiseMin(bounds.upper);
+    if ((nearest - contact.place).norm() < kAround) touch.near.parts.insert(i);
+  }
   return touch;
 }
 
-Setup setupOf(const Options& options) {
+/// `outputs`: no input may be one of them.
+Setup setupOf(const Options& options, const std::vector<std::string>& outputs) {
   Setup setup;
   if (options.scene.empty()) {
     setup.name = options.planes ? fmt::format("two planes, {} degrees", *options.planes) : "a wall";
@@ -103,6 +111,9 @@ Setup setupOf(const Options& options) {
   };
   const Opened opened = openFor(options.scene, rehearse);
   if (!touch) touch = touchOf(opened.built, options);
+  std::vector<std::filesystem::path> inputs{options.scene};
+  for (const auto& [name, volume] : opened.spec.volumes) inputs.push_back(volume.file);
+  checkOutputsApart(outputs, inputs);
   setup.name = opened.spec.source;
   setup.contact = touch->contact;
   setup.methods = bench::methodsOver(setup.contact);
@@ -245,8 +256,10 @@ OrderedJson report(const Options& options, const Setup& setup, const bench::MapS
 
 int draw(const Options& options) {
   check(options);
+  noteInterrupts();
   // Everything that can be refused is refused before anything runs.
   std::vector<std::pair<std::string, std::unique_ptr<WholeFile>>> files;
+  std::vector<std::string> places;
   std::optional<Script> script;
   if (!options.map.empty()) {
     const std::filesystem::path out(options.map);
@@ -255,11 +268,12 @@ int draw(const Options& options) {
     if (one) endings = {out.extension()};
     for (const std::string& ending : endings) {
       const std::string name = one ? out.string() : out.string() + ending;
+      places.push_back(name);
       files.emplace_back(name, std::make_unique<WholeFile>(name));
       if (ending != ".json" && !script) script.emplace("stability_picture.py", "--map");
     }
   }
-  const Setup setup = setupOf(options);
+  const Setup setup = setupOf(options, places);
   bench::MapSetting setting;
   setting.arm.mass = options.mass;
   setting.arm.viscous = options.viscous;
@@ -276,7 +290,11 @@ int draw(const Options& options) {
   std::vector<bench::StabilityMap> maps;
   {
     const auto progress = showProgress("mapping");
-    for (const bench::MapMethod& method : setup.methods) {
+    for (bench::MapMethod method : setup.methods) {
+      method.make = [make = method.make](double stiffness, double damping, double period) {
+        endIfInterrupted();
+        return make(stiffness, damping, period);
+      };
       const int size = method.size < options.size ? kSlowSize : options.size;
       maps.push_back(bench::drawMap(setting, setup.contact, method, size, kLeastStiffness, most,
                                     kMostDamping));

@@ -81,27 +81,47 @@ Opened openFor(const std::string& scene, const Rehearsal& rehearse, const UserSp
   SceneCache cache;
   opened.built = buildScene(opened.told, showProgress("loading"), &cache);
   if (const std::size_t all = opened.built.scene->parts.size(); all > 0) {
-    const std::set<std::size_t> near = rehearse(opened.built);
-    opened.told = nearby(opened.told, opened.built, near);
+    const Near near = rehearse(opened.built);
+    const std::vector<std::string> notes = opened.built.notes;
+    if (near.parts.size() > kMaxFields) {
+      throw Error(scene,
+                  fmt::format("the hand comes near {} of its {} parts; at most {} are told of",
+                              near.parts.size(), all, kMaxFields),
+                  "go a shorter way, or make a scene of some of them");
+    }
+    opened.told = nearby(opened.told, opened.built, near.parts);
     if (opened.told.graph.modes.empty()) {
       throw Error(scene, "the hand comes near nothing of it", "palpate check shows where it is");
     }
     try {
       opened.built = buildScene(opened.told, nullptr, &cache);
-    } catch (const SceneError& e) {
-      // All of it has been built once, so it is only that one graph holds less.
-      throw Error(scene, fmt::format("these parts are more than are told at once ({})", e.what()),
-                  "come near fewer of them, by a shorter way");
+    } catch (const SceneError&) {
+      // All of it has been built once, and no name is there twice: one graph holds less.
+      throw Error(scene,
+                  fmt::format("the hand comes near {} of its {} parts, more than is told of at "
+                              "once ({} volumes, {} properties, {} modes)",
+                              near.parts.size(), all, kMaxFields, kMaxProperties, kMaxModes),
+                  "go a shorter way, or make a scene of some of them");
     }
-    complain(fmt::format("{}: the hand comes near {} of its {} parts; the others are left out",
-                         scene, near.size(), all));
+    opened.built.notes = notes;
+    std::string words =
+        fmt::format("{}: the hand comes near {} of its {} parts", scene, near.parts.size(), all);
+    if (near.parts.size() < all) words += "; the others are left out";
+    if (near.missing > 0.0) {
+      words += fmt::format(
+          "; for more that are near there is no room, the force is off by at most "
+          "{} N",
+          rounded(near.missing));
+    }
+    complain(words);
   }
   for (const std::string& note : opened.built.notes) complain(note);
   return opened;
 }
 
-void addNear(const ProxyState& state, std::set<std::size_t>& parts) {
+void Near::add(const ProxyState& state, const StepReport& report) {
   for (const std::uint8_t slot : state.nearOrder()) parts.insert(state.nearPart(slot).part);
+  missing = std::max(missing, report.missing);
 }
 
 std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field) {

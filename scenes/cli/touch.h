@@ -29,14 +29,19 @@ struct Opened {
   SceneSpec told;    ///< Of one graph: where that has parts, those that the hand comes near.
   BuiltScene built;  ///< From `told`.
 };
-/// The caller's hand in a scene of parts; returns all that it came near.
-using Rehearsal = std::function<std::set<std::size_t>(const BuiltScene&)>;
+/// The parts that a hand came near.
+struct Near {
+  std::set<std::size_t> parts;  ///< Indices into Scene::parts.
+  double missing = 0.0;         ///< So much force of others, for which there was no room [N].
+
+  /// Those that the last tick chose.
+  void add(const ProxyState& state, const StepReport& report);
+};
+/// The caller's hand in a scene of parts.
+using Rehearsal = std::function<Near(const BuiltScene&)>;
 /// `watcher`: a mode of the caller's own that is added last, if it has a function.
 [[nodiscard]] Opened openFor(const std::string& scene, const Rehearsal& rehearse,
                              const UserSpec& watcher = {});
-
-/// Adds the parts of the last tick.
-void addNear(const ProxyState& state, std::set<std::size_t>& parts);
 
 /// Who reads a field, modes and the coupling: why it is sampled.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);

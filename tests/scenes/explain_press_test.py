@@ -9,8 +9,10 @@ import io
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
+import time
 import unittest
 from pathlib import Path
 
@@ -526,20 +528,86 @@ class NearParts(Touch):
                                    for i in range(70)]
         row = self.scene(skin, volumes=balls)
         self.refused("press", row, "--at", "0,0,0.021", "--along", "3.5,0,0", "--speed", 1,
-                     says="more than are told at once")
+                     says="near 70 of its 70 parts; at most 64 are told of")
+        self.refused("press", row, "--at", "0,0,0.021", "--along", "2,0,0", "--speed", 1,
+                     says="more than is told of at once (64 volumes")
         self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
                                               "0.15,0,0", "--speed", 1).stderr)
+
+    def test_names_notes_crowds_and_what_nothing_reads(self):
+        ball = {"file": "ball.vdb"}
+        skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
+                "strength": 3}
+        way = ("--at", "0,0,0.0205", "--push", "0,0,-0.002", "--json")
+        # A name of the scene's own that an instance would have.
+        volumes = {"b": {**ball, "instances": [self.place(i) for i in range(5)]},
+                   "b[0]": {**ball, "place": {"scale": 0.01, "translate": [0, 0, 0.001]}}}
+        own = {**skin, "name": "own", "of": "b[0]"}
+        self.refused("explain", self.scene(skin, own, volumes=volumes), *way,
+                     says='/volumes/b/instances/0: it is told of as "b[0]"')
+        # What nothing reads, though it stands in many places and others are told.
+        del volumes["b[0]"]
+        volumes["unread"] = {**ball, "instances": [self.place(i) for i in range(3)]}
+        volumes["b"]["smooth"] = 1
+        done = run("explain", self.scene(skin, volumes=volumes), *way)
+        self.assertEqual([m["name"] for m in json.loads(done.stdout)["modes"]],
+                         ["skin[0]", "skin[1]", "skin[2]"])
+        # Notes are the scene's own, once.
+        self.assertEqual(done.stderr.count("/volumes/b: smoothed"), 1)
+        self.assertNotIn("b[0]: smoothed", done.stderr)
+        # More than there is room for, all alike: 64 of 100.
+        drag = {"mode": "viscosity", "of": "b", "strength": 0.02}
+        del volumes["b"]["smooth"]
+        volumes["b"]["instances"] = [self.place(0)] * 100
+        done = run("explain", self.scene(drag, volumes=volumes), "--at", "0,0,0.0205", "--push",
+                   "0,0,-0.002", "--json")
+        self.assertIn("near 64 of its 100 parts", done.stderr)
+        self.assertIn("off by at most 0.72 N", done.stderr)
+        self.assertAlmostEqual(size(json.loads(done.stdout)["balance"]["spring"]), 1.0)
+
+    def test_interrupted_it_leaves_nothing(self):
+        ball = self.dir / "ball.vdb"
+        before = sorted(os.listdir(self.dir))
+        for words_ in (("press", ball, "--at", "0,0,0.06", "--along", "0,0,-0.1", "--speed", 1e-4,
+                        "--csv", self.dir / "x.csv", "--picture", self.dir / "x.png"),
+                       ("stability", ball, "--map", self.dir / "x", "--size", 257, "--rate", 4000)):
+            for how in (signal.SIGINT, signal.SIGTERM):
+                child = subprocess.Popen([PALPATE, *map(str, words_)], stdout=subprocess.DEVNULL,
+                                         stderr=subprocess.PIPE, text=True)
+                while not any("partial" in name for name in os.listdir(self.dir)):
+                    self.assertIsNone(child.poll())
+                    time.sleep(0.01)
+                time.sleep(0.3)
+                child.send_signal(how)
+                _, said = child.communicate(timeout=60)
+                self.assertEqual(child.returncode, 130)
+                self.assertIn("interrupted: nothing is written", said)
+                self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def test_a_map_is_not_drawn_over_its_scene(self):
+        skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
+        scene = self.scene(skin, volumes={"b": {"file": "ball.vdb", "place": PLACE}})
+        before = scene.read_text()
+        for name in (scene.with_suffix(""), scene):
+            self.refused("stability", scene, "--map", name, "--size", 9,
+                         says="it is an input of this run")
+            self.assertEqual(scene.read_text(), before)
 
     def test_a_map_of_one_part(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
-                                     for i in range(9)]}}
+                                     for i in range(8)]}}
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         done = run("stability", self.scene(skin, volumes=balls), "--size", 9, "--rate", 250, "--json")
-        self.assertIn("of its 9 parts", done.stderr)
+        self.assertIn("of its 8 parts", done.stderr)
         tick = json.loads(done.stdout)["methods"][0]
         self.assertEqual(tick["name"], "whole tick")
-        self.assertGreater(tick["rests"], 0.2)
+        # As the same balls, written out: few enough to be one graph.
+        balls = {f"b{i}": {"file": "ball.vdb", "place": place}
+                 for i, place in enumerate(balls["b"]["instances"])}
+        out = self.scene(*({**skin, "of": name} for name in balls), volumes=balls)
+        told = json.loads(run("stability", out, "--size", 9, "--rate", 250, "--json").stdout)
+        self.assertEqual(told["methods"][0]["rows"], tick["rows"])
 
 
 if __name__ == "__main__":

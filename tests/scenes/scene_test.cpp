@@ -294,6 +294,16 @@ TEST_CASE("instances are felt each where it stands, and cost no volume each", "[
   Json bad = scene;
   bad["modes"][0]["by"] = "alone";
   CHECK_THAT(error(bad), Contains("s.json: /modes/0") && Contains("which has instances"));
+  // The mode that joins them, not the first of them.
+  bad["modes"][0].erase("by");
+  bad["modes"].push_back({{"mode", "viscosity"}, {"of", "alone"}, {"by", "ball"}, {"strength", 1}});
+  CHECK_THAT(error(bad), Contains("s.json: /modes/" + std::to_string(bad["modes"].size() - 1)) &&
+                             Contains("which has instances"));
+  bad["modes"].back()["by"] = "bal";
+  CHECK_THAT(error(bad), Contains("/by: there is no") && Contains("did you mean \"ball\"?"));
+  bad["modes"].erase(bad["modes"].size() - 1);
+  bad["fields"]["edge"] = {{"gradient", "bal"}};
+  CHECK_THAT(error(bad), Contains("/fields/edge") && Contains("did you mean \"ball\"?"));
   bad = scene;
   bad["modes"].push_back(
       {{"mode", "guide"}, {"shape", "point"}, {"at", {0, 0, 0}}, {"in", "ball"}, {"strength", 1}});
