@@ -104,7 +104,7 @@ PlaceSpec readPlace(const Node& node) {
     node.fail("it has none or several of its kinds", "give one of fit, unit, scale, like");
   if (!node.has("scale") && (node.has("rotation_wxyz") || node.has("translate"))) {
     node.fail("rotation_wxyz and translate need scale",
-              "add scale, in metres per unit of the file");
+              "give scale, in metres per unit of the file, instead of the other");
   }
   if (node.has("fit")) {
     place.size = node.child("fit").positive();
@@ -412,13 +412,18 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
 
   SceneSpec spec;
   spec.source = path.string();
+  if (std::error_code error; std::filesystem::exists(path / "scene.json", error)) {
+    spec.notes.push_back(
+        (path / "scene.json").string() +
+        ": it is not read: only the volumes of this folder are; name it to feel it");
+  }
   std::vector<VolumeRequest> requests;
   for (const std::filesystem::path& file : files) {
     try {
       for (const std::string& grid : gridNames(file)) requests.push_back({file, grid});
     } catch (const VolumeError& e) {
       if (files.size() == 1) throw;
-      spec.notes.emplace_back(e.what());
+      spec.notes.push_back(std::string(e.what()) + "; it is left out");
     }
   }
   const std::vector<LoadResult> loaded = loadVolumes(requests, progress);

@@ -222,6 +222,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     json[list] = OrderedJson::array();
   }
   json["parts"] = built.scene->parts.size();
+  json["bounds"] = {toJson(built.bounds.lower), toJson(built.bounds.upper)};
   addGraph(built.scene->graph, 1, spec, built, json);
   for (const PartGroup& group : built.parts) {
     addGraph(built.scene->parts[group.first].graph, group.count, spec, built, json);
@@ -250,6 +251,15 @@ std::string remark(const OrderedJson& thickness) {
 
 void print(const OrderedJson& json) {
   fmt::print("scene     {}: valid\n", json["scene"].get<std::string>());
+  const OrderedJson& bounds = json["bounds"];
+  const auto corner = [&](std::size_t i) {
+    return fmt::format("{}, {}, {}", rounded(bounds[i][0].get<double>()),
+                       rounded(bounds[i][1].get<double>()), rounded(bounds[i][2].get<double>()));
+  };
+  fmt::print("bounds    {} to {} m", corner(0), corner(1));
+  if (const auto parts = json["parts"].get<std::size_t>(); parts > 0)
+    fmt::print(", {} parts", parts);
+  fmt::print("\n");
   const OrderedJson& coupling = json["coupling"];
   fmt::print("coupling  {}, {} N s/m; motion to {} voxel, at most {} sub-steps a tick\n",
              coupling.contains("stiffness_by")

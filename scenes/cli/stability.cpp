@@ -205,6 +205,8 @@ OrderedJson report(const Options& options, const Setup& setup, const bench::MapS
   OrderedJson json;
   json["of"] = setup.name;
   json["device"] = options.device.empty() ? OrderedJson() : OrderedJson(options.device);
+  json["at"] = toJson(setup.contact.place);
+  json["outwards"] = toJson(setup.contact.outwards);
   json["rate"] = options.rate;
   json["arm"] = {{"mass", options.mass},
                  {"viscous", options.viscous},
@@ -324,6 +326,12 @@ int draw(const Options& options) {
       rounded(options.mass), rounded(options.viscous), rounded(options.coulomb),
       rounded(1e6 * options.encoder), rounded(1e3 * options.delay), rounded(options.grip),
       rounded(options.grip_damping), rounded(options.load));
+  if (!options.scene.empty()) {
+    const Vec3& p = setup.contact.place;
+    const Vec3& n = setup.contact.outwards;
+    fmt::print("pressed at {}, {}, {}, where it pushes along {}, {}, {}\n", rounded(p.x()),
+               rounded(p.y()), rounded(p.z()), rounded(n.x()), rounded(n.y()), rounded(n.z()));
+  }
   fmt::print(
       "one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
       "{}\n",
