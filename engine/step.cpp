@@ -37,6 +37,7 @@ class Tick {
       state_.near_count_ = 0;
       state_.near_.forget();
       state_.known_ = false;
+      state_.stuck_ = 0;
       state_.warm_.forget();
       state_.friction_.forget();
       // A stiffness that a swapped scene does not vary is that scene's; one that it does goes on.
@@ -54,6 +55,7 @@ class Tick {
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     offset_ = state_.proxy_ - probe_;
+    const Vec3 began = state_.proxy_;
     const int parts = bodies_.empty() ? 1 : planMotion(report);
     if (!state_.known_) lookRound(report);
     if (!scene_.parts.empty()) meetParts(report);
@@ -61,6 +63,8 @@ class Tick {
       if (!bodies_.empty()) moveBodies(part, parts);
       good = follow(parts - part, report);
     }
+    const bool stays = was_deep_ && (state_.proxy_ - began).norm() <= kFree;
+    state_.stuck_ = stays ? std::min(state_.stuck_ + 1, kStuck) : 0;
     settleModes();
     state_.posed_at_ = state_.time_;
     return offset_;
@@ -293,6 +297,8 @@ class Tick {
     rail_ = {};
     read_at_ = state_.proxy_;
     deep_ = out_ = false;
+    deep_at_.setConstant(std::numeric_limits<double>::quiet_NaN());  // none yet
+    most_ = 0.0;
     bool cut = false;
     if (!balance(true, report)) return false;
     for (;;) {
@@ -305,27 +311,26 @@ class Tick {
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
-        if (deep_) {
-          way = {state_.proxy_, false};
-          if (++state_.stuck_ >= kStuck) letThrough();
-        } else {
-          state_.stuck_ = 0;
-        }
+        if (deep_) way = {state_.proxy_, false};
         moveTo(way, report);
         return true;
       }
       cut = way.cut;
-      out_ = out_ || (deep_ && way.end == deep_at_);
+      out_ = out_ || (way.end - deep_at_).norm() <= kFree;
       read(way.end, report);
       deep_ = behindAWall();
       if (deep_) deep_at_ = way.end;
+      was_deep_ = was_deep_ || deep_;
       if (cut && !deep_) {
         moveTo(way, report);
         rail_ = {};
         if (strays_) meetParts(report);
       }
       if (!balance(false, report)) return false;
-      if (deep_) read_at_ = state_.proxy_;  // whence the next way is swept
+      if (deep_) {
+        read_at_ = state_.proxy_;  // whence the next way is swept
+        if (state_.stuck_ >= kStuck) letThrough();
+      }
       const bool met = !way.clear && !way.cut;
       if (met || offset_of_balance_.norm() > kFree) ++held_;
     }
@@ -340,12 +345,15 @@ class Tick {
       return isBehind(mode, memory, felt);
     });
   }
+  [[nodiscard]] static bool isDeep(const IsosurfaceMode* mode, const ModeMemory& memory,
+                                   const Felt& felt) noexcept {
+    return mode != nullptr && memory.contact == ModeMemory::Contact::kOutside &&
+           depthOf(*mode, *felt.properties) > kDeep;
+  }
   [[nodiscard]] bool isBehind(const Mode& any, const ModeMemory& memory,
                               const Felt& felt) const noexcept {
     const auto* mode = std::get_if<IsosurfaceMode>(&any);
-    if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return false;
-    if (!(depthOf(*mode, *felt.properties) > kDeep)) return false;
-    if (givesWay(*mode, target_, memory)) return false;
+    if (!isDeep(mode, memory, felt) || givesWay(*mode, target_, memory)) return false;
     const double stands = pastWalls(*mode, state_.proxy_, memory);
     return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
   }
@@ -354,11 +362,14 @@ class Tick {
   /// spring pulls with twice what all that was placed can hold, the surfaces that it may not go
   /// behind let it through. With less a thin wall that a fast hand strokes would open.
   void letThrough() noexcept {
-    double most = 0.0;
-    for (const Primitive& primitive : state_.primitives_.items()) most += primitive.strength;
-    if (state_.stiffness_.value * (state_.proxy_ - probe_).norm() <= 2.0 * most) return;
-    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
-      if (isBehind(mode, memory, felt)) letIn(memory);
+    Vec3 pull = state_.stiffness_.value * (probe_ - state_.proxy_);
+    for (const Primitive& primitive : state_.primitives_.items()) {
+      if (primitive.kind != PrimitiveKind::kForce) continue;
+      pull += primitive.strength * primitive.direction;
+    }
+    if (pull.norm() <= 2.0 * most_) return;
+    eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
+      if (isDeep(std::get_if<IsosurfaceMode>(&any), memory, felt)) letIn(memory);
     });
   }
 
@@ -388,6 +399,11 @@ class Tick {
       worsen(report, StepStatus::kIterationLimit);
     }
     report.iterations += solved.iterations;
+    double most = 0.0;
+    for (const Primitive& primitive : state_.primitives_.items()) {
+      if (primitive.kind != PrimitiveKind::kForce) most += primitive.strength;
+    }
+    most_ = std::max(most_, most);
     if (!foreseen) {
       report.error_bound = solved.error_bound;
       report.solver = solved.solver;
@@ -741,6 +757,8 @@ class Tick {
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.
   Vec3 deep_at_ = Vec3::Zero();            ///< Where it was [m].
+  double most_ = 0.0;                      ///< So much could hold, of all balances of a move [N].
+  bool was_deep_ = false;                  ///< In this tick.
   bool out_ = false;                       ///< It was twice: a proxy so deep itself is let out.
   int held_ = 0;                           ///< Readings after which something held the proxy.
   Vec3 read_at_ = Vec3::Zero();            ///< Where properties were read last [m].
@@ -754,7 +772,7 @@ class Tick {
   static constexpr double kAhead = 2e-3;
   /// Farther behind a surface that holds no proxy goes [voxels].
   static constexpr double kDeep = 0.3;
-  /// So many ticks in a row end where they began, and are not followed by another.
+  /// So many ticks in a row may end where they began.
   static constexpr int kStuck = 3;
   /// A shorter way along a surface is seen from where properties were read [voxels].
   static constexpr double kSeen = 0.1;
