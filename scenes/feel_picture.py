@@ -67,7 +67,7 @@ def main():
     ax.set_ylabel("force on the hand [N]")
     ax.legend(ncol=4, fontsize=8)
     ax.grid(alpha=0.3)
-    figure.suptitle(f"palpate feel {data['scene']}: the proxy's path, projected on the slices", fontsize=10)
+    figure.suptitle(f"{data['scene']}: the proxy's path, projected on the slices", fontsize=10)
     figure.savefig(sys.stdout.buffer, format="png", dpi=110)
 
 

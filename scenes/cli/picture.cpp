@@ -1,8 +1,14 @@
 #include "scenes/cli/picture.h"
 
 #include <algorithm>
+#include <iterator>
+#include <set>
+#include <utility>
+
+#include <fmt/format.h>
 
 #include "engine/error.h"
+#include "scenes/nearby.h"
 
 namespace palpate::cli {
 namespace {
@@ -10,6 +16,9 @@ namespace {
 constexpr int kPixels = 180;  // along the longest side of a slice
 constexpr std::size_t kMostFields = 2;
 constexpr std::size_t kMostTicks = 20000;
+constexpr double kTouched = 0.05;          // [N]
+constexpr std::size_t kMostTouches = 500;  // that are looked at to see what was felt
+constexpr std::size_t kMostParts = 12;     // drawn as one
 
 /// A field as a function for pictures: the value, or a vector's magnitude.
 std::function<double(const Vec3&)> reading(const FieldPtr& field) {
@@ -55,6 +64,58 @@ OrderedJson slice(const FieldPtr& field, const Pose& pose, const Box& bounds, co
   return json;
 }
 
+bool hasData(const FieldPtr& field, const Vec3& p) {
+  FieldCache cache;
+  return std::visit(
+      [&](const auto& f) {
+        f->reset(cache);
+        return f->sample(p, cache).inside;
+      },
+      field);
+}
+
+/// The parts at these places, those with most of them first.
+std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& touches) {
+  std::vector<std::pair<std::size_t, std::size_t>> counts;
+  for (std::size_t i = 0; i < scene.parts.size(); ++i) {
+    const Box& box = scene.parts[i].bounds;
+    const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
+      const Vec3& p = t.report.proxy;
+      return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
+    });
+    if (count > 0) counts.emplace_back(count, i);
+  }
+  std::sort(counts.rbegin(), counts.rend());
+  std::set<std::size_t> parts;
+  for (const auto& [count, part] : counts) {
+    if (parts.size() < kMostParts) parts.insert(part);
+  }
+  return parts;
+}
+
+/// Names of fields, those first in whose data most of these places are.
+std::vector<std::string> mostTouched(const BuiltScene& built,
+                                     const std::vector<Telemetry>& touches) {
+  std::vector<std::pair<std::ptrdiff_t, std::string>> counts;
+  const auto& unused = built.scene->graph.unused;
+  for (const auto& entry : built.fields) {
+    const std::string& name = entry.first;
+    const FieldPtr& field = entry.second;
+    if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
+    const auto motion = built.motions.find(name);
+    const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
+      const Pose pose = motion == built.motions.end() ? Pose{} : motion->second->poseAt(t.time);
+      return hasData(field, pose.toRest(t.report.proxy));
+    });
+    counts.emplace_back(-count, name);
+  }
+  std::sort(counts.begin(), counts.end());
+  std::vector<std::string> names(counts.size());
+  std::transform(counts.begin(), counts.end(), names.begin(),
+                 [](const auto& entry) { return entry.second; });
+  return names;
+}
+
 /// A name that says what it will be.
 std::string checked(const std::string& path) {
   if (std::filesystem::path(path).extension() == ".png") return path;
@@ -77,12 +138,33 @@ void Picture::add(const Telemetry& tick) {
 }
 
 void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
+  std::vector<Telemetry> touches;
+  std::copy_if(ticks_.begin(), ticks_.end(), std::back_inserter(touches),
+               [](const Telemetry& t) { return t.report.force.norm() >= kTouched; });
+  const std::size_t every = touches.size() / kMostTouches + 1;
+  std::size_t index = 0;
+  std::erase_if(touches, [&](const Telemetry&) { return index++ % every != 0; });
+  if (!built.scene->parts.empty()) {
+    const std::set<std::size_t> parts = partsAt(*built.scene, touches);
+    SceneSpec some;
+    std::optional<BuiltScene> drawn;
+    try {
+      some = nearby(spec, built, parts);
+      if (!parts.empty()) drawn = buildScene(some);
+    } catch (const Error& e) {
+      complain(fmt::format("picture: only what is no part is drawn: {}", e.what()));
+    }
+    if (drawn) {
+      draw(some, *drawn);
+      return;
+    }
+  }
   // Slices through the middle of what was touched; what moves as it is then.
   Vec3 middle = Vec3::Zero();
   double time = 0.0;
   int touched = 0;
   for (const Telemetry& tick : ticks_) {
-    if (tick.report.force.norm() < 0.05) continue;
+    if (tick.report.force.norm() < kTouched) continue;
     middle += tick.report.proxy;
     time += tick.time;
     ++touched;
@@ -94,9 +176,8 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
   OrderedJson json;
   json["scene"] = spec.source;
   json["fields"] = OrderedJson::array();
-  for (const auto& [name, field] : built.fields) {
-    const auto& unused = built.scene->graph.unused;
-    if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
+  for (const std::string& name : mostTouched(built, touches)) {
+    const FieldPtr& field = built.fields.at(name);
     if (json["fields"].size() == kMostFields) break;
     OrderedJson entry;
     entry["name"] = name;

@@ -165,6 +165,11 @@ class Shatter(Case):
         words = run("feel", made["scene"], "--seconds", 5)
         self.assertIn("of 30 near in the mean", words.stdout)
         self.assertNotIn("nothing was felt", words.stderr)
+        picture = self.dir / "felt.png"
+        drawn = run("feel", made["scene"], "--seconds", 5, "--picture", picture)
+        self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
+        self.assertNotIn("picture:", drawn.stderr)
+        os.remove(picture)
         self.assertNotIn("crowded", words.stdout)
 
     def test_more_than_there_is_room_for_is_told(self):
