@@ -358,16 +358,26 @@ class Tick {
     return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
   }
 
+  /// What was placed: what can hold, and what pushes.
+  void noteStrengths() noexcept {
+    double most = 0.0;
+    pushed_.setZero();
+    for (const Primitive& primitive : state_.primitives_.items()) {
+      if (primitive.kind == PrimitiveKind::kForce) {
+        pushed_ += primitive.strength * primitive.direction;
+      } else {
+        most += primitive.strength;
+      }
+    }
+    most_ = std::max(most_, most);
+  }
+
   /// A proxy that has had no way to its balance for some ticks would stay for ever. Where the
   /// spring pulls with twice what all that was placed can hold, the surfaces that it may not go
   /// behind let it through. With less a thin wall that a fast hand strokes would open.
   void letThrough() noexcept {
-    Vec3 pull = state_.stiffness_.value * (probe_ - state_.proxy_);
-    for (const Primitive& primitive : state_.primitives_.items()) {
-      if (primitive.kind != PrimitiveKind::kForce) continue;
-      pull += primitive.strength * primitive.direction;
-    }
-    if (pull.norm() <= 2.0 * most_) return;
+    if ((state_.stiffness_.value * (probe_ - state_.proxy_) + pushed_).norm() <= 2.0 * most_)
+      return;
     eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
       if (isDeep(std::get_if<IsosurfaceMode>(&any), memory, felt)) letIn(memory);
     });
@@ -399,11 +409,7 @@ class Tick {
       worsen(report, StepStatus::kIterationLimit);
     }
     report.iterations += solved.iterations;
-    double most = 0.0;
-    for (const Primitive& primitive : state_.primitives_.items()) {
-      if (primitive.kind != PrimitiveKind::kForce) most += primitive.strength;
-    }
-    most_ = std::max(most_, most);
+    if (state_.stuck_ >= kStuck) noteStrengths();
     if (!foreseen) {
       report.error_bound = solved.error_bound;
       report.solver = solved.solver;
@@ -757,7 +763,8 @@ class Tick {
   bool sampled_ = false;                   ///< Since the volumes moved.
   bool deep_ = false;                      ///< That was behind a wall that holds.
   Vec3 deep_at_ = Vec3::Zero();            ///< Where it was [m].
-  double most_ = 0.0;                      ///< So much could hold, of all balances of a move [N].
+  double most_ = 0.0;                      ///< So much could hold, of all balances of a move [N],
+  Vec3 pushed_ = Vec3::Zero();             ///< and so the last one's forces pushed [N].
   bool was_deep_ = false;                  ///< In this tick.
   bool out_ = false;                       ///< It was twice: a proxy so deep itself is let out.
   int held_ = 0;                           ///< Readings after which something held the proxy.
