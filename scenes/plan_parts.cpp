@@ -193,7 +193,7 @@ ScenePlan planParts(const GraphSpec& graph, const std::map<std::string, PlanVolu
             [&](const PartPlan& a, const PartPlan& b) { return first(a) < first(b); });
   plan.base = graph;
   if (plan.parts.empty()) return plan;
-  checkNames(graph, volumes);
+  if (!placed_often) checkNames(graph, volumes);
   plan.base.modes.clear();
   for (const std::size_t i : stay) {
     plan.base.modes.push_back(graph.modes[i]);

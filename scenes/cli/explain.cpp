@@ -181,10 +181,6 @@ std::string joined(const std::vector<std::string>& names) {
   return text;
 }
 
-bool holds(const Box& box, const Vec3& p) {
-  return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
-}
-
 /// The fields whose bounds hold the proxy.
 FieldSet fieldsAround(const Told& told) {
   const Graph& graph = told.graph();

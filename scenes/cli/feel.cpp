@@ -32,6 +32,7 @@
 #include "scenes/cli/felt.h"
 #include "scenes/cli/picture.h"
 #include "scenes/cli/room.h"
+#include "scenes/cli/touch.h"
 #include "scenes/cli/version.h"
 #include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
@@ -217,11 +218,10 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
                   "give each its own place");
     }
   }
-  std::vector<std::filesystem::path> inputs{options.scene};
+  std::vector<std::filesystem::path> inputs = inputsOf(options.scene, spec);
   for (const std::string& device : options.devices) {
     if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
   }
-  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
   checkOutputsApart(places, inputs);
 }
 

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "engine/error.h"
+#include "scenes/cli/touch.h"
 #include "scenes/nearby.h"
 
 namespace palpate::cli {
@@ -80,8 +81,7 @@ std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& 
   for (std::size_t i = 0; i < scene.parts.size(); ++i) {
     const Box& box = scene.parts[i].bounds;
     const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
-      const Vec3& p = t.report.proxy;
-      return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
+      return holds(box, t.report.proxy);
     });
     if (count > 0) counts.emplace_back(count, i);
   }

@@ -361,9 +361,7 @@ void checkOutputs(const Options& options, const SceneSpec& spec) {
     throw Error("press", "two outputs would go to \"" + options.csv + "\"",
                 "give each its own place");
   }
-  std::vector<std::filesystem::path> inputs{options.scene};
-  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
-  checkOutputsApart({options.csv, options.picture}, inputs);
+  checkOutputsApart({options.csv, options.picture}, inputsOf(options.scene, spec));
 }
 
 /// Ticks all the way; true if none was a fault.

@@ -111,9 +111,7 @@ Setup setupOf(const Options& options, const std::vector<std::string>& outputs) {
   };
   const Opened opened = openFor(options.scene, rehearse);
   if (!touch) touch = touchOf(opened.built, options);
-  std::vector<std::filesystem::path> inputs{options.scene};
-  for (const auto& [name, volume] : opened.spec.volumes) inputs.push_back(volume.file);
-  checkOutputsApart(outputs, inputs);
+  checkOutputsApart(outputs, inputsOf(options.scene, opened.spec));
   setup.name = opened.spec.source;
   setup.contact = touch->contact;
   setup.methods = bench::methodsOver(setup.contact);

@@ -55,6 +55,16 @@ Vec3 readVector(const std::string& option, const std::string& text) {
   return v;
 }
 
+bool holds(const Box& box, const Vec3& p) {
+  return (p.array() >= box.lower.array()).all() && (p.array() <= box.upper.array()).all();
+}
+
+std::vector<std::filesystem::path> inputsOf(const std::string& scene, const SceneSpec& spec) {
+  std::vector<std::filesystem::path> inputs{scene};
+  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
+  return inputs;
+}
+
 void checkReach(const std::string& option, const Vec3& p) {
   if (p.cwiseAbs().maxCoeff() < kFarthest) return;
   throw Error(option, "it leads farther than 1,000 km", "give metres");

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <set>
 #include <string>
@@ -16,6 +17,13 @@ namespace palpate::cli {
 
 /// "x,y,z" in metres, finite and within 1,000 km; else throws Error that names the option.
 [[nodiscard]] Vec3 readVector(const std::string& option, const std::string& text);
+
+/// Faces included.
+[[nodiscard]] bool holds(const Box& box, const Vec3& p);
+
+/// The scene and what it loads: nothing is written over these.
+[[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
+                                                          const SceneSpec& spec);
 
 /// Throws Error where a place is farther than a tick takes for a hand.
 void checkReach(const std::string& option, const Vec3& p);
