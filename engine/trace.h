@@ -9,7 +9,7 @@ namespace palpate {
 struct TraceOrder {
   Vec3 along = Vec3::UnitX();  ///< Which way is forward where v has no sign, as fibres' axes.
   double length = 0.0;         ///< Arc length, negative backwards [m].
-  Vec3 hand = Vec3::Zero();    ///< From the start [m]: what Trace::hairpin is asked about.
+  Vec3 hand = Vec3::Zero();    ///< From the start [m]: what `hairpin` and `shortened` are about.
   double tolerance = 1e-4;     ///< Error of a step [voxels].
   int max_steps =
       16;  ///< >= 1; steps that were too long are tried again, up to four times as many.

@@ -89,7 +89,7 @@ TEST_CASE("real flows are followed", "[.][data][motion]") {
               << "; " << samples << " samples a tick");
     CHECK(followed >= (name == std::string("storm") ? 1 : 5));
     CHECK(off <= 0.01);
-    CHECK(departures <= 0.02);
+    CHECK(worst <= 0.02);  // goal: 0.01
     // The storm's 50 voxels are turns at the edges of 25 x 14 x 8: 22.
     CHECK(samples <= (name == std::string("storm") ? 24.0 : 20.0));
   }
@@ -192,7 +192,7 @@ TEST_CASE("axes that point into one face from both sides end a stream and hold n
         most = std::max(most, r.force.norm());
       }
       CAPTURE(axes, path, most);
-      CHECK(most <= 2.5 * kStrength);
+      CHECK(most <= 1.3 * kStrength);
     }
   }
 }
