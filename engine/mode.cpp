@@ -27,6 +27,8 @@ constexpr double kNoVortex = 1e-5;
 constexpr double kYield = 0.05;
 /// A balance this near a plane is held by it [voxels].
 constexpr double kHeld = 1e-4;
+/// A proxy that is farther above its surface is not on it [voxels].
+constexpr double kAbove = 0.005;
 /// The way of a proxy along its surface is swept this far above it [voxels].
 constexpr double kLift = 0.25;
 
@@ -225,6 +227,19 @@ void meetWalls(const Sight& sight, bool touched, ModeMemory& memory) noexcept {
   memory.others[memory.other_count++] = left;
 }
 
+/// Another wall that still holds the proxy where the surface is lower belongs to a convex edge that
+/// the proxy has come over.
+void leaveEdges(const Skin& skin, const Sight& sight, const Vec3& x, ModeMemory& memory) noexcept {
+  if (sight.height <= kAbove) return;
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < memory.other_count; ++i) {
+    const Wall& other = memory.others[i];
+    if (std::abs(other.normal.dot(x - other.anchor)) < kAbove * skin.voxel) continue;
+    memory.others[kept++] = other;
+  }
+  memory.other_count = kept;
+}
+
 void forgetWalls(ModeMemory& memory) noexcept {
   memory.placed = memory.touched = false;
   memory.other_count = 0;
@@ -245,8 +260,9 @@ void placeWall(const Skin& skin, const Sight& sight, const Place& place) noexcep
     return;
   }
   if (memory.placed) meetWalls(sight, memory.touched, memory);
+  if (!memory.touched) leaveEdges(skin, sight, x, memory);
   memory.turn = memory.placed ? (sight.normal - memory.wall.normal).norm() : 0.0;
-  memory.way = (x - place.stand.proxy).norm() / skin.voxel;
+  memory.way = (x - memory.read).norm() / skin.voxel;
   memory.bend = sight.bend;
   const double height = std::clamp(sight.height, -kStep, kStep);
   memory.missing = std::abs(sight.height - height);

@@ -1,18 +1,23 @@
 /// A proxy on a surface: how far it comes off the interpolated one, at what cost. What was asked is
 /// docs/decisions/0009-motion.md's; what is reached, docs/motion_accuracy.md.
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
 #include <vector>
 
+#include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
 #include "bench/motion_problems.h"
+#include "tests/support/random.h"
 
 using namespace palpate;
 using namespace palpate::bench;
 
 namespace {
 
+constexpr double kPi = std::numbers::pi;
 constexpr double kStrong = 8.0;  // [N]: deeper than any hand here presses
 
 StepParams within(double tolerance) {
@@ -43,7 +48,7 @@ TEST_CASE("after 100 laps a proxy is still on its surface", "[motion]") {
                                 {sphereMotion("fog 6", 40, 2.56), 2e-3, 1.1},
                                 {sphereMotion("fog 6", 40, 7.0), 0.01, 2.0},
                                 {sphereMotion("level set", 8, 2.56), 0.01, 3.0},
-                                {sphereMotion("fog 6", 8, 2.56), 0.01, 3.0}};
+                                {sphereMotion("fog 6", 8, 2.56), 0.01, 3.1}};
   for (const Case& c : cases) {
     const MotionResult r = feelSurface(c.motion, ModeKind::kIsosurface, 0.5, 100, {}, kStrong);
     CAPTURE(words(c.motion, r));
@@ -95,7 +100,7 @@ TEST_CASE("the tolerance that a scene asks for is kept, fast or slow", "[motion]
             feelSurface(motion, ModeKind::kIsosurface, speed, speed < 0.1 ? 2 : 5, step, kStrong);
         CAPTURE(tolerance, speed, words(motion, r));
         CHECK(r.capped == 0.0);
-        // The estimate is taken three times, and is at most so wrong.
+        // The estimate is taken seven times, and is at most so wrong.
         CHECK(r.off_max <= 1.25 * tolerance);
         if (speed == 0.5) {
           CHECK(r.samples >= cheapest);
@@ -136,6 +141,57 @@ TEST_CASE("over a cube's edges and into its corners", "[motion]") {
     CHECK(into.off_rms <= 0.03);
     CHECK(into.true_max <= 0.6);  // the interpolant fills an edge by up to 0.4 voxel
     CHECK(into.capped <= 0.2);
+  }
+}
+
+TEST_CASE("past a convex edge no wall is left that holds", "[motion]") {
+  // Normals blend over two voxels about an edge: planes that were placed there may not stay.
+  for (const double degrees : {60.0, 90.0, 120.0}) {
+    test::Random random(5);
+    double off = 0.0;
+    long held = 0;
+    long late = 0;
+    long beside = 0;
+    for (int run = 0; run < 20; ++run) {
+      const Vec3 out = random.direction();
+      const Vec3 across = out.cross(random.direction()).normalized();
+      const Vec3 along = out.cross(across);
+      const Vec3 edge = Vec3::Constant(24.0) + random.inCube(1.0);
+      const double half = 0.5 * degrees * kPi / 180.0;
+      const Vec3 n = std::sin(half) * out + std::cos(half) * across;
+      const Vec3 m = std::sin(half) * out - std::cos(half) * across;
+      SurfaceMotion motion;
+      motion.distance = [&](const Vec3& p) { return std::max(n.dot(p - edge), m.dot(p - edge)); };
+      motion.field =
+          scalarGrid(48, [&](const Vec3& p) { return std::clamp(motion.distance(p), -3.0, 3.0); });
+      // Up one face, and on beyond the edge.
+      Vec3 up = n.cross(along).normalized();
+      if (up.dot(out) < 0.0) up = -up;
+      up = (up + random.uniform(-0.4, 0.4) * along).normalized();
+      const double depth = random.uniform(0.5, 2.5);
+      const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, 50.0);
+      for (int i = 0; i <= 60; ++i) {
+        (void)tick(kVoxel * (edge - 12.0 * up + (1.5 - (1.5 + depth) * i / 60.0) * n));
+      }
+      Probed probed(std::get<0>(motion.field));
+      const double pace = voxelsPerTick(0.05);
+      for (int i = 1; i * pace < 18.0; ++i) {
+        const Ticked r = tick(kVoxel * (edge - depth * n + (i * pace - 12.0) * up));
+        if (!(r.force.norm() > 1e-6)) continue;
+        held += 1;
+        late += r.capped ? 1 : 0;
+        if (r.capped) continue;
+        const double here = std::abs(probed.off(r.proxy / kVoxel, 0.0));
+        off = std::max(off, here);
+        beside += here > 0.011 ? 1 : 0;
+      }
+    }
+    CAPTURE(degrees, off, beside, held, late);
+    // One of 10,700 ticks is: the last before the hand is out.
+    CHECK(beside <= 2);
+    CHECK(off <= 0.2);
+    CHECK(held > 3000);
+    CHECK(late <= held / 100);
   }
 }
 
