@@ -55,7 +55,7 @@ class Tick {
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     offset_ = state_.proxy_ - probe_;
-    const Vec3 began = state_.proxy_;
+    began_ = state_.proxy_;
     const int parts = bodies_.empty() ? 1 : planMotion(report);
     if (!state_.known_) lookRound(report);
     if (!scene_.parts.empty()) meetParts(report);
@@ -63,7 +63,7 @@ class Tick {
       if (!bodies_.empty()) moveBodies(part, parts);
       good = follow(parts - part, report);
     }
-    const bool stays = was_deep_ && (state_.proxy_ - began).norm() <= kFree;
+    const bool stays = was_deep_ && (state_.proxy_ - began_).norm() <= kFree;
     state_.stuck_ = stays ? std::min(state_.stuck_ + 1, kStuck) : 0;
     settleModes();
     state_.posed_at_ = state_.time_;
@@ -293,7 +293,7 @@ class Tick {
   /// found again, until it would not move if they were read once more. False where a sample spoilt
   /// the balance. At least `later` readings are left over.
   bool follow(int later, StepReport& report) noexcept {
-    sampled_ = false;
+    sampled_ = onward_ = false;
     rail_ = {};
     read_at_ = state_.proxy_;
     deep_ = out_ = false;
@@ -311,7 +311,7 @@ class Tick {
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
-        if (deep_) way = {state_.proxy_, false};
+        if (deep_) way = {standing(), false};
         moveTo(way, report);
         return true;
       }
@@ -328,7 +328,8 @@ class Tick {
       }
       if (!balance(false, report)) return false;
       if (deep_) {
-        read_at_ = state_.proxy_;  // whence the next way is swept
+        read_at_ = state_.proxy_;
+        onward_ = false;  // the next way is swept from where the proxy stands
         if (state_.stuck_ >= kStuck) letThrough();
       }
       const bool met = !way.clear && !way.cut;
@@ -354,8 +355,40 @@ class Tick {
                               const Felt& felt) const noexcept {
     const auto* mode = std::get_if<IsosurfaceMode>(&any);
     if (!isDeep(mode, memory, felt) || givesWay(*mode, target_, memory)) return false;
-    const double stands = pastWalls(*mode, state_.proxy_, memory);
+    const double stands = pastWalls(*mode, standsFor(*mode, felt), memory);
     return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
+  }
+
+  /// Where the proxy stands for a surface: carried along by the volume that this is of.
+  [[nodiscard]] const Vec3& standsFor(const IsosurfaceMode& mode, const Felt& felt) const noexcept {
+    const auto field = static_cast<std::size_t>(mode.skin.field);
+    const Body* body = bodyOf(felt.graph().scalar_motions[field]);
+    return body == nullptr ? state_.proxy_ : body->carried;
+  }
+
+  /// Where a proxy stands that has no way: of the places to which the volumes carried it the one
+  /// at which walls would have to be pressed through least.
+  [[nodiscard]] Vec3 standing() const noexcept {
+    const auto pressed = [&](const Vec3& x) {
+      double sum = 0.0;
+      eachMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
+        const auto* mode = std::get_if<IsosurfaceMode>(&any);
+        if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
+        const double strength = mode->strength.at(*felt.properties, mode->skin.value, mode->level);
+        sum += strength * mode->skin.voxel * std::max(pastWalls(*mode, x, memory), 0.0);
+      });
+      return sum;
+    };
+    Vec3 at = state_.proxy_;
+    double least = bodies_.empty() ? 0.0 : pressed(at);
+    for (const Body& body : bodies_) {
+      if (!body.moved) continue;
+      const double sum = pressed(body.carried);
+      if (!(sum < least)) continue;
+      least = sum;
+      at = body.carried;
+    }
+    return at;
   }
 
   /// What was placed: what can hold, and what pushes.
@@ -391,7 +424,7 @@ class Tick {
       report.samples += felt.bound.sample(at, *felt.properties, bodies_);
     }
     read_at_ = at;
-    sampled_ = true;
+    sampled_ = onward_ = true;
   }
 
   /// Places the primitives and finds their balance: target_.
@@ -425,7 +458,7 @@ class Tick {
   /// How far the proxy may go towards the balance.
   Way advance(StepReport& report) noexcept {
     Way way{target_};
-    const Vec3& from = sampled_ ? read_at_ : state_.proxy_;
+    const Vec3& from = onward_ ? read_at_ : state_.proxy_;
     const Vec3 line = target_ - from;
     const double length = line.norm();
     const double reach = reachFrom(from, target_);
@@ -433,7 +466,7 @@ class Tick {
     if (!(length <= reach)) {
       way.clear = false;
       way.cut = true;
-      if (bodies_.empty() || sampled_ || !followBody(target_, way.end)) {
+      if (bodies_.empty() || onward_ || !followBody(target_, way.end)) {
         way.end = from + (reach / length) * line;
       }
     }
@@ -523,12 +556,12 @@ class Tick {
       const Body* body = bodyOf(graph.scalar_motions[field]);
       const Vec3 lift = liftOff(*mode, memory);
       // What led to the last reading is known to be free.
-      Vec3 from = (sampled_ ? read_at_ : state_.proxy_) + lift;
+      Vec3 from = (onward_ ? read_at_ : state_.proxy_) + lift;
       Vec3 to = way.end + lift;
-      if (memory.placed && (to - from).norm() < kSeen * mode->skin.voxel && sampled_) return;
+      if (memory.placed && (to - from).norm() < kSeen * mode->skin.voxel && onward_) return;
       if (body != nullptr) {
-        from = sampled_ ? body->pose.toRest(from)
-                        : Vec3(body->from + body->pose.rotation.transpose() * lift);
+        from = onward_ ? body->pose.toRest(from)
+                       : Vec3(body->from + body->pose.rotation.transpose() * lift);
         to = body->pose.toRest(to);
       }
       if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return;
@@ -555,9 +588,18 @@ class Tick {
     way = {end, false, !met->placed, way.near, way.lift};
   }
 
+  /// True where a proxy that goes there stays, in the world or carried along.
+  [[nodiscard]] bool stands(const Vec3& x) const noexcept {
+    if ((x - state_.proxy_).norm() <= kFree) return true;
+    return std::any_of(bodies_.begin(), bodies_.end(), [&](const Body& body) {
+      return body.moved && (x - body.carried).norm() <= kFree;
+    });
+  }
+
   /// The proxy goes there; what it adds to the spring's energy is counted.
   void moveTo(const Way& way, StepReport& report) noexcept {
     const Vec3 before = offset_;
+    if ((state_.proxy_ - began_).norm() <= kFree && stands(way.end)) began_ = way.end;
     state_.proxy_ = way.end;
     offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
     report.waiting = rail_.waiting;
@@ -665,8 +707,8 @@ class Tick {
         if (meets(way, frame)) reach = std::min(reach, frame.voxel);
         return;
       }
-      const double carried = sampled_ ? 0.0 : (body->carried - a).norm();
-      const bool far = sampled_ || (b - body->carried).norm() > frame.voxel;
+      const double carried = onward_ ? 0.0 : (body->carried - a).norm();
+      const bool far = onward_ || (b - body->carried).norm() > frame.voxel;
       if (far && meets(*body, b, frame)) {
         reach = std::min(reach, std::max(frame.voxel - carried, 0.5 * frame.voxel));
       }
@@ -765,16 +807,18 @@ class Tick {
   bool strays_ = false;           ///< The last way led beyond the parts that were chosen,
   int strayed_ = 0;               ///< as so many ways of this tick did.
   Rail rail_;
-  bool sampled_ = false;                   ///< Since the volumes moved.
-  bool deep_ = false;                      ///< That was behind a wall that holds.
-  Vec3 deep_at_ = Vec3::Zero();            ///< Where it was [m].
-  double most_ = 0.0;                      ///< So much could hold, of all balances of a move [N],
-  Vec3 pushed_ = Vec3::Zero();             ///< and so the last one's forces pushed [N].
-  bool was_deep_ = false;                  ///< In this tick.
-  bool out_ = false;                       ///< It was twice: a proxy so deep itself is let out.
-  int held_ = 0;                           ///< Readings after which something held the proxy.
-  Vec3 read_at_ = Vec3::Zero();            ///< Where properties were read last [m].
-  Vec3 target_ = Vec3::Zero();             ///< The last balance [m],
+  bool sampled_ = false;         ///< Since the volumes moved.
+  bool onward_ = false;          ///< The next way begins there, not where the proxy stands.
+  Vec3 began_ = Vec3::Zero();    ///< Where the tick did; carried along while it stays [m].
+  bool deep_ = false;            ///< That was behind a wall that holds.
+  Vec3 deep_at_ = Vec3::Zero();  ///< Where it was [m].
+  double most_ = 0.0;            ///< So much could hold, of all balances of a move [N],
+  Vec3 pushed_ = Vec3::Zero();   ///< and so the last one's forces pushed [N].
+  bool was_deep_ = false;        ///< In this tick.
+  bool out_ = false;             ///< It was twice: a proxy so deep itself is let out.
+  int held_ = 0;                 ///< Readings after which something held the proxy.
+  Vec3 read_at_ = Vec3::Zero();  ///< Where properties were read last [m].
+  Vec3 target_ = Vec3::Zero();   ///< The last balance [m],
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 

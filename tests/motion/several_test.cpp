@@ -294,6 +294,116 @@ TEST_CASE("a moving ball from a grid is felt on its surface: slide, spin, head-o
   }
 }
 
+namespace {
+
+/// Two walls that meet in an edge, the groove open along `out`; the planes' normals and a frame.
+struct Groove {
+  Vec3 out, across, along, bottom{32.0, 32.0, 32.0};
+  double sine, cosine;
+  Groove(Random& random, double degrees)
+      : out(random.direction()),
+        across(out.cross(random.direction()).normalized()),
+        along(out.cross(across)),
+        sine(std::sin(0.5 * degrees * kPi / 180.0)),
+        cosine(std::cos(0.5 * degrees * kPi / 180.0)) {}
+  /// From the nearer wall, above 0 in the groove.
+  [[nodiscard]] double height(const Vec3& p) const {
+    const Vec3 q = p - bottom;
+    return std::min((sine * out + cosine * across).dot(q), (sine * out - cosine * across).dot(q));
+  }
+  [[nodiscard]] FieldPtr field() const {
+    return scalarGrid(65, [this](const Vec3& p) { return std::clamp(height(p), -3.0, 3.0); });
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion]") {
+  // The planes of one wall lead behind the other: the proxy has no way, and stays in the groove,
+  // not in the world.
+  for (const double degrees : {30.0, 60.0, 90.0}) {
+    for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels a tick
+      double deepest = 0.0;
+      Random random(3);
+      for (int run = 0; run < 3; ++run) {
+        const Groove groove(random, degrees);
+        const double phase = random.uniform(0.0, 2.0 * kPi);
+        const Vec3 pace = speed * kVoxel * random.direction();  // [m a tick]
+        constexpr int kTicks = 2000;
+        const double time = kTicks * kMotionTick;
+        std::map<std::string, MotionPtr> motions;
+        if (speed > 0.0) {
+          motions["it"] = std::make_shared<const Motion>(std::vector<Keyframe>{
+              {0.0, {1, 0, 0, 0}, Vec3::Zero()}, {time, {1, 0, 0, 0}, kTicks * pace}});
+        }
+        const auto scene = sceneOf({isosurface("it", 40.0)}, {{"it", groove.field()}}, motions);
+        Reader reader;
+        ProxyState state({1e3, 1e12});
+        for (int i = 0; i < kTicks; ++i) {
+          const double t = kMotionTick * i;
+          const double in = 2.0 + 6.0 * std::pow(std::sin(3.1 * t + phase), 2.0);
+          const Vec3 hand =
+              groove.bottom + (i < 200 ? 8.0 - 0.05 * i * (1.0 + in / 10.0) : -in) * groove.out +
+              std::min(1.0, t / 0.2) * 4.0 * std::sin(7.0 * t + phase) * groove.across +
+              6.0 * std::sin(2.3 * t) * groove.along;
+          const Vec3 moved = i * pace;
+          const StepReport r =
+              hapticStep(*scene, reader, {kVoxel * hand + moved}, state, kMotionTick);
+          deepest = std::min(deepest, groove.height((r.proxy - moved) / kVoxel));
+        }
+      }
+      CAPTURE(degrees, speed, deepest);
+      CHECK(deepest > -0.5);
+    }
+  }
+}
+
+TEST_CASE("a slab that comes takes the hand along, out of a groove that holds it less",
+          "[motion]") {
+  for (const double degrees : {40.0, 90.0, 180.0}) {
+    for (const double pace : {0.05, 0.3, 0.6, 1.2}) {  // voxels a tick
+      for (const bool stronger : {true, false}) {
+        Random random(11);
+        for (int run = 0; run < 4; ++run) {
+          const Groove groove(random, degrees);
+          const Vec3 normal = (0.5 * random.direction() - groove.out).normalized();
+          const auto height = [&](const Vec3& p) { return normal.dot(p - groove.bottom) + 14.0; };
+          const FieldPtr slab = scalarGrid(
+              65, [&](const Vec3& p) { return std::clamp(std::abs(height(p)) - 2.0, -3.0, 3.0); });
+          constexpr double kWay = 26.0;
+          const double end = 0.05 + kWay / pace * kMotionTick;
+          const auto motion = std::make_shared<const Motion>(
+              std::vector<Keyframe>{{0.0, {1, 0, 0, 0}, Vec3::Zero()},
+                                    {0.05, {1, 0, 0, 0}, Vec3::Zero()},
+                                    {end, {1, 0, 0, 0}, kWay * kVoxel * normal}});
+          const auto scene =
+              sceneOf({isosurface("groove", stronger ? 2.0 : 20.0),
+                       isosurface("slab", stronger ? 20.0 : 2.0)},
+                      {{"groove", groove.field()}, {"slab", slab}}, {{"slab", motion}});
+          const Vec3 hand = groove.bottom + 3.0 * groove.out;
+          if (height(hand) < 3.0 || groove.height(hand) < 0.3) continue;
+          Reader reader;
+          ProxyState state({1e3, 1e12});
+          double deepest = 0.0;
+          for (int i = 0; i < static_cast<int>(end / kMotionTick) + 300; ++i) {
+            const double in = run % 2 == 1 ? std::min(6.0, 0.1 * i) : 0.0;
+            const Vec3 probe = kVoxel * (hand - in * groove.out);
+            const StepReport r = hapticStep(*scene, reader, {probe}, state, kMotionTick);
+            deepest = std::min(deepest, groove.height(r.proxy / kVoxel));
+          }
+          const Vec3 seen = state.bodies()[0].pose.toRest(state.proxy()) / kVoxel;
+          CAPTURE(degrees, pace, stronger, run, height(seen), deepest);
+          if (stronger) {
+            CHECK(height(seen) > 0.0);
+          } else {
+            CHECK(deepest > -1.0);
+          }
+        }
+      }
+    }
+  }
+}
+
 TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[motion]") {
   StepParams step;
   step.max_substeps = 1;
