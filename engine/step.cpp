@@ -56,11 +56,15 @@ class Tick {
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     offset_ = state_.proxy_ - probe_;
     began_ = state_.proxy_;
-    const int parts = bodies_.empty() ? 1 : planMotion(report);
+    const int parts = std::max(bodies_.empty() ? 1 : planMotion(report), handParts());
     if (!state_.known_) lookRound(report);
     if (!scene_.parts.empty()) meetParts(report);
+    const Vec3 hand = probe_;
+    const Vec3 came = (hand - handBefore()) / parts;
     for (int part = 1; part <= parts && good; ++part) {
       if (!bodies_.empty()) moveBodies(part, parts);
+      probe_ = hand - (parts - part) * came;
+      offset_ = state_.proxy_ - probe_;
       good = follow(parts - part, report);
     }
     const bool stays = was_deep_ && (state_.proxy_ - began_).norm() <= kFree;
@@ -514,6 +518,7 @@ class Tick {
     }
     order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
     order.stride = memory.stride;
+    order.max_steps = 2 * scene_.step.max_substeps;  // two to the voxel that a reading may go
     const Trace trace = felt.bound.trace(
         mode.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
     memory.stride = trace.stride;
@@ -745,6 +750,21 @@ class Tick {
     return trusted;
   }
 
+  /// Where the hand was in the last tick [m].
+  [[nodiscard]] Vec3 handBefore() const noexcept { return state_.proxy_ - state_.offset_; }
+
+  /// In how many parts the hand goes on where a stream holds the proxy: each at most a voxel. All
+  /// at once a fast hand would be farther aside of the line at the proxy than of the curve.
+  [[nodiscard]] int handParts() const noexcept {
+    double voxel = std::numeric_limits<double>::infinity();
+    eachMode([&](const Mode& any, const ModeMemory& memory, const Felt&, std::size_t) {
+      const auto* mode = std::get_if<FollowMode>(&any);
+      if (mode != nullptr && memory.emitted > 0) voxel = std::min(voxel, mode->voxel);
+    });
+    const double parts = std::ceil((probe_ - handBefore()).norm() / voxel);
+    return static_cast<int>(std::clamp<double>(parts, 1.0, scene_.step.max_substeps));
+  }
+
   /// In how many parts the volumes move on to this tick's time: each at most half a voxel where the
   /// proxy is or can come to.
   [[nodiscard]] int planMotion(StepReport& report) noexcept {
@@ -800,7 +820,7 @@ class Tick {
 
   const Scene& scene_;
   Reader& reader_;
-  const Vec3 probe_;
+  Vec3 probe_;  ///< The hand [m]; within a tick where it goes on in parts.
   ProxyState& state_;
   const std::span<Body> bodies_;  ///< One for each of the scene's motions.
   std::size_t felt_count_ = 1;    ///< Of ProxyState::felt_.
