@@ -238,8 +238,8 @@ def speed_table(rows, words):
     return table(["method", *(f"{speed:g} m/s" for speed in speeds(rows))], body)
 
 
-def asked_table(data):
-    """The engine as it is by default, against what was asked of the motion."""
+def default_table(data):
+    """The engine as it is by default."""
     def ours(kind, case):
         return next(r for r in data[kind] if (r["case"], r["speed"], r["method"], r["setting"]) ==
                     (case, SPEED, "palpate", "0.01"))
@@ -278,7 +278,7 @@ def write_tables(data):
         f"{4 * options['paths']} of one from a file. The loop and the call take "
         f"{options['nothing_ns']:.1f} ns of every tick. Lengths are in voxels; times are medians of rounds "
         "(10th to 90th percentile).",
-        f"### palpate at its default tolerance, 0.01 voxel, {SPEED} m/s", asked_table(data)]
+        f"### palpate at its default tolerance, 0.01 voxel, {SPEED} m/s", default_table(data)]
     for kind, tabled, words in (("surfaces", surface_table, label),
                                 ("streams", stream_table, stream_label)):
         for case in cases(data[kind]):

@@ -344,6 +344,7 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
   Mean last;
   double held = 0.0;
   double squares = 0.0;
+  double level = 0.0;  // of the first tick that held
   const std::vector<Vec3> hands = handsOf(motion.hand, pace, ticks);
   std::vector<Ticked> ticked;
   out.nanoseconds = tickAll(hands, method, ticked);
@@ -361,7 +362,8 @@ MotionResult feelSurface(const SurfaceMotion& motion, const Stepper& method, dou
     }
     const Vec3 p = r.proxy / kVoxel;
     const double distance = motion.distance(p);
-    const double off = std::abs(distance) > 1.0 ? distance : probed.off(p, r.level);
+    if (held == 0.0) level = r.level;
+    const double off = std::abs(distance) > 1.0 ? distance : probed.off(p, level);
     out.off_max = std::max(out.off_max, std::abs(off));
     out.true_max = std::max(out.true_max, std::abs(distance));
     squares += off * off;
@@ -704,7 +706,7 @@ StreamResult feelStream(const Stream& stream, const Stepper& method, double spee
   return out;
 }
 
-Shell makeShell(const std::string& kind, double thickness) {
+Shell makeShell(const std::string& kind, double thickness, double level) {
   constexpr double kRadius = 20.0;
   Shell shell;
   shell.radius = kRadius;
@@ -719,8 +721,8 @@ Shell makeShell(const std::string& kind, double thickness) {
     return shell;
   }
   shell.solid = Solid::kAbove;
-  shell.level = 0.5;
-  shell.half = 0.5 * thickness;
+  shell.level = level;
+  shell.half = 0.5 * thickness + (0.5 - level);
   const bool binary = kind == "binary fog";
   shell.field = scalarGrid(
       64,

@@ -171,6 +171,7 @@ Stepper engineOn(const Stream& stream, const StepParams& step, double strength =
 StreamResult feelStream(const Stream& stream, double speed, double pull, const StepParams& step);
 
 /// A thin sphere, hollow: "level set", "fog" (anti-aliased) or "binary fog", so many voxels thick.
+/// Of fog the solid is where V > level.
 struct Shell {
   std::string name;
   FieldPtr field;
@@ -180,7 +181,7 @@ struct Shell {
   double radius = 20.0;
   double half = 0.5;
 };
-Shell makeShell(const std::string& kind, double thickness);
+Shell makeShell(const std::string& kind, double thickness, double level = 0.5);
 
 struct ShellResult {
   long crossed = 0;      ///< The proxy ended inside.

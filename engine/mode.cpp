@@ -28,7 +28,7 @@ constexpr double kYield = 0.05;
 /// A balance this near a plane is held by it [voxels].
 constexpr double kHeld = 1e-4;
 /// A proxy that is farther above its surface is not on it [voxels].
-constexpr double kAbove = 0.005;
+constexpr double kAbove = 0.01;
 /// The way of a proxy along its surface is swept this far above it [voxels].
 constexpr double kLift = 0.25;
 

@@ -54,14 +54,17 @@ std::function<double(const Vec3&)> roughness(int side, double grain, double bias
 TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions", "[motion]") {
   // Asked: load 0.6 of the strength; goal: 0.9.
   const long count = test::cases(1000);
-  for (const Shell& shell : {makeShell("level set", 1.5), makeShell("level set", 2.0),
-                             makeShell("level set", 3.0), makeShell("fog", 2.0)}) {
+  // A fog of one voxel, felt where it is a quarter full, is 1.5 voxels thick.
+  for (const Shell& shell :
+       {makeShell("level set", 1.5), makeShell("level set", 2.0), makeShell("level set", 3.0),
+        makeShell("fog", 2.0), makeShell("fog", 1.0, 0.25)}) {
     for (const double load : {0.6, 0.9}) {
       for (const double degrees : {0.0, 45.0, 72.0}) {
         const ShellResult r = pressShell(shell, degrees, load, count, {});
         CAPTURE(shell.name, load, degrees, r.samples, r.most_samples, r.cells, r.most_cells);
         CHECK(r.crossed == 0);
-        CHECK(r.yielded == 0);
+        // At the goal the thinnest fog yields to 4 of 1,000 strokes (55 in the study).
+        CHECK(r.yielded <= (shell.level < 0.5 && load > 0.6 && degrees > 45.0 ? count / 100 : 0));
         CHECK(r.most_samples <= 8 + 2);
       }
     }
@@ -69,14 +72,23 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
 }
 
 TEST_CASE("of one voxel nearly all is not crossed", "[motion]") {
-  // The study left these open: 43 to 60 of 1,000 crossed, and 240 to 273 of the fog.
-  for (const char* kind : {"level set", "fog"}) {
-    const Shell shell = makeShell(kind, 1.0);
+  // The study left these open: at load 0.6 43 to 60 of 1,000 crossed, 240 to 273 of the fog and 378
+  // to 523 of voxels that are full or empty, felt where they are a quarter full.
+  struct Case {
+    Shell shell;
+    long crossed;  // of 1,000 at load 0.9; at 0.6 five
+    long yielded;
+  };
+  for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
+                                                {makeShell("fog", 1.0), 30, 60},
+                                                {makeShell("binary fog", 1.0, 0.25), 60, 120}}) {
     for (const double degrees : {0.0, 45.0, 72.0}) {
-      const ShellResult r = pressShell(shell, degrees, 0.6, 1000, {});
-      CAPTURE(kind, degrees, r.crossed, r.yielded);
-      CHECK(r.crossed <= 5);
-      CHECK(r.yielded <= 5);
+      for (const bool hard : {false, true}) {
+        const ShellResult r = pressShell(shell, degrees, hard ? 0.9 : 0.6, 1000, {});
+        CAPTURE(shell.name, degrees, hard, r.crossed, r.yielded);
+        CHECK(r.crossed <= (hard ? crossed : 5));
+        CHECK(r.yielded <= (hard ? yielded : 5));
+      }
     }
   }
 }

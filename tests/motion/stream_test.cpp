@@ -16,7 +16,7 @@ using namespace palpate;
 using namespace palpate::bench;
 using palpate::test::Random;
 
-TEST_CASE("over 1,280 voxels a proxy departs from its stream by less than 0.02", "[motion]") {
+TEST_CASE("over 1280 voxels a proxy departs from its stream by less than 0.02", "[motion]") {
   // Asked: the sum of one-tick departures at most 0.02 voxel (goal 0.01), at most 20 samples a
   // tick.
   for (const int wavelength : {16, 32}) {
