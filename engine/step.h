@@ -24,9 +24,10 @@ enum class StepStatus : std::uint8_t {
   kConverged,     ///< All is well.
   kHairpin,       ///< A stream turns about a place that is nearer than the hand: which place on it
                   ///< is nearest is not one, and the proxy may jump, by no more force than the
-                  ///< mode's strength. Use a mode of less strength or a hand nearer the stream.
-  kSubstepLimit,  ///< The readings were used up before the proxy had arrived: a hand too fast, a
-                  ///< stream too long, walls or frictions that take turns. The rest waits. Or a
+                  ///< mode's strength beside what the hand's own move stretches. Use a mode of less
+                  ///< strength or a hand nearer the stream.
+  kSubstepLimit,  ///< The readings, or two steps of a stream for each, were used up before the
+                  ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or frictions that take turns. The rest waits. Or a
                   ///< volume moved farther than that: it is there, but can have passed the proxy
                   ///< unfelt. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
