@@ -27,9 +27,10 @@ enum class StepStatus : std::uint8_t {
                   ///< mode's strength beside what the hand's own move stretches. Use a mode of less
                   ///< strength or a hand nearer the stream.
   kSubstepLimit,  ///< The readings, or two steps of a stream for each, were used up before the
-                  ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or frictions that take turns. The rest waits. Or a
-                  ///< volume moved farther than that: it is there, but can have passed the proxy
-                  ///< unfelt. Raise max_substeps or the rate if it happens often.
+                  ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or
+                  ///< frictions that take turns. The rest waits. Or a volume moved farther than
+                  ///< that: it is there, but can have passed the proxy unfelt. Raise max_substeps
+                  ///< or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 204 of the richest, two walls with friction and a drag, fit.
