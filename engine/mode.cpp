@@ -314,6 +314,7 @@ void see(const SurfaceMode& mode, const Place& place) noexcept {
   }
   forgetWalls(memory);
   memory.wall = {place.stand.proxy, sight.normal};
+  memory.read = place.stand.read;
   memory.placed = true;
 }
 
@@ -380,6 +381,7 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
     memory.other_count = 0;
     if (sight.clear && sight.normal.dot(memory.wall.normal) > 0.5) {
       memory.wall = {place.stand.read - sight.height * skin.voxel * sight.normal, sight.normal};
+      memory.read = place.stand.read;
     }
     return;
   }

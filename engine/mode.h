@@ -136,14 +136,14 @@ struct ModeInput {
                                ///< properties.scalars or properties.vectors, whichever it is.
   const Vec3& proxy;           ///< Before it moves [m]: primitives belong there. Carried along
                                ///< where all that the mode reads moves as one.
-  const Vec3& probe;           ///< [m]
+  const Vec3& probe;           ///< [m]; where it goes on in parts, of this part of the tick.
   const Vec3& read;  ///< Where properties were read [m]: where the balance before this one
                      ///< led, at most a voxel or so from the proxy.
   bool foreseen;     ///< Of the tick before: nothing new was read yet.
 };
 
 /// Adds primitives; returns false if the set was full. Called in the tick, once a balance: the
-/// first of a tick is foreseen, then one follows each reading. No
+/// first of a tick, and of each part of it, is foreseen, then one follows each reading. No
 /// allocation, no lock, no exception. What it adds should stand at the proxy, else it can make
 /// energy (counted as injected).
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
@@ -180,7 +180,7 @@ struct ModeMemory {
   bool let_go = false;   ///< Snapped off its front, until the proxy has come to rest.
   std::array<Wall, 2> others;  ///< In a concave edge or corner: the other walls.
   std::size_t other_count = 0;
-  bool holds = false;     ///< The last balance lies on a surface's plane,
+  bool holds = false;     ///< The last balance lies on a surface's plane or a stream's line,
   bool captured = false;  ///< and the plane on V = level.
   double level = 0.0;
   double share = 1.0;          ///< Of its strength, where a yielded surface fades.

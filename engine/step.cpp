@@ -55,10 +55,11 @@ class Tick {
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     offset_ = state_.proxy_ - probe_;
-    began_ = state_.proxy_;
-    const int parts = std::max(bodies_.empty() ? 1 : planMotion(report), handParts());
+    stood_at_ = state_.proxy_;
+    const int moves = bodies_.empty() ? 1 : planMotion(report);
     if (!state_.known_) lookRound(report);
     if (!scene_.parts.empty()) meetParts(report);
+    const int parts = std::max(moves, handParts());
     const Vec3 hand = probe_;
     const Vec3 came = (hand - handBefore()) / parts;
     for (int part = 1; part <= parts && good; ++part) {
@@ -67,7 +68,7 @@ class Tick {
       offset_ = state_.proxy_ - probe_;
       good = follow(parts - part, report);
     }
-    const bool stays = was_deep_ && (state_.proxy_ - began_).norm() <= kFree;
+    const bool stays = was_deep_ && (state_.proxy_ - stood_at_).norm() <= kFree;
     state_.stuck_ = stays ? std::min(state_.stuck_ + 1, kStuck) : 0;
     settleModes();
     state_.posed_at_ = state_.time_;
@@ -315,7 +316,7 @@ class Tick {
       if (arrived || spent) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         way.end -= way.lift;
-        if (deep_) way = {standing(), false};
+        if (deep_) way = {findStay(report), false};
         moveTo(way, report);
         return true;
       }
@@ -359,20 +360,24 @@ class Tick {
                               const Felt& felt) const noexcept {
     const auto* mode = std::get_if<IsosurfaceMode>(&any);
     if (!isDeep(mode, memory, felt) || givesWay(*mode, target_, memory)) return false;
-    const double stands = pastWalls(*mode, standsFor(*mode, felt), memory);
+    const double stands = pastWalls(*mode, carriedWith(*mode, felt), memory);
     return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
   }
 
   /// Where the proxy stands for a surface: carried along by the volume that this is of.
-  [[nodiscard]] const Vec3& standsFor(const IsosurfaceMode& mode, const Felt& felt) const noexcept {
-    const auto field = static_cast<std::size_t>(mode.skin.field);
-    const Body* body = bodyOf(felt.graph().scalar_motions[field]);
+  [[nodiscard]] const Vec3& carriedWith(const IsosurfaceMode& mode,
+                                        const Felt& felt) const noexcept {
+    const Body* body = bodyOf(motionOf(mode, felt));
     return body == nullptr ? state_.proxy_ : body->carried;
+  }
+  [[nodiscard]] static int motionOf(const IsosurfaceMode& mode, const Felt& felt) noexcept {
+    return felt.graph().scalar_motions[static_cast<std::size_t>(mode.skin.field)];
   }
 
   /// Where a proxy stands that has no way: of the places to which the volumes carried it the one
-  /// at which walls would have to be pressed through least.
-  [[nodiscard]] Vec3 standing() const noexcept {
+  /// at which walls would have to be pressed through least. On the way there it stops at a surface
+  /// that it had not met.
+  [[nodiscard]] Vec3 findStay(StepReport& report) const noexcept {
     const auto pressed = [&](const Vec3& x) {
       double sum = 0.0;
       eachMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
@@ -392,7 +397,24 @@ class Tick {
       least = sum;
       at = body.carried;
     }
-    return at;
+    if (at == state_.proxy_) return at;
+    double share = 1.0;
+    eachMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
+      const auto* mode = std::get_if<IsosurfaceMode>(&any);
+      if (mode == nullptr || memory.placed || memory.contact != ModeMemory::Contact::kOutside) {
+        return;
+      }
+      const Body* body = bodyOf(motionOf(*mode, felt));
+      const Vec3 from = body == nullptr ? state_.proxy_ : body->from;
+      const Vec3 to = body == nullptr ? at : body->pose.toRest(at);
+      const FieldFrame& frame =
+          felt.graph().scalar_frames[static_cast<std::size_t>(mode->skin.field)];
+      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, frame)) return;
+      const Crossing crossing = felt.bound.firstFall(mode->skin, mode->level, from, to);
+      report.walked += crossing.cells;
+      if (crossing.found) share = std::min(share, crossing.share);
+    });
+    return state_.proxy_ + share * (at - state_.proxy_);
   }
 
   /// What was placed: what can hold, and what pushes.
@@ -501,8 +523,8 @@ class Tick {
     const Vec3 aside = target_ - line.position;
     constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
     constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
-    if ((aside - line.direction.dot(aside) * line.direction).norm() > kOn * mode.voxel)
-      return false;
+    memory.holds = (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * mode.voxel;
+    if (!memory.holds) return false;
     if (std::abs(line.direction.dot(go)) < kStays * mode.voxel) return false;
     const Body* body = bodyOf(felt.graph().mode_motions[i]);
     TraceOrder order;
@@ -518,7 +540,6 @@ class Tick {
     }
     order.tolerance = kTraceStep * scene_.step.tolerance_voxels;
     order.stride = memory.stride;
-    order.max_steps = 2 * scene_.step.max_substeps;  // two to the voxel that a reading may go
     const Trace trace = felt.bound.trace(
         mode.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
     memory.stride = trace.stride;
@@ -558,7 +579,7 @@ class Tick {
       if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
       if (givesWay(*mode, target_, memory)) return;
       const auto field = static_cast<std::size_t>(mode->skin.field);
-      const Body* body = bodyOf(graph.scalar_motions[field]);
+      const Body* body = bodyOf(motionOf(*mode, felt));
       const Vec3 lift = liftOff(*mode, memory);
       // What led to the last reading is known to be free.
       Vec3 from = (onward_ ? read_at_ : state_.proxy_) + lift;
@@ -594,7 +615,7 @@ class Tick {
   }
 
   /// True where a proxy that goes there stays, in the world or carried along.
-  [[nodiscard]] bool stands(const Vec3& x) const noexcept {
+  [[nodiscard]] bool staysAt(const Vec3& x) const noexcept {
     if ((x - state_.proxy_).norm() <= kFree) return true;
     return std::any_of(bodies_.begin(), bodies_.end(), [&](const Body& body) {
       return body.moved && (x - body.carried).norm() <= kFree;
@@ -604,7 +625,7 @@ class Tick {
   /// The proxy goes there; what it adds to the spring's energy is counted.
   void moveTo(const Way& way, StepReport& report) noexcept {
     const Vec3 before = offset_;
-    if ((state_.proxy_ - began_).norm() <= kFree && stands(way.end)) began_ = way.end;
+    if ((state_.proxy_ - stood_at_).norm() <= kFree && staysAt(way.end)) stood_at_ = way.end;
     state_.proxy_ = way.end;
     offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
     report.waiting = rail_.waiting;
@@ -759,7 +780,9 @@ class Tick {
     double voxel = std::numeric_limits<double>::infinity();
     eachMode([&](const Mode& any, const ModeMemory& memory, const Felt&, std::size_t) {
       const auto* mode = std::get_if<FollowMode>(&any);
-      if (mode != nullptr && memory.emitted > 0) voxel = std::min(voxel, mode->voxel);
+      if (mode != nullptr && memory.emitted > 0 && memory.holds) {
+        voxel = std::min(voxel, mode->voxel);
+      }
     });
     const double parts = std::ceil((probe_ - handBefore()).norm() / voxel);
     return static_cast<int>(std::clamp<double>(parts, 1.0, scene_.step.max_substeps));
@@ -827,18 +850,18 @@ class Tick {
   bool strays_ = false;           ///< The last way led beyond the parts that were chosen,
   int strayed_ = 0;               ///< as so many ways of this tick did.
   Rail rail_;
-  bool sampled_ = false;         ///< Since the volumes moved.
-  bool onward_ = false;          ///< The next way begins there, not where the proxy stands.
-  Vec3 began_ = Vec3::Zero();    ///< Where the tick did; carried along while it stays [m].
-  bool deep_ = false;            ///< That was behind a wall that holds.
-  Vec3 deep_at_ = Vec3::Zero();  ///< Where it was [m].
-  double most_ = 0.0;            ///< So much could hold, of all balances of a move [N],
-  Vec3 pushed_ = Vec3::Zero();   ///< and so the last one's forces pushed [N].
-  bool was_deep_ = false;        ///< In this tick.
-  bool out_ = false;             ///< It was twice: a proxy so deep itself is let out.
-  int held_ = 0;                 ///< Readings after which something held the proxy.
-  Vec3 read_at_ = Vec3::Zero();  ///< Where properties were read last [m].
-  Vec3 target_ = Vec3::Zero();   ///< The last balance [m],
+  bool sampled_ = false;          ///< Since the volumes moved.
+  bool onward_ = false;           ///< The next way begins there, not where the proxy stands.
+  Vec3 stood_at_ = Vec3::Zero();  ///< Where the tick did; carried along while it stays [m].
+  bool deep_ = false;             ///< That was behind a wall that holds.
+  Vec3 deep_at_ = Vec3::Zero();   ///< Where it was [m].
+  double most_ = 0.0;             ///< So much could hold, of all balances of a move [N],
+  Vec3 pushed_ = Vec3::Zero();    ///< and so the last one's forces pushed [N].
+  bool was_deep_ = false;         ///< In this tick.
+  bool out_ = false;              ///< It was twice: a proxy so deep itself is let out.
+  int held_ = 0;                  ///< Readings after which something held the proxy.
+  Vec3 read_at_ = Vec3::Zero();   ///< Where properties were read last [m].
+  Vec3 target_ = Vec3::Zero();    ///< The last balance [m],
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 

@@ -26,7 +26,7 @@ enum class StepStatus : std::uint8_t {
                   ///< is nearest is not one, and the proxy may jump, by no more force than the
                   ///< mode's strength beside what the hand's own move stretches. Use a mode of less
                   ///< strength or a hand nearer the stream.
-  kSubstepLimit,  ///< The readings, or two steps of a stream for each, were used up before the
+  kSubstepLimit,  ///< The readings, or 16 steps along a stream for each, were used up before the
                   ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or
                   ///< frictions that take turns. The rest waits. Or a volume moved farther than
                   ///< that: it is there, but can have passed the proxy unfelt. Raise max_substeps
@@ -50,9 +50,9 @@ struct StepReport {
                                 ///< went along a curved stream is off the balance on its tangent by
                                 ///< this; with the probe so much farther on it is the balance.
   double injected = 0.0;  ///< Work that primitives did on the proxy [J], the sum over its moves
-                          ///< of max(0, -k (h - p_new).(p_new - p_old)): at least what they
-                          ///< added to the spring, k/2 |h - p_new|^2 - k/2 |h - p_old|^2, and
-                          ///< what bounds the work on the hand (docs/tick.md, Energy).
+                          ///< of max(0, -k (h - p_new).(p_new - p_old)), h where the hand then
+                          ///< was: at least what bounds the work on the hand (docs/tick.md,
+                          ///< Energy).
   int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;     ///< Field reads, all sub-steps.

@@ -11,8 +11,7 @@ struct TraceOrder {
   double length = 0.0;         ///< Arc length, negative backwards [m].
   Vec3 hand = Vec3::Zero();    ///< From the start [m]: what `hairpin` and `shortened` are about.
   double tolerance = 1e-4;     ///< Error of a step [voxels].
-  int max_steps = 16;   ///< >= 1; a tick gives two for each reading that it may take. Steps that
-                        ///< were too long are tried again, up to four times as many.
+  int max_steps = 16;  ///< >= 1; those that were too long are tried again, up to four times as many
   double stride = 0.5;  ///< Step to try first [voxels]: what the last trace left.
 };
 

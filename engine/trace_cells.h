@@ -1,6 +1,6 @@
-/// How a stream is traced: RK4 with the derivative at the end of the step for an estimate of third
-/// order, one cell of the grid at a time. A trilinear field has kinks at the faces of its cells,
-/// over which every method is of second order; a step that is cut at the face keeps the fourth.
+/// How a stream is traced: RK4 with two estimates of its error, one cell of the grid at a time. A
+/// trilinear field has kinks at the faces of its cells, over which every method is of second order;
+/// a step that is cut at the face keeps the fourth.
 #pragma once
 
 #include <algorithm>
@@ -175,11 +175,12 @@ class CellTrace {
     if ((towards_ || before > 0.0) && after < 0.0) {
       // Directions without a sign turn at a face as well: there it begins beyond.
       const double ahead = before > 0.0 ? before / (before - after) * h_ : 0.0;
-      nearest_ = {true, u_, k1_, gone_, wanted_ - left_, ahead};
+      nearest_ = {true, hairpin_, u_, k1_, gone_, wanted_ - left_, ahead};
     }
     towards_ = after > 0.0;
     if (!nearest_.passed || !(after < -kPastNearest * std::abs(order_.length))) return false;
     shortened_ = true;
+    hairpin_ = nearest_.hairpin;
     u_ = nearest_.u;
     k1_ = way_ = nearest_.way;
     gone_ = nearest_.gone;
@@ -263,6 +264,7 @@ class CellTrace {
   /// Where the last step that passed a place nearest to the hand began.
   struct Nearest {
     bool passed = false;
+    bool hairpin = false;
     Vec3 u = Vec3::Zero();
     Vec3 way = Vec3::Zero();
     Vec3 gone = Vec3::Zero();

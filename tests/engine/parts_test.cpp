@@ -148,6 +148,35 @@ TEST_CASE("parts feel as volumes that are always asked", "[scale]") {
   CHECK(felt > 2000);
 }
 
+TEST_CASE("a part's stream is followed by a fast hand as a volume's is", "[scale]") {
+  // 2 m/s, several moves a tick.
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kFollow;
+  spec.modes[0].of = "flow";
+  spec.modes[0].strength = 1.0;
+  FieldFrame frame;
+  frame.bounds = {Vec3::Constant(-0.1), Vec3::Constant(0.1)};
+  frame.voxel = 1e-3;
+  const FieldPtr flow = makeVectorField(frame, [](const Vec3& p) noexcept -> VectorSample {
+    return {Vec3(-p.y(), p.x(), 0.0), Mat3::Zero(), true};
+  });
+  std::vector<Part> parts;
+  parts.push_back(makePart(spec, {{"flow", flow}}));
+  Hand part(makeScene({}, {}, CouplingParams{}, {}, std::move(parts)));
+  Hand volume(makeScene(spec, {{"flow", flow}}, CouplingParams{}));
+  for (int i = 0; i < 400; ++i) {
+    const double turn = 2e-3 * i / 0.02;
+    const Vec3 hand = 0.0205 * Vec3(std::cos(turn), std::sin(turn), 0.0);
+    const StepReport a = part.step(hand);
+    const StepReport b = volume.step(hand);
+    CAPTURE(i);
+    REQUIRE(a.substeps == b.substeps);
+    REQUIRE((a.wanted - b.wanted).norm() <= 1e-9);
+    if (i > 1) CHECK(a.substeps >= 3);
+  }
+}
+
 TEST_CASE("of ten thousand parts only those near are read", "[scale]") {
   Random random(3);
   std::vector<Ball> balls = someBalls(test::cases(10000), 1.0, random);

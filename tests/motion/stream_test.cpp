@@ -60,7 +60,7 @@ TEST_CASE("a stream is followed at any speed, and the more exactly the less is a
 }
 
 TEST_CASE("a stream that has more bends than a tick may take waits, and says so", "[motion]") {
-  // Two steps a trace, one reading a tick.
+  // One reading a tick: a voxel, where the hand goes 1.28.
   StepParams step;
   step.max_substeps = 1;
   for (const Stream& stream : streamsOfFlow(abcFlow(16), 16, 128.0, 3, 1.0)) {

@@ -216,6 +216,45 @@ TEST_CASE("a trace ends with the data, with the flow and with its steps", "[samp
   }
 }
 
+TEST_CASE("a trace that leads past the place nearest to the hand ends there",
+          "[samplers][motion]") {
+  // Circles about an axis: a tangent's length leads past by the distance over the radius.
+  const Vec3 centre(16.3, 15.7, 16.0);
+  const auto grid = makeGrid<openvdb::Vec3SGrid>(
+      33, Transform::createLinearTransform(1.0),
+      [&](const Vec3d& p) {
+        return openvdb::Vec3f(static_cast<float>(centre.y() - p.y()),
+                              static_cast<float>(p.x() - centre.x()), 0.0F);
+      },
+      "v");
+  const FieldPtr field = fieldOf(grid);
+  const VectorField& circles = *std::get<1>(field);
+  const auto memory = std::make_unique<FieldCache>();
+  circles.reset(*memory);
+  for (const double radius : {1.5, 3.0, 8.0}) {
+    for (const double sense : {1.0, -1.0}) {
+      for (const double away : {0.1, 0.5, 1.1, 4.0}) {  // of the hand from the circle, in radii
+        const Vec3 start = centre + Vec3(radius, 0, 0.2);
+        TraceOrder order;
+        order.along = Vec3::UnitY();
+        order.length = sense * radius;
+        order.hand = Vec3(away * radius, order.length, 0);
+        order.max_steps = 64;
+        const Trace trace = circles.trace(start, order, *memory);
+        CAPTURE(radius, sense, away);
+        REQUIRE_FALSE(trace.capped);
+        // A radian on, the hand is so far behind, in radii.
+        const bool past = (1.0 + away) * std::sin(1.0) - std::cos(1.0) > 0.5;
+        const double nearest = std::atan2(sense, 1.0 + away) * radius;
+        CHECK(trace.shortened == past);
+        CHECK(trace.length == Approx(past ? nearest : order.length).epsilon(0.01));
+        const Vec3 left = order.hand - (trace.position - start);
+        if (past) CHECK(std::abs(trace.direction.dot(left)) < 0.02 * radius);
+      }
+    }
+  }
+}
+
 TEST_CASE("fibres without a sign are followed straight on", "[samplers][motion]") {
   Random random(9);
   const auto grid = makeGrid<openvdb::Vec3SGrid>(
