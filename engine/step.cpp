@@ -774,8 +774,9 @@ class Tick {
   /// Where the hand was in the last tick [m].
   [[nodiscard]] Vec3 handBefore() const noexcept { return state_.proxy_ - state_.offset_; }
 
-  /// In how many parts the hand goes on where a stream holds the proxy: each at most a voxel. All
-  /// at once a fast hand would be farther aside of the line at the proxy than of the curve.
+  /// In how many parts the hand goes on where a stream holds the proxy: each a voxel at most, but
+  /// so that each may take two readings. All at once a fast hand would be farther aside of the line
+  /// at the proxy than of the curve.
   [[nodiscard]] int handParts() const noexcept {
     double voxel = std::numeric_limits<double>::infinity();
     eachMode([&](const Mode& any, const ModeMemory& memory, const Felt&, std::size_t) {
@@ -785,7 +786,8 @@ class Tick {
       }
     });
     const double parts = std::ceil((probe_ - handBefore()).norm() / voxel);
-    return static_cast<int>(std::clamp<double>(parts, 1.0, scene_.step.max_substeps));
+    const int most = std::max(1, scene_.step.max_substeps / 2);
+    return static_cast<int>(std::clamp<double>(parts, 1.0, most));
   }
 
   /// In how many parts the volumes move on to this tick's time: each at most half a voxel where the
