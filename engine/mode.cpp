@@ -227,17 +227,22 @@ void meetWalls(const Sight& sight, bool touched, ModeMemory& memory) noexcept {
   memory.others[memory.other_count++] = left;
 }
 
+/// Forgets the other walls but those that `keep` holds for.
+template <class Keep>
+void keepOthers(ModeMemory& memory, Keep&& keep) noexcept {
+  const auto begin = memory.others.begin();
+  const auto end = begin + static_cast<std::ptrdiff_t>(memory.other_count);
+  const auto kept = std::remove_if(begin, end, [&](const Wall& other) { return !keep(other); });
+  memory.other_count = static_cast<std::size_t>(kept - begin);
+}
+
 /// Another wall that still holds the proxy where the surface is lower belongs to a convex edge that
 /// the proxy has come over.
 void leaveEdges(const Skin& skin, const Sight& sight, const Vec3& x, ModeMemory& memory) noexcept {
   if (sight.height <= kAbove) return;
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    const Wall& other = memory.others[i];
-    if (std::abs(other.normal.dot(x - other.anchor)) < kAbove * skin.voxel) continue;
-    memory.others[kept++] = other;
-  }
-  memory.other_count = kept;
+  keepOthers(memory, [&](const Wall& other) {
+    return std::abs(other.normal.dot(x - other.anchor)) >= kAbove * skin.voxel;
+  });
 }
 
 void forgetWalls(ModeMemory& memory) noexcept {
@@ -278,14 +283,11 @@ bool addWalls(const Skin& skin, double strength, double friction, const Place& p
   ModeMemory& memory = place.memory;
   const Vec3& p = place.stand.proxy;
   // A plane is trusted as far as a voxel from where it was placed.
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    if ((place.stand.read - memory.others[i].anchor).norm() > skin.voxel) continue;
-    memory.others[kept++] = memory.others[i];
-  }
-  memory.other_count = kept;
+  keepOthers(memory, [&](const Wall& other) {
+    return !((place.stand.read - other.anchor).norm() > skin.voxel);
+  });
   bool room = true;
-  for (std::size_t i = 0; i < kept; ++i) {
+  for (std::size_t i = 0; i < memory.other_count; ++i) {
     const auto& [anchor, normal] = memory.others[i];
     room = addSurface(place.set, anchor, normal, strength, friction, p) && room;
   }

@@ -54,7 +54,6 @@ class Tick {
   /// Steps 1 and 2: properties, primitives, balance, until the proxy has arrived. Returns
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
-    offset_ = state_.proxy_ - probe_;
     stood_at_ = state_.proxy_;
     const int moves = bodies_.empty() ? 1 : planMotion(report);
     if (!state_.known_) lookRound(report);
@@ -407,14 +406,28 @@ class Tick {
       const Body* body = bodyOf(motionOf(*mode, felt));
       const Vec3 from = body == nullptr ? state_.proxy_ : body->from;
       const Vec3 to = body == nullptr ? at : body->pose.toRest(at);
-      const FieldFrame& frame =
-          felt.graph().scalar_frames[static_cast<std::size_t>(mode->skin.field)];
-      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, frame)) return;
-      const Crossing crossing = felt.bound.firstFall(mode->skin, mode->level, from, to);
-      report.walked += crossing.cells;
+      const Crossing crossing = sweep(*mode, felt, from, to, report);
       if (crossing.found) share = std::min(share, crossing.share);
     });
     return state_.proxy_ + share * (at - state_.proxy_);
+  }
+
+  /// Where a way first falls through a surface, both in the resting frame of its volume.
+  [[nodiscard]] static Crossing sweep(const IsosurfaceMode& mode, const Felt& felt,
+                                      const Vec3& from, const Vec3& to,
+                                      StepReport& report) noexcept {
+    const Graph& graph = felt.graph();
+    const auto field = static_cast<std::size_t>(mode.skin.field);
+    if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return {};
+    const double length = (to - from).norm();
+    if (length > mode.skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length) {
+      return {};
+    }
+    // Where it has no strength there is nothing to meet.
+    if (!(mode.strength.at(*felt.properties, mode.skin.value, mode.level) > 0.0)) return {};
+    const Crossing crossing = felt.bound.firstFall(mode.skin, mode.level, from, to);
+    report.walked += crossing.cells;
+    return crossing;
   }
 
   /// What was placed: what can hold, and what pushes.
@@ -574,11 +587,9 @@ class Tick {
     Vec3 end = way.end;
     ModeMemory* met = nullptr;
     eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
-      const Graph& graph = felt.graph();
       const auto* mode = std::get_if<IsosurfaceMode>(&any);
       if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
       if (givesWay(*mode, target_, memory)) return;
-      const auto field = static_cast<std::size_t>(mode->skin.field);
       const Body* body = bodyOf(motionOf(*mode, felt));
       const Vec3 lift = liftOff(*mode, memory);
       // What led to the last reading is known to be free.
@@ -590,14 +601,7 @@ class Tick {
                        : Vec3(body->from + body->pose.rotation.transpose() * lift);
         to = body->pose.toRest(to);
       }
-      if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return;
-      const double length = (to - from).norm();
-      if (length > mode->skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length)
-        return;
-      // Where it has no strength there is nothing to meet.
-      if (!(mode->strength.at(*felt.properties, mode->skin.value, mode->level) > 0.0)) return;
-      const Crossing crossing = felt.bound.firstFall(mode->skin, mode->level, from, to);
-      report.walked += crossing.cells;
+      const Crossing crossing = sweep(*mode, felt, from, to, report);
       // A way that is all behind it begins behind another of its walls: that is met at once.
       if (!crossing.found && !crossing.behind) return;
       const double at_share = crossing.found ? crossing.share : 0.0;
