@@ -18,6 +18,7 @@
 #include "devices/open_arm.h"
 #include "devices/profile_facts.h"
 #include "engine/error.h"
+#include "tests/support/source_dir.h"
 #include "tests/support/vdb_files.h"
 
 using namespace palpate;
@@ -375,7 +376,7 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
   for (const HidProfile& arm : arms) names.insert(arm.name);
   CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics"});
   for (const std::string& name : names) {
-    std::ifstream in(std::string(PALPATE_PROFILES) + "/" + name + ".json");
+    std::ifstream in(test::sourceDir() + "/devices/profiles/" + name + ".json");
     const Json json = Json::parse(in);
     CAPTURE(name);
     CHECK(schemaAccepts(json));
@@ -390,7 +391,7 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
       CHECK(said);
     }
     // The system lets a user open it.
-    std::ifstream rules(PALPATE_UDEV_RULES);
+    std::ifstream rules(test::sourceDir() + "/devices/70-palpate-arms.rules");
     const std::string text((std::istreambuf_iterator<char>(rules)), {});
     for (const Json& match : json.at("match")) {
       const auto lower = [](std::string s) {

@@ -15,6 +15,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
+#include "tests/support/source_dir.h"
 
 using namespace palpate;
 using palpate::bench::BalanceProblem;
@@ -134,7 +135,7 @@ TEST_CASE("every balance of every family converges, and its certificate holds",
 }
 
 TEST_CASE("balances that were made to be hard converge as well", "[solver]") {
-  std::ifstream file(PALPATE_HARD_BALANCES);
+  std::ifstream file(test::sourceDir() + "/tests/engine/hard_balances.txt");
   REQUIRE(file.is_open());
   int problems = 0;
   int most = 0;

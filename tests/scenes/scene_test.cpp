@@ -16,6 +16,7 @@
 #include "samplers/analytic_field.h"
 #include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
+#include "tests/support/source_dir.h"
 #include "tests/support/vdb_grids.h"
 
 using namespace palpate;
@@ -702,7 +703,7 @@ TEST_CASE("a scene built in C++ passes the same checks", "[scene]") {
 }
 
 TEST_CASE("the example scenes are valid", "[scene][schema]") {
-  for (const auto& entry : std::filesystem::directory_iterator(PALPATE_EXAMPLES)) {
+  for (const auto& entry : std::filesystem::directory_iterator(test::sourceDir() + "/scenes/examples")) {
     if (entry.path().extension() != ".json") continue;
     CAPTURE(entry.path().string());
     CHECK_NOTHROW(readSceneFile(entry.path()));
