@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds, and runs every test: the loop's with ThreadSanitizer, all with
-# AddressSanitizer and UndefinedBehaviorSanitizer, all of the release. Ends with ctest's summary and
-# its exit status.
+# Installs what is missing, builds, and runs every test: all of the release; every path of the code
+# with AddressSanitizer and UndefinedBehaviorSanitizer, over a tenth of the random cases; the loop with
+# ThreadSanitizer, likewise. Ends with what its time went to, ctest's summary and its exit status.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
 #   --long       random tests over 300,000 cases each, of the balance over ten million
 #   --install    only install the packages
 set -euo pipefail
 cd "$(dirname "$0")"
 
-usage() { sed -n '2,7s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,8s/^# \{0,1\}//p' "$0"; }
 install_only=
 long=
 while [ $# -gt 0 ]; do
@@ -28,27 +28,51 @@ done
 
 .ci/install build test
 [ -z "$install_only" ] || exit 0
+. .ci/minutes
 
-for preset in tsan dev release; do
+presets=(tsan dev release)
+for preset in "${presets[@]}"; do
     mkdir -p build/$preset
     log=build/$preset/build.log
     echo "== building $preset"
+    since=$SECONDS
+    export CCACHE_STATSLOG=$PWD/build/$preset/ccache.log
+    rm -f "$CCACHE_STATSLOG"
     cmake --preset $preset -DPALPATE_TESTS=ON >$log 2>&1 || { cat $log; exit 1; }
+    taken $since "$preset: configure"
+    since=$SECONDS
     cmake --build --preset $preset >>$log 2>&1 || { tail -60 $log; exit 1; }
+    asked=$(grep -c '_cache_hit\|cache_miss' "$CCACHE_STATSLOG" 2>/dev/null) || true
+    found=$(grep -c '_cache_hit' "$CCACHE_STATSLOG" 2>/dev/null) || true
+    taken $since "$preset: build" "${found:-0} of ${asked:-0} sources out of ccache"
 done
 if [ -n "$long" ]; then
     echo "== ten million balances"
     PALPATE_CASES=10000000 build/release/tests/palpate_engine_tests "[balance]" || exit $?
     export PALPATE_CASES=300000
 fi
-for preset in tsan dev release; do
+for preset in "${presets[@]}"; do
     echo "== testing $preset"
-    status=0
     report=build/$preset/test.log
-    ctest --preset $preset --no-tests=error -j "$(nproc)" 2>&1 | tee $report || status=$?
+    reports=(${reports[@]+"${reports[@]}"} $report)
+    # The sanitizers make a case several times as slow.
+    cases=${PALPATE_CASES:-10%}
+    [ $preset != release ] || cases=${PALPATE_CASES:-100%}
+    since=$SECONDS
+    status=0
+    # Its closing lines come last, after the table.
+    PALPATE_CASES=$cases ctest --preset $preset --no-tests=error -j "$(nproc)" 2>&1 |
+        tee $report | sed '/% tests passed/,$d' || status=$?
+    ran=$(sed -n 's/.*random cases: \([0-9]*\) of.*/\1/p' build/$preset/Testing/Temporary/LastTest.log |
+        awk '{ n += $1 } END { print n + 0 }')
+    taken $since "$preset: tests" "$(grep -c ' sec$' $report) tests, $ran random cases"
     if [ $status -eq 0 ] && [ -n "${PALPATE_DATA:-}" ] && grep -q '(Skipped)' $report; then
         echo "test.sh: a test was skipped although --data was given" >&2
         status=1
     fi
+    if [ $status -ne 0 ] || [ $preset = release ]; then
+        tests/minutes.py "$PALPATE_MINUTES" "${reports[@]}"
+    fi
+    sed -n '/% tests passed/,$p' $report
     [ $status -eq 0 ] || exit $status
 done

@@ -20,10 +20,10 @@
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
-#include <openvdb/openvdb.h>
 
 #include "bench/machine.h"
 #include "bench/percentiles.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"

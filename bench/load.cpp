@@ -23,12 +23,12 @@
 
 #include <CLI/CLI.hpp>
 #include <openvdb/io/Compression.h>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/LevelSetSphere.h>
 #include <tbb/global_control.h>
 
 #include "bench/machine.h"
 #include "bench/percentiles.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume.h"
 #include "tests/support/vdb_files.h"
 

@@ -6,9 +6,9 @@
 #include <numbers>
 
 #include <Eigen/Geometry>
-#include <openvdb/openvdb.h>
 
 #include "bench/percentiles.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/random.h"

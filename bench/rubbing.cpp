@@ -23,7 +23,6 @@ constexpr double kDepth = 1e-3;     // [m]
 constexpr double kArc = 0.05;       // [m]
 constexpr double kFollows = 5.0;    // [Hz], what a hand can
 constexpr double kBetween = 0.012;  // [m], slices
-constexpr int kSlices = 7;
 constexpr int kArcs = 4;
 constexpr int kRays = 5000;        // about a slice
 constexpr double kFar = 0.14;      // [m], where rays begin
@@ -115,7 +114,7 @@ std::shared_ptr<const ScalarField> scanField(const std::string& file, double sca
   return *field;
 }
 
-Rubbing rub(const std::string& file, double level, double scale, double speed) {
+Rubbing rub(const std::string& file, double level, double scale, double speed, int slices) {
   const std::shared_ptr<const ScalarField> field = scanField(file, scale);
   SurfaceMotion motion;
   motion.field = field;
@@ -125,8 +124,8 @@ Rubbing rub(const std::string& file, double level, double scale, double speed) {
   Rubbing out;
   Sums engine;
   Sums held;
-  for (int slice = 0; slice < kSlices; ++slice) {
-    const Outline skin(*field, kBetween * (slice - 0.5 * (kSlices - 1)), level, speed / kFollows);
+  for (int slice = 0; slice < slices; ++slice) {
+    const Outline skin(*field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kFollows);
     for (int arc = 0; arc < kArcs; ++arc) {
       const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
       double a = 2.0 * std::numbers::pi * arc / kArcs;

@@ -33,9 +33,9 @@ struct Rubbing {
 /// metres. Throws where it cannot be read, or holds no scalars.
 [[nodiscard]] std::shared_ptr<const ScalarField> scanField(const std::string& file, double scale);
 
-/// Slides along the surface V = level, solid above, of a scan's field (scanField): in seven slices
-/// about the middle of the data four arcs of 5 cm each, 1 mm below the skin as a hand finds it that
-/// cannot follow what comes oftener than five times a second.
-Rubbing rub(const std::string& file, double level, double scale, double speed);
+/// Slides along the surface V = level, solid above, of a scan's field (scanField): in so many
+/// slices about the middle of the data four arcs of 5 cm each, 1 mm below the skin as a hand finds
+/// it that cannot follow what comes oftener than five times a second.
+Rubbing rub(const std::string& file, double level, double scale, double speed, int slices = 7);
 
 }  // namespace palpate::bench

@@ -4,7 +4,6 @@
 #include <variant>
 
 #include <openvdb/math/Stencils.h>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetSphere.h>
 #ifdef PALPATE_NANOVDB
@@ -14,6 +13,7 @@
 
 #include "bench/machine.h"
 #include "engine/field.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/vdb_files.h"
 #include "tests/support/vdb_grids.h"

@@ -21,13 +21,13 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/LevelSetSphere.h>
 
 #include "bench/percentiles.h"
 #include "bench/report.h"
 #include "devices/simulated_device.h"
 #include "engine/step.h"
+#include "samplers/openvdb_grids.h"
 #include "scenes/build_scene.h"
 #include "scenes/scene_file.h"
 #include "tests/support/reference_solver.h"

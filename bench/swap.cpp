@@ -15,12 +15,12 @@
 #include <vector>
 
 #include <CLI/CLI.hpp>
-#include <openvdb/openvdb.h>
 
 #include "bench/machine.h"
 #include "bench/percentiles.h"
 #include "devices/simulated_device.h"
 #include "engine/haptic_thread.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/vdb_files.h"

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "engine/error.h"
-#include "engine/realtime.h"
 
 namespace palpate {
 
@@ -179,7 +178,7 @@ void HidDevice::begin() {
     info_.limits.tank.refill = host_.refill;
     info_.mass = host_.measured.mass;
   }
-  read_at_ = heard_at_ = counted_at_ = nowNs();
+  read_at_ = heard_at_ = counted_at_ = host_.now();
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
   mender_ = std::thread([this] { mendLoop(); });
@@ -317,7 +316,7 @@ void HidDevice::follow(double dt) noexcept {
 
 HandState HidDevice::read() noexcept {
   HandState hand;
-  const std::int64_t now = nowNs();
+  const std::int64_t now = host_.now();
   const double dt = 1e-9 * static_cast<double>(now - read_at_);
   read_at_ = now;
   {
@@ -442,11 +441,11 @@ void HidDevice::writeLoop() noexcept {
     // One that is only miscounted still takes its zero force.
     const Using port(open_port_, writing_);
     if (!port) continue;
-    const std::int64_t began = nowNs();
+    const std::int64_t began = host_.now();
     write_began_.store(began, std::memory_order_relaxed);
     const bool good = port->write(std::span(out_.current().bytes).first(zero_.size()));
     write_began_.store(0, std::memory_order_relaxed);
-    longest_ns_ = std::max<std::int64_t>(longest_ns_, nowNs() - began);
+    longest_ns_ = std::max<std::int64_t>(longest_ns_, host_.now() - began);
     ++count_;
     written_ = seen;
     if (!good) lost();

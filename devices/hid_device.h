@@ -17,6 +17,7 @@
 #include "devices/hid_profile.h"
 #include "engine/device.h"
 #include "engine/mailbox.h"
+#include "engine/realtime.h"
 
 namespace palpate {
 
@@ -83,6 +84,8 @@ struct HidHost {
   MeasuredArm measured = {};
   TankUse tank = TankUse::kObserve;
   double refill = 0.0;  ///< TankParams::refill [W].
+  /// What reports and writes grow old by [ns]; called in ticks. The machine's clock, or a test's.
+  std::int64_t (*now)() noexcept = nowNs;
 };
 
 /// What an arm that has not passed `palpate devices --test` is held to.

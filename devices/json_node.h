@@ -13,11 +13,8 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <valijson/adapters/nlohmann_json_adapter.hpp>
-#include <valijson/schema.hpp>
-#include <valijson/schema_parser.hpp>
-#include <valijson/validator.hpp>
 
+#include "devices/json_schema.h"
 #include "engine/error.h"
 
 namespace palpate {
@@ -189,18 +186,9 @@ Json parseJson(const std::string& text, const std::string& source) {
 template <class Trouble>
 void validateJson(const Json& json, const std::string& schema_text, const std::string& schema_name,
                   const std::string& source) {
-  const Json text = Json::parse(schema_text);
-  valijson::Schema schema;
-  valijson::SchemaParser parser;
-  parser.populateSchema(valijson::adapters::NlohmannJsonAdapter(text), schema);
-  valijson::Validator validator;
-  valijson::ValidationResults results;
-  if (validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(json), &results)) return;
-  valijson::ValidationResults::Error error;
-  results.popError(error);
-  std::string path;
-  for (const std::string& part : error.context) path += part;
-  throw Trouble(source + ": " + path, error.description, "see " + schema_name);
+  if (const auto complaint = schemaComplaint(json, schema_text)) {
+    throw Trouble(source + ": " + complaint->path, complaint->what, "see " + schema_name);
+  }
 }
 
 }  // namespace palpate

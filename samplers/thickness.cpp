@@ -8,12 +8,12 @@
 #include <type_traits>
 #include <vector>
 
-#include <openvdb/openvdb.h>
 #include <openvdb/tree/ValueAccessor.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
 #include "samplers/cell.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume_grid.h"
 
 namespace palpate {

@@ -15,9 +15,8 @@
 #include <string_view>
 #include <vector>
 
-#include <openvdb/openvdb.h>
-
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 
 namespace palpate {
 namespace {

@@ -9,9 +9,9 @@
 #include <vector>
 
 #include <Eigen/LU>
-#include <openvdb/openvdb.h>
 
 #include "samplers/free_map.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume.h"
 
 namespace palpate {

@@ -10,9 +10,9 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
-#include <openvdb/openvdb.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume_grid.h"
 
 namespace palpate {

@@ -8,10 +8,10 @@
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/SignedFloodFill.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "scenes/cli/version.h"
 
 namespace palpate {

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The documents say what is there: docs_test.py SOURCE_DIR.
 
-Links of README.md, CHANGELOG.md and docs/ lead to files; in docs/paper.md every `file:name` names
+Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files; in docs/paper.md every `file:name` names
 something of that file, every tag a test, and every key (P1, D2) is defined and used.
 """
 import os
@@ -110,7 +110,8 @@ def broken_links(text, folder):
 
 class Documents(unittest.TestCase):
     def test_links_lead_to_files(self):
-        pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+        pages = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md",
+                 *sorted((ROOT / "docs").rglob("*.md"))]
         self.assertGreater(len(pages), 8)
         for page in pages:
             text = page.read_text(encoding="utf-8")

@@ -466,6 +466,8 @@ class OnTime {
       complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
                            remedyFor(now.fault)));
     }
+    if (now.fault == Fault::kNone && told_ != Fault::kNone)
+      complain(name_ + ": the force is on again");
     told_ = now.fault;
     if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
       plugging_ = another.version;

@@ -4,8 +4,7 @@
 #include <cstdint>
 #include <string>
 
-#include <openvdb/openvdb.h>
-
+#include "samplers/openvdb_grids.h"
 #include "scenes/import/pieces.h"
 
 namespace palpate::importer {

@@ -8,9 +8,9 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <openvdb/openvdb.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "scenes/cli/version.h"
 #include "scenes/import/pieces.h"
 #include "scenes/import/smooth.h"

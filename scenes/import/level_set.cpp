@@ -6,15 +6,13 @@
 
 #include <fmt/format.h>
 #include <openvdb/tools/Interpolation.h>
-#include <openvdb/tools/MeshToVolume.h>
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tools/VolumeToMesh.h>
-#include <openvdb/util/NullInterrupter.h>
 
 #include "engine/error.h"
 #include "scenes/import/grids.h"
 #include "scenes/import/quantile.h"
-#include "scenes/import/shared_progress.h"
+#include "scenes/import/surface.h"
 
 namespace palpate::importer {
 namespace {
@@ -22,50 +20,6 @@ namespace {
 using openvdb::Coord;
 using openvdb::Vec3d;
 using openvdb::tools::BoxSampler;
-
-constexpr float kHalfWidth = 3.0F;  ///< [voxels], OpenVDB's own.
-
-/// OpenVDB's surface as it keeps it, in another grid's index space.
-class Surface {
- public:
-  Surface(const openvdb::tools::VolumeToMesh& mesher, const openvdb::math::Transform& transform)
-      : mesher_(mesher), transform_(transform), first_{0} {
-    for (std::size_t pool = 0; pool < mesher.polygonPoolListSize(); ++pool) {
-      first_.push_back(first_.back() + mesher.polygonPoolList()[pool].numQuads());
-    }
-  }
-
-  // OpenVDB's MeshDataAdapter.
-  [[nodiscard]] std::size_t polygonCount() const { return first_.back(); }
-  [[nodiscard]] std::size_t pointCount() const { return mesher_.pointListSize(); }
-  [[nodiscard]] std::size_t vertexCount(std::size_t /*polygon*/) const { return 4; }
-  void getIndexSpacePoint(std::size_t polygon, std::size_t vertex, Vec3d& p_I) const {
-    const auto pool = static_cast<std::size_t>(
-        std::upper_bound(first_.begin(), first_.end(), polygon) - first_.begin() - 1);
-    const openvdb::Vec4I& quad = mesher_.polygonPoolList()[pool].quad(polygon - first_[pool]);
-    const openvdb::Vec3s& p = mesher_.pointList()[quad[static_cast<int>(vertex)]];
-    p_I = transform_.worldToIndex(Vec3d(p));
-  }
-
- private:
-  const openvdb::tools::VolumeToMesh& mesher_;
-  const openvdb::math::Transform& transform_;
-  std::vector<std::size_t> first_;  ///< Polygons before each pool, and all.
-};
-
-/// Passes OpenVDB's progress on; it is told from any thread.
-class Watcher final : public openvdb::util::NullInterrupter {
- public:
-  explicit Watcher(const Progress& progress) : shared_(progress, 100) {}
-
-  bool wasInterrupted(int percent = -1) override {
-    if (percent >= 0) shared_.tell(percent / 100.0);
-    return false;
-  }
-
- private:
-  SharedProgress shared_;
-};
 
 /// The part of the original's surface that is a voxel or more from the level set's.
 double lostPart(const openvdb::tools::VolumeToMesh& mesher, const openvdb::FloatGrid& surface) {
@@ -123,24 +77,21 @@ LevelSet levelSetOf(const openvdb::FloatGrid& grid, double iso, double voxel,
   LevelSet out;
   out.solid_above = static_cast<double>(grid.background()) < iso;
   openvdb::tools::VolumeToMesh mesher(iso);
-  mesher(grid);
-  const Surface surface(mesher, *transform);
-  if (surface.polygonCount() == 0) {
+  findSurface(grid, mesher);
+  const std::size_t polygons = countPolygons(mesher);
+  if (polygons == 0) {
     throw VolumeError(file,
                       fmt::format("nothing in \"{}\" has the value {:g}", grid.getName(), iso),
                       "give --iso within its range, see palpate info");
   }
   // As many voxels as the surface has area, times the band.
   const double refinement = std::max({edges.x(), edges.y(), edges.z()}) / edge;
-  if (static_cast<double>(surface.polygonCount()) * refinement * refinement * 6.0 > 1e9) {
+  if (static_cast<double>(polygons) * refinement * refinement * 6.0 > 1e9) {
     throw VolumeError(file, fmt::format("voxels of {:g} are too many for its surface", edge),
                       "give a larger --voxel");
   }
   // Without signs: OpenVDB takes what a surface encloses for its inside, and drops a cavity's.
-  Watcher watcher(progress);
-  out.grid = openvdb::tools::meshToVolume<openvdb::FloatGrid>(
-      watcher, surface, *transform, kHalfWidth, kHalfWidth,
-      openvdb::tools::UNSIGNED_DISTANCE_FIELD);
+  out.grid = distanceTo(mesher, *transform, progress);
   // The values know what is inside; a voxel of just this value is, as for OpenVDB.
   const auto accessor = grid.getConstAccessor();
   std::uint64_t inside = 0;

@@ -3,8 +3,7 @@
 
 #include <string>
 
-#include <openvdb/openvdb.h>
-
+#include "samplers/openvdb_grids.h"
 #include "scenes/import/reader.h"
 
 namespace palpate::importer {

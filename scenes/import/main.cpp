@@ -9,9 +9,9 @@
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
-#include <openvdb/openvdb.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "scenes/cli/common.h"
 #include "scenes/import/guard.h"
 #include "scenes/import/importer.h"

@@ -3,7 +3,8 @@
 #include <sys/resource.h>
 
 #include <fmt/format.h>
-#include <openvdb/openvdb.h>
+
+#include "samplers/openvdb_grids.h"
 
 namespace palpate::importer {
 namespace {

@@ -4,8 +4,7 @@
 #include <string>
 #include <vector>
 
-#include <openvdb/openvdb.h>
-
+#include "samplers/openvdb_grids.h"
 #include "scenes/import/reader.h"
 
 namespace palpate::importer {

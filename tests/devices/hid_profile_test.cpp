@@ -10,11 +10,8 @@
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
-#include <valijson/adapters/nlohmann_json_adapter.hpp>
-#include <valijson/schema.hpp>
-#include <valijson/schema_parser.hpp>
-#include <valijson/validator.hpp>
 
+#include "devices/json_schema.h"
 #include "devices/open_arm.h"
 #include "devices/profile_facts.h"
 #include "engine/error.h"
@@ -59,12 +56,7 @@ Json full() {
 }
 
 bool schemaAccepts(const Json& json) {
-  const Json text = Json::parse(hidProfileSchema());
-  valijson::Schema schema;
-  valijson::SchemaParser parser;
-  parser.populateSchema(valijson::adapters::NlohmannJsonAdapter(text), schema);
-  valijson::Validator validator;
-  return validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(json), nullptr);
+  return !schemaComplaint(json, hidProfileSchema());
 }
 
 std::string trouble(const Json& json) {

@@ -15,7 +15,6 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <openvdb/openvdb.h>
 #include <vtkDataSetReader.h>
 #include <vtkDoubleArray.h>
 #include <vtkExodusIIReader.h>
@@ -32,6 +31,7 @@
 #include <vtkVolume16Reader.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/probe.h"
 

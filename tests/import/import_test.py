@@ -17,6 +17,7 @@ import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 PALPATE = str((Path(sys.argv[1]) / "palpate").resolve())
@@ -765,7 +766,6 @@ class Refusals(Case):
 class Damage(Case):
     def test_damaged_files_give_one_line_or_a_volume(self):
         rng = random.Random(int(os.environ.get("PALPATE_SEED", "5")))
-        cases = int(os.environ.get("PALPATE_CASES", "60"))
         points, cells = box_of_tetrahedra(2)
         data = f"POINT_DATA {len(points)}\n" + scalars("s", map(linear, points))
         sources = [
@@ -778,7 +778,7 @@ class Damage(Case):
             for name in ("cfd_disk_out_ref/disk_out_ref.ex2", "flow_carotid/carotid.vtk"):
                 sources.append((Path(name).name, (folder / name).read_bytes()))
         crashes = 0
-        for case in range(cases):
+        for case in range(cases(60, "damaged files of VTK's formats")):
             name, whole = sources[case % len(sources)]
             broken = bytearray(whole)
             if rng.random() < 0.4:

@@ -68,7 +68,7 @@ TEST_CASE("whatever bits come in, the force is finite and within peak, slew and 
   };
   const auto any = [&] { return random.integer(3) == 0 ? bits() : random.uniform(-9.0, 9.0); };
   long finite = 0;
-  for (long i = 0; i < test::casesOfThreads(200000); ++i) {
+  for (long i = 0; i < test::cases(200000); ++i) {
     const Vec3 wanted(any(), any(), any());
     const Vec3 previous(any(), any(), any());
     const double dt = random.integer(20) == 0 ? bits() : random.logUniform(1e-5, 1e-1);

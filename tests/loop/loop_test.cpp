@@ -540,7 +540,7 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
           "[loop][safety]") {
   // Scenes of every kind, swapped, withdrawn and edited; a hand that moves, jumps, is lost; ticks
   // that are late; faults that are taken back. PALPATE_CASES: ticks.
-  const long ticks = test::casesOfThreads(1000000);
+  const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const FieldPtr ball = ballField();

@@ -9,6 +9,7 @@
 #include <catch2/catch.hpp>
 
 #include "bench/buzz.h"
+#include "tests/support/random.h"
 
 using namespace palpate::bench;
 
@@ -17,7 +18,8 @@ TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
   // tests/motion/data_test.sh imports it: 64 x 64 x 93 voxels of 3.2 x 3.2 x 1.5 mm.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
-  const Rubbing r = rub(std::string(folder) + "/head.vdb", 500.0, 1e-3, 0.05);
+  const Rubbing r = rub(std::string(folder) + "/head.vdb", 500.0, 1e-3, 0.05,
+                        static_cast<int>(palpate::test::cases(7)));
   CAPTURE(r.ticks, r.force, r.engine.buzz, r.held.buzz, r.engine.given, r.held.given, r.injected);
   CHECK(r.force > 0.1);
   // Measured 0.005 and 0.11: voxels as large as this make ridges, and the proxy leaps off them.
@@ -39,6 +41,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
   std::cout << "hand, speed m/s | slices without a click | there mean force N | quieter than a "
                "penalty dB | and than one with our gradient dB | with clicks: quieter than a "
                "penalty dB\n";
+  const auto slices = static_cast<int>(palpate::test::cases(7));
   for (const auto& [name, hand, least] :
        {std::tuple{"led", BuzzHand::kLed, 30.0}, std::tuple{"encoder", BuzzHand::kEncoder, 15.0},
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {
@@ -49,7 +52,8 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
       Buzzes quiet;
       Buzzes clicking;
       int without = 0;
-      for (const Buzzes& b : feelBuzz(skin, {500.0, true, 0.12, -0.01, 4e-3, 7, speed, hand})) {
+      for (const Buzzes& b :
+           feelBuzz(skin, {500.0, true, 0.12, -0.01, 4e-3, slices, speed, hand})) {
         Buzzes& sum = b.clicks == 0 ? quiet : clicking;
         without += b.clicks == 0 ? 1 : 0;
         for (Buzz Buzzes::*of : {&Buzzes::polynomial, &Buzzes::continuous, &Buzzes::engine}) {
@@ -64,7 +68,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
                 << quieter(clicking.engine, clicking.polynomial) << '\n';
       CAPTURE(name, speed, without, quiet.engine.force, quiet.polynomial.force);
       if (speed > 0.02) continue;
-      CHECK(without >= 3);
+      CHECK(7 * without >= 3 * slices);
       CHECK(quiet.engine.force / without > 0.3);
       CHECK(gain >= least);
       // Asked: 6 dB for all. On an arm at 20 mm/s one slice has a groove that is just not deep

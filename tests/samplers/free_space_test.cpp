@@ -6,10 +6,10 @@
 #include <vector>
 
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 
 #include "engine/step.h"
 #include "samplers/free_map.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"

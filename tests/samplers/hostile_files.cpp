@@ -25,9 +25,9 @@
 #include <unistd.h>
 
 #include <openvdb/io/Stream.h>
-#include <openvdb/openvdb.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "samplers/volume_grid.h"
@@ -699,6 +699,7 @@ int run(const std::vector<std::string>& arguments) {
   }
   if (files.empty()) files = vdbsOf(own);
   const long count = std::min(cases(wanted), kSanitized ? 10000L : 100000L);
+  std::printf("random cases: %ld of %ld: flipped bits\n", count, wanted);
   if (kSanitized) std::printf("with sanitizers: memory is not judged\n");
 
   Run all;

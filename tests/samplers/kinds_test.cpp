@@ -6,10 +6,10 @@
 
 #include <Eigen/LU>
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/Filter.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"

@@ -5,9 +5,9 @@
 #include <iostream>
 
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 
 #include "engine/step.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
@@ -47,8 +47,8 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
   Random random(1);
   Reader reader;
   Pressed result;
-  const int n = 1000;
-  for (int i = 0; i < n; ++i) {
+  const long n = cases(1000);
+  for (long i = 0; i < n; ++i) {
     const Vec3 d = random.direction();
     const double depth = random.uniform(2e-3, 8e-3);
     ProxyState state({100.0, 1e9});
@@ -60,7 +60,7 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
     for (int tick = 0; tick < 20; ++tick) r = at(-depth);
     const double cosine = std::clamp(r.force.normalized().dot(d), -1.0, 1.0);
     const double angle = std::acos(cosine) * 180.0 / M_PI;
-    result.direction_rms += angle * angle / n;
+    result.direction_rms += angle * angle / static_cast<double>(n);
     result.magnitude_max =
         std::max(result.magnitude_max, std::abs(r.force.norm() / (kStiffness * depth) - 1.0));
 
@@ -77,13 +77,13 @@ Pressed press(const std::shared_ptr<const Volume>& volume, double radius_F, doub
       if (at_radius < held - 1e-6) leaves = held - (radius + height);
     }
     const double off = leaves / reach - 1.0;
-    result.leaves_rms += off * off / n;
+    result.leaves_rms += off * off / static_cast<double>(n);
     REQUIRE(leaves > 0.0);
   }
   result.direction_rms = std::sqrt(result.direction_rms);
   result.leaves_rms = std::sqrt(result.leaves_rms);
-  std::cout << "sphere of " << radius_F / volume->info().voxel.x()
-            << " voxels pressed along 1,000 directions: force direction " << result.direction_rms
+  std::cout << "sphere of " << radius_F / volume->info().voxel.x() << " voxels pressed along " << n
+            << " directions: force direction " << result.direction_rms
             << " degrees rms from radial, magnitude within " << 100 * result.magnitude_max
             << " % of k times depth, leaves at s/k within " << 100 * result.leaves_rms
             << " % rms\n";

@@ -5,8 +5,8 @@
 
 #include <Eigen/LU>
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 
+#include "samplers/openvdb_grids.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"

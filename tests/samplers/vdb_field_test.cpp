@@ -9,9 +9,9 @@
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 #include <openvdb/tools/Interpolation.h>
 
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"

@@ -8,10 +8,10 @@
 #include <thread>
 
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 #include <openvdb/points/PointDataGrid.h>
 
 #include "engine/error.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/parallel.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"

@@ -6,9 +6,9 @@
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 
 #include "engine/trace.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
 #include "tests/support/counters.h"

@@ -11,10 +11,10 @@
 #include <vector>
 
 #include <catch2/catch.hpp>
-#include <openvdb/openvdb.h>
 
 #include "engine/error.h"
 #include "engine/step.h"
+#include "samplers/openvdb_grids.h"
 #include "samplers/volume_grid.h"
 #include "scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"

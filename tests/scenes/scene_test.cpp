@@ -6,11 +6,8 @@
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
-#include <valijson/adapters/nlohmann_json_adapter.hpp>
-#include <valijson/schema.hpp>
-#include <valijson/schema_parser.hpp>
-#include <valijson/validator.hpp>
 
+#include "devices/json_schema.h"
 #include "engine/error.h"
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
@@ -100,12 +97,7 @@ DeviceInfo arm(double stiffness) {
 }
 
 bool schemaAccepts(const Json& json) {
-  const Json text = Json::parse(sceneSchema());
-  valijson::Schema schema;
-  valijson::SchemaParser parser;
-  parser.populateSchema(valijson::adapters::NlohmannJsonAdapter(text), schema);
-  valijson::Validator validator;
-  return validator.validate(schema, valijson::adapters::NlohmannJsonAdapter(json), nullptr);
+  return !schemaComplaint(json, sceneSchema());
 }
 
 std::string parseError(const std::string& text) {
@@ -703,7 +695,8 @@ TEST_CASE("a scene built in C++ passes the same checks", "[scene]") {
 }
 
 TEST_CASE("the example scenes are valid", "[scene][schema]") {
-  for (const auto& entry : std::filesystem::directory_iterator(test::sourceDir() + "/scenes/examples")) {
+  for (const auto& entry :
+       std::filesystem::directory_iterator(test::sourceDir() + "/scenes/examples")) {
     if (entry.path().extension() != ".json") continue;
     CAPTURE(entry.path().string());
     CHECK_NOTHROW(readSceneFile(entry.path()));

@@ -1,2 +1,80 @@
 #define CATCH_CONFIG_MAIN
+#include <csignal>
+#include <iostream>
+#include <sched.h>
+#include <string>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <vector>
+
 #include <catch2/catch.hpp>
+
+#include "tests/support/random.h"
+
+namespace {
+
+/// A program on each core that computes and never waits, as long as it lives.
+class BusyNeighbours {
+ public:
+  BusyNeighbours() {
+    const pid_t parent = getpid();
+    const long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    for (long core = 0; core < cores; ++core) {
+      const pid_t child = fork();
+      if (child != 0) {
+        children_.push_back(child);
+        continue;
+      }
+      prctl(PR_SET_PDEATHSIG, SIGKILL);
+      if (getppid() != parent) _exit(0);
+      cpu_set_t one;
+      CPU_ZERO(&one);
+      CPU_SET(static_cast<std::size_t>(core), &one);
+      sched_setaffinity(0, sizeof(one), &one);
+      for (volatile unsigned long n = 0;;) n = n + 1;
+    }
+  }
+  ~BusyNeighbours() {
+    for (const pid_t child : children_) {
+      if (child < 0) continue;
+      kill(child, SIGKILL);
+      waitpid(child, nullptr, 0);
+    }
+  }
+  BusyNeighbours(const BusyNeighbours&) = delete;
+  BusyNeighbours& operator=(const BusyNeighbours&) = delete;
+
+ private:
+  std::vector<pid_t> children_;
+};
+
+/// Tests that depend on how the machine schedules ([host]) run beside busy neighbours; random ones
+/// say how many cases they had.
+struct Surroundings : Catch::TestEventListenerBase {
+  using TestEventListenerBase::TestEventListenerBase;
+
+  void testCaseStarting(const Catch::TestCaseInfo& test) override {
+    TestEventListenerBase::testCaseStarting(test);
+    palpate::test::askedCases() = {};
+    const auto& tags = test.lcaseTags;
+    if (std::find(tags.begin(), tags.end(), "host") != tags.end()) {
+      neighbours_ = std::make_unique<BusyNeighbours>();
+    }
+  }
+  void testCaseEnded(const Catch::TestCaseStats& stats) override {
+    TestEventListenerBase::testCaseEnded(stats);
+    neighbours_.reset();
+    const auto [run, usual] = palpate::test::askedCases();
+    if (usual > 0) {
+      std::cout << "random cases: " << run << " of " << usual << ": " << stats.testInfo.name
+                << '\n';
+    }
+  }
+
+ private:
+  std::unique_ptr<BusyNeighbours> neighbours_;
+};
+CATCH_REGISTER_LISTENER(Surroundings)
+
+}  // namespace

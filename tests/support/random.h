@@ -1,6 +1,7 @@
 /// Seeded random input, and how much of it.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -13,19 +14,30 @@
 
 namespace palpate::test {
 
-/// PALPATE_CASES where it is set (the long run), else `usual`.
-inline long cases(long usual) {
-  const char* text = std::getenv("PALPATE_CASES");
-  return text == nullptr ? usual : std::max(1L, std::atol(text));
+/// The most that a test has asked for, and what it usually asks for.
+struct AskedCases {
+  long run = 0;
+  long usual = 0;
+};
+inline AskedCases& askedCases() {
+  static AskedCases asked;
+  return asked;
 }
 
-/// A tenth under ThreadSanitizer, which makes all ten times slower.
-inline long casesOfThreads(long usual) {
-#ifdef __SANITIZE_THREAD__
-  return cases(usual / 10);
-#else
-  return cases(usual);
-#endif
+/// How many random cases to run: `usual`; PALPATE_CASES where it is a number, such a part of the
+/// usual where it is one of per cent ("10%"). At least 1.
+inline long cases(long usual) {
+  const char* text = std::getenv("PALPATE_CASES");
+  long run = usual;
+  if (text != nullptr) {
+    char* end = nullptr;
+    const double number = std::strtod(text, &end);
+    run = static_cast<long>(*end == '%' ? number / 100.0 * static_cast<double>(usual) : number);
+  }
+  run = std::max(1L, run);
+  AskedCases& asked = askedCases();
+  if (usual >= asked.usual) asked = {run, usual};
+  return run;
 }
 
 /// Same numbers for the same seed on every machine.

@@ -3,8 +3,7 @@
 
 #include <functional>
 
-#include <openvdb/openvdb.h>
-
+#include "samplers/openvdb_grids.h"
 #include "tests/support/vdb_files.h"
 
 namespace palpate::test {

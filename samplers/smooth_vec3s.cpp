@@ -1,0 +1,7 @@
+#include "samplers/smooth.h"
+
+namespace palpate::detail {
+
+template Smoothing smooth(openvdb::Vec3SGrid&, int);
+
+}  // namespace palpate::detail

@@ -1,0 +1,11 @@
+#!/usr/bin/env bash
+# Runs a command while a program on each core computes and never waits: beside_neighbours.sh COMMAND...
+# What a test says must hold there too, and not only on a machine that does nothing else.
+set -uo pipefail
+neighbours=()
+trap 'kill -KILL "${neighbours[@]}" 2>/dev/null' EXIT
+for ((core = 0; core < $(nproc); ++core)); do
+    setpriv --pdeathsig KILL taskset -c "$core" sh -c 'while :; do :; done' &
+    neighbours+=($!)
+done
+"$@"

@@ -1,0 +1,10 @@
+"""How many random cases a test runs, as tests/support/random.h has it."""
+import os
+
+
+def cases(usual, name):
+    """`usual`; PALPATE_CASES where it is a number, a part of the usual where it is like "10%"."""
+    text = os.environ.get("PALPATE_CASES", "100%")
+    run = max(1, int(float(text[:-1]) * usual / 100 if text.endswith("%") else float(text)))
+    print(f"random cases: {run} of {usual}: {name}")
+    return run
