@@ -42,8 +42,8 @@ for preset in "${presets[@]}"; do
     taken $since "$preset: configure"
     since=$SECONDS
     cmake --build --preset $preset >>$log 2>&1 || { tail -60 $log; exit 1; }
-    asked=$(grep -c '_cache_hit\|cache_miss' "$CCACHE_STATSLOG" 2>/dev/null) || true
-    found=$(grep -c '_cache_hit' "$CCACHE_STATSLOG" 2>/dev/null) || true
+    asked=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit|cache_miss' "$CCACHE_STATSLOG" 2>/dev/null) || true
+    found=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit' "$CCACHE_STATSLOG" 2>/dev/null) || true
     taken $since "$preset: build" "${found:-0} of ${asked:-0} sources out of ccache"
 done
 if [ -n "$long" ]; then
@@ -64,10 +64,10 @@ for preset in "${presets[@]}"; do
     PALPATE_CASES=$cases ctest --preset $preset --no-tests=error -j "$(nproc)" 2>&1 |
         tee $report | sed '/% tests passed/,$d' || status=$?
     ran=$(sed -n 's/.*random cases: \([0-9]*\) of.*/\1/p' build/$preset/Testing/Temporary/LastTest.log |
-        awk '{ n += $1 } END { print n + 0 }')
-    taken $since "$preset: tests" "$(grep -c ' sec$' $report) tests, $ran random cases"
+        awk '{ n += $1 } END { print n + 0 }') || true
+    taken $since "$preset: tests" "$(grep -c '^ *[0-9]*/[0-9]* Test' $report) tests, $ran random cases"
     if [ $status -eq 0 ] && [ -n "${PALPATE_DATA:-}" ] && grep -q '(Skipped)' $report; then
-        echo "test.sh: a test was skipped although --data was given" >&2
+        taken $SECONDS "$preset: SKIPPED" "a test was skipped although --data was given: a failure"
         status=1
     fi
     if [ $status -ne 0 ] || [ $preset = release ]; then

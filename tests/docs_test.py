@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """The documents say what is there: docs_test.py SOURCE_DIR.
 
-Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files; in docs/paper.md every `file:name` names
-something of that file, every tag a test, and every key (P1, D2) is defined and used.
+Links of README.md, CHANGELOG.md, CONTRIBUTING.md and docs/ lead to files; in docs/paper.md every
+`file:name` names something of that file, every tag a test, and every key (P1, D2) is defined and used.
 """
 import os
 import re

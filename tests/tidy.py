@@ -6,6 +6,7 @@ by a hash of clang-tidy's version, its configuration, the compile command, and t
 file that the source includes, the system's among them. Stamps lie in the user's cache folder, as
 ccache's objects do, so that a fresh clone knows what another has passed. --all asks no stamp."""
 import concurrent.futures
+import contextlib
 import hashlib
 import json
 import os
@@ -40,7 +41,7 @@ def included(build):
                        f"--compilation-database={build / 'compile_commands.json'}"])
     files = {}
     for rule in rules.replace("\\\n", " ").splitlines():
-        source, *rest = rule.partition(": ")[2].split()
+        source, *rest = (str(Path(f).resolve()) for f in rule.partition(": ")[2].split())
         # A source that several targets compile is made of what any of them reads.
         files.setdefault(source, set()).update([source, *rest])
     return files
@@ -54,7 +55,8 @@ class Stamps:
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
         self.commands = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
-            self.commands.setdefault(entry["file"], []).append(self.here(entry["command"]))
+            file = str(Path(entry["file"]).resolve())
+            self.commands.setdefault(file, []).append(self.here(entry["command"]))
         self.common = "\n".join([VERSION, *TIDY, (ROOT / ".clang-tidy").read_text()])
 
     def hash_of(self, file):
@@ -63,18 +65,20 @@ class Stamps:
         return self.hashes[file]
 
     def stamp(self, source):
-        # One that no target compiles here stands in for one that needs a library: clang-tidy guesses.
-        parts = [self.common, *sorted(self.commands.get(source, []))]
-        parts += [f"{self.here(file)} {self.hash_of(file)}"
-                  for file in sorted(self.files.get(source, {source}))]
+        """None where no target compiles it here, so that nobody knows what it is made of."""
+        if source not in self.files or source not in self.commands:
+            return None
+        parts = [self.common, *sorted(self.commands[source])]
+        parts += [f"{self.here(file)} {self.hash_of(file)}" for file in sorted(self.files[source])]
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def tidy(build, source):
-    """What clang-tidy has to say; empty where it has passed."""
+    """Whether it has passed, and what clang-tidy has to say."""
     run = subprocess.run([*TIDY, "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
-    return "" if run.returncode == 0 else run.stdout + run.stderr
+    words = run.stdout + run.stderr
+    return run.returncode == 0, words or f"{source}: clang-tidy ended with {run.returncode}"
 
 
 def main():
@@ -84,23 +88,25 @@ def main():
     stamps = Stamps(build)
     CACHE.mkdir(parents=True, exist_ok=True)
     for old in CACHE.iterdir():
-        if time.time() - old.stat().st_mtime > KEPT:
-            old.unlink(missing_ok=True)
+        # Another clone may remove them as well.
+        with contextlib.suppress(FileNotFoundError):
+            if time.time() - old.stat().st_mtime > KEPT:
+                old.unlink()
     left = {}
     for source in map(str, sources):
         stamp = stamps.stamp(source)
-        if stamp.exists() and not every:
-            os.utime(stamp)
+        if stamp is not None and stamp.exists() and not every:
+            stamp.touch()
         else:
             left[source] = stamp
     bad = 0
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        for (source, stamp), words in zip(
-                left.items(), pool.map(lambda s: tidy(build, s), left)):
-            if words:
+        for stamp, (passed, words) in zip(
+                left.values(), pool.map(lambda s: tidy(build, s), left)):
+            if not passed:
                 bad += 1
                 print(words, file=sys.stderr)
-            else:
+            elif stamp is not None:
                 stamp.touch()
     print(f"tidy: {len(sources)} sources, {len(sources) - len(left)} of them passed before as they "
           f"are, {bad} with complaints")

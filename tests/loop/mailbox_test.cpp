@@ -148,7 +148,7 @@ TEST_CASE("a thread that is held anywhere delays the other nowhere", "[mailbox][
   REQUIRE(sigaction(SIGUSR1, &action, &before) == 0);
   test::Random random(5);
   // Each waits until the machine lets the other thread run.
-  const long count = std::min(test::cases(300), 20000L);
+  const long count = test::share(300);
   for (const bool hold_writer : {true, false}) {
     Mailbox<Words> box;
     std::atomic<bool> done{false};

@@ -19,7 +19,7 @@ TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const Rubbing r = rub(std::string(folder) + "/head.vdb", 500.0, 1e-3, 0.05,
-                        static_cast<int>(palpate::test::cases(7)));
+                        static_cast<int>(palpate::test::share(7)));
   CAPTURE(r.ticks, r.force, r.engine.buzz, r.held.buzz, r.engine.given, r.held.given, r.injected);
   CHECK(r.force > 0.1);
   // Measured 0.005 and 0.11: voxels as large as this make ridges, and the proxy leaps off them.
@@ -41,7 +41,7 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
   std::cout << "hand, speed m/s | slices without a click | there mean force N | quieter than a "
                "penalty dB | and than one with our gradient dB | with clicks: quieter than a "
                "penalty dB\n";
-  const auto slices = static_cast<int>(palpate::test::cases(7));
+  const auto slices = static_cast<int>(palpate::test::share(7));
   for (const auto& [name, hand, least] :
        {std::tuple{"led", BuzzHand::kLed, 30.0}, std::tuple{"encoder", BuzzHand::kEncoder, 15.0},
         std::tuple{"held", BuzzHand::kHeld, 30.0}}) {

@@ -71,7 +71,7 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
   const Vec3 n = axisOf();
   const Vec3 u = n.cross(Vec3(1, 0.37, -0.21)).normalized();
   const Vec3 w = n.cross(u);
-  const auto laps = static_cast<double>(test::cases(10));
+  const auto laps = static_cast<double>(test::share(10));
   for (const double friction : {0.0, 0.3}) {
     for (const bool drag : {false, true}) {
       std::vector<ModeSpec> modes{isosurface("ball", 6.0, friction),
@@ -322,7 +322,7 @@ struct Groove {
 TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion]") {
   // The planes of one wall lead behind the other: the proxy has no way, and stays in the groove,
   // not in the world.
-  const long runs = test::cases(3);
+  const long runs = test::share(3);
   for (const double degrees : {30.0, 60.0, 90.0}) {
     for (const double speed : {0.0, 0.35, 1.5, 3.5}) {  // voxels a tick
       double deepest = 0.0;
@@ -365,7 +365,7 @@ TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion
 
 TEST_CASE("a slab that comes takes the hand along, out of a groove that holds it less",
           "[motion]") {
-  const long runs = std::max(test::cases(4), 2L);
+  const long runs = std::max(test::share(4), 2L);
   for (const double degrees : {40.0, 90.0, 180.0}) {
     for (const double pace : {0.05, 0.3, 0.6, 1.2}) {  // voxels a tick
       for (const bool stronger : {true, false}) {

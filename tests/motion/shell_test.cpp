@@ -100,7 +100,7 @@ TEST_CASE("no groove is so acute, and no hand so deep, that the proxy goes into 
   // The planes of two walls that meet lead behind each other. Widths of the opening in degrees.
   for (const double opening : {30.0, 60.0, 88.0, 120.0}) {
     for (const double deep : {3.0, 16.0}) {
-      for (int turned = 0; turned < test::cases(6); ++turned) {
+      for (int turned = 0; turned < test::share(6); ++turned) {
         const Mat3 frame = anyFrame(turned);
         const Vec3 edge(24.3, 23.7, 24.45);
         const double half = opening * std::numbers::pi / 360.0;
@@ -130,7 +130,7 @@ TEST_CASE("no groove is so acute, and no hand so deep, that the proxy goes into 
 TEST_CASE("a hand beyond the walls of a box does not come out of it", "[motion]") {
   for (const double beyond : {3.0, 20.0}) {
     for (const double speed : {1.0, 3.0}) {
-      for (int turned = 0; turned < test::cases(6); ++turned) {
+      for (int turned = 0; turned < test::share(6); ++turned) {
         const Mat3 frame = anyFrame(turned);
         constexpr double kHalf = 9.0;
         const Vec3 middle(24.3, 23.7, 24.45);

@@ -19,7 +19,7 @@ using palpate::test::Random;
 TEST_CASE("over 1280 voxels a proxy departs from its stream by less than 0.02", "[motion]") {
   // Asked: the sum of one-tick departures at most 0.02 voxel (goal 0.01), at most 20 samples a
   // tick.
-  const auto count = static_cast<std::size_t>(palpate::test::cases(3));
+  const auto count = static_cast<std::size_t>(palpate::test::share(3));
   for (const int wavelength : {16, 32}) {
     for (const bool abc : {true, false}) {
       const auto flow = abc ? abcFlow(wavelength) : taylorGreen(wavelength);
@@ -38,7 +38,7 @@ TEST_CASE("over 1280 voxels a proxy departs from its stream by less than 0.02", 
 
 TEST_CASE("a stream is followed at any speed, and the more exactly the less is allowed",
           "[motion]") {
-  const auto count = static_cast<std::size_t>(palpate::test::cases(6));
+  const auto count = static_cast<std::size_t>(palpate::test::share(6));
   for (const double tolerance : {1e-2, 1e-3}) {
     for (const double speed : {0.05, 0.5, 1.0, 2.0}) {
       double off = 0.0;
@@ -80,7 +80,7 @@ TEST_CASE("real flows are followed", "[.][data][motion]") {
   // tests/motion/data_test.sh imports them. Paths end where the data do: 10 to 40 voxels.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
-  const long count = std::max(palpate::test::cases(24), 6L);
+  const long count = std::max(palpate::test::share(24), 6L);
   for (const char* name : {"carotid", "kitchen", "storm"}) {
     long followed = 0;
     double off = 0.0;
@@ -131,7 +131,7 @@ TEST_CASE("at a hairpin the status says so, and no force step is larger than the
           "[motion]") {
   // A hand that is beyond the stream's centre of curvature has no nearest place on it. With 1 N the
   // stream lets go of a hand 2.2 voxels aside now and then, with 3 N of one a voxel aside never.
-  const long count = palpate::test::cases(6);
+  const long count = palpate::test::share(6);
   for (const auto& [pull, strength] : {std::pair{2.2, 1.0}, {1.0, 3.0}}) {
     Random random(9);
     int hairpins = 0;

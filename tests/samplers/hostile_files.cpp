@@ -313,11 +313,12 @@ Child start(Body body) {
   if (child.pid == 0) {
     close(ends[0]);
     dup2(fileno(child.complaints), STDERR_FILENO);
-    const rlimit processor{2 * kSeconds, 2 * kSeconds};
+    // Of a processor's time; and of the clock's, for what waits: others may have the processor.
+    const rlimit processor{kSeconds, kSeconds + 1};
     setrlimit(RLIMIT_CPU, &processor);
     const rlimit core{0, 0};
     setrlimit(RLIMIT_CORE, &core);
-    alarm(kSeconds);
+    alarm(30 * kSeconds);
     const Outcome outcome = body();
     const bool told = write(ends[1], &outcome, sizeof outcome) == sizeof outcome;
     // Not exit(): log4cplus would wait for the thread that it had in the parent.
@@ -344,7 +345,7 @@ Ended conclude(const Child& child, int status, const rusage& usage) {
   if (status != 0) std::printf("%s\n", complaints.data());
   if (WIFSIGNALED(status)) {
     ended.outcome.kind = Outcome::kFailed;
-    ended.outcome.say(WTERMSIG(status) == SIGALRM
+    ended.outcome.say(WTERMSIG(status) == SIGALRM || WTERMSIG(status) == SIGXCPU
                           ? "it took more than " + std::to_string(kSeconds) + " s"
                           : std::string("signal ") + strsignal(WTERMSIG(status)));
   } else if (!told || WEXITSTATUS(status) != 0) {

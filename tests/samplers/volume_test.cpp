@@ -233,7 +233,7 @@ TEST_CASE("a loop that is given up leaves no work within it half done", "[volume
   std::atomic<std::size_t> done{0};
   std::atomic<int> begun{0};
   const auto wait_for = [](const std::atomic<bool>& that) {
-    for (int i = 0; i < 2000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
+    for (int i = 0; i < 60000 && !that; ++i) std::this_thread::sleep_for(milliseconds(1));
   };
   // One gives up while the other is about to begin a loop of its own.
   CHECK_THROWS_WITH(inParallel(2,

@@ -655,7 +655,7 @@ class OnTime(Case):
         summary, _ = self.on_time(self.dir / "ball.vdb", "--seconds", 1.5, "--rate", 2000, "--trace",
                                   trace)
         self.assertEqual(summary["clock"], "real")
-        self.assertGreater(summary["ticks"], 0)
+        self.assertGreaterEqual(summary["ticks"], 3000)
         self.assertEqual(set(summary["wake_ns"]), {"p50", "p99", "p99.9", "max"})
         self.assertGreater(summary["rate_kept"], 0)
         self.assertGreaterEqual(summary["late_ticks"], 0)
@@ -703,7 +703,7 @@ class OnTime(Case):
         summary = run("feel", self.dir / "ball.vdb", "--realtime", "--seconds", 1.5, "--device",
                       "simulated", "--device", "simulated", "--json", statuses=(0, 1)).stdout
         hands = json.loads(summary)["hands"]
-        self.assertEqual([hand["ticks"] > 0 for hand in hands], [True, True])
+        self.assertEqual([hand["ticks"] >= 1500 for hand in hands], [True, True])
         self.assertEqual([hand["clock"] for hand in hands], ["real", "real"])
 
     def test_escape_cuts_the_force_and_enter_lets_it_out(self):
@@ -719,6 +719,8 @@ class OnTime(Case):
             for line in child.stderr:
                 if words in line:
                     return
+                if words == "on again" and "is cut" in line:
+                    os.write(main, b"\r")   # late again
             self.fail(f"it never said {words}")
 
         until("Esc: force off")

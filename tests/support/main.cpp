@@ -1,7 +1,10 @@
 #define CATCH_CONFIG_MAIN
+#include <algorithm>
 #include <csignal>
 #include <iostream>
+#include <memory>
 #include <sched.h>
+#include <stdexcept>
 #include <string>
 #include <sys/prctl.h>
 #include <sys/wait.h>
@@ -22,6 +25,7 @@ class BusyNeighbours {
     const long cores = sysconf(_SC_NPROCESSORS_ONLN);
     for (long core = 0; core < cores; ++core) {
       const pid_t child = fork();
+      if (child < 0) throw std::runtime_error("no neighbour can be made: end other programs");
       if (child != 0) {
         children_.push_back(child);
         continue;
@@ -37,7 +41,6 @@ class BusyNeighbours {
   }
   ~BusyNeighbours() {
     for (const pid_t child : children_) {
-      if (child < 0) continue;
       kill(child, SIGKILL);
       waitpid(child, nullptr, 0);
     }

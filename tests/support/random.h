@@ -40,6 +40,11 @@ inline long cases(long usual) {
   return run;
 }
 
+/// The same for what is no number of cases: laps, slices, runs. Never more than the usual.
+inline long share(long usual) {
+  return std::min(cases(usual), usual);
+}
+
 /// Same numbers for the same seed on every machine.
 class Random {
  public:
