@@ -656,7 +656,7 @@ TEST_CASE("no more work than the counted injection on any closed path", "[modes]
     const auto scene = sceneOf(specs);
     Random random(74);
     // So many that each set which may inject has its chance.
-    const long paths = std::max(test::cases(kPaths), 20L);
+    const long paths = std::max(test::cases(kPaths), 50L);
     double injected_sum = 0.0;
     for (long i = 0; i < paths; ++i) {
       // At most some 0.05 to 2 m/s.
