@@ -505,9 +505,9 @@ Vec3 Stream::directionAt(const Vec3& p) const {
   return blend(voxel, cellOf(p), p).normalized();
 }
 
-Stream makeStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
-                  const Vec3& start, double length, const std::function<bool(const Vec3&)>& inside,
-                  double slowest, const std::string& interpolation) {
+Stream traceStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
+                   const Vec3& start, double length, const std::function<bool(const Vec3&)>& inside,
+                   double slowest) {
   Stream s;
   s.name = name;
   s.voxel = voxel;
@@ -524,7 +524,10 @@ Stream makeStream(const std::string& name, const std::function<Vec3(int, int, in
     s.n.push_back(n);
     p = goOn(voxel, p, s.spacing, 0.02);
   }
-  // The voxels about the course.
+  return s;
+}
+
+FieldPtr fieldAbout(const Stream& s, const std::string& interpolation) {
   openvdb::initialize();
   auto grid = openvdb::Vec3SGrid::create(openvdb::Vec3f(0.0F));
   grid->setName("grid");
@@ -537,15 +540,14 @@ Stream makeStream(const std::string& name, const std::function<Vec3(int, int, in
         for (int d = -kAbout; d <= kAbout + 1; ++d) {
           const Coord at(c.x() + a, c.y() + b, c.z() + d);
           if (accessor.isValueOn(at)) continue;
-          const Vec3 v = voxel(at.x(), at.y(), at.z());
+          const Vec3 v = s.voxel(at.x(), at.y(), at.z());
           accessor.setValue(at, openvdb::Vec3f(static_cast<float>(v.x()), static_cast<float>(v.y()),
                                                static_cast<float>(v.z())));
         }
       }
     }
   }
-  if (!s.x.empty()) s.field = fieldOf<openvdb::Vec3SGrid>(grid, interpolation);
-  return s;
+  return fieldOf<openvdb::Vec3SGrid>(grid, interpolation);
 }
 
 namespace {
@@ -593,8 +595,10 @@ std::vector<Stream> streamsOfFlow(const std::function<Vec3(int, int, int)>& flow
         Vec3::Constant(0.5 * wavelength) + random.inCube(0.5 * static_cast<double>(wavelength));
     const Eigen::Vector3i at = start.array().floor().cast<int>();
     if (flow(at.x(), at.y(), at.z()).norm() < kSlow) continue;
-    Stream stream = makeStream("", flow, start, length, nullptr, 1e-9, interpolation);
-    if (stream.mostBend(pull) < kMostBend) streams.push_back(std::move(stream));
+    Stream stream = traceStream("", flow, start, length);
+    if (stream.mostBend(pull) >= kMostBend) continue;
+    stream.field = fieldAbout(stream, interpolation);
+    streams.push_back(std::move(stream));
   }
   return streams;
 }
@@ -634,8 +638,10 @@ std::vector<Stream> streamsOfFile(const std::string& file, std::size_t count, do
     const Vec3 start(random.uniform(low.x(), high.x()), random.uniform(low.y(), high.y()),
                      random.uniform(low.z(), high.z()));
     if (blend(voxel, cellOf(start), start).norm() < 0.1 * fastest) continue;
-    Stream stream = makeStream(file, voxel, start, length, inside, 0.02 * fastest);
-    if (stream.x.size() > 1 && stream.length() >= kLeast) streams.push_back(std::move(stream));
+    Stream stream = traceStream(file, voxel, start, length, inside, 0.02 * fastest);
+    if (stream.x.size() < 2 || stream.length() < kLeast) continue;
+    stream.field = fieldAbout(stream);
+    streams.push_back(std::move(stream));
   }
   return streams;
 }

@@ -130,11 +130,13 @@ struct Stream {
   [[nodiscard]] Vec3 directionAt(const Vec3& p) const;
 };
 
-/// Traces from a start; ends early at the data's edge (`inside`) or where the speed falls below.
-Stream makeStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
-                  const Vec3& start, double length,
-                  const std::function<bool(const Vec3&)>& inside = nullptr, double slowest = 1e-9,
-                  const std::string& interpolation = "trilinear");
+/// Traces from a start; ends early at the data's edge (`inside`) or where the speed falls below. It
+/// has no field yet.
+Stream traceStream(const std::string& name, const std::function<Vec3(int, int, int)>& voxel,
+                   const Vec3& start, double length,
+                   const std::function<bool(const Vec3&)>& inside = nullptr, double slowest = 1e-9);
+/// A grid of the voxels about the course.
+FieldPtr fieldAbout(const Stream& stream, const std::string& interpolation = "trilinear");
 
 /// Voxels of an ABC flow and of a Taylor-Green one, so many to a wavelength.
 std::function<Vec3(int, int, int)> abcFlow(int wavelength);

@@ -136,10 +136,10 @@ TEST_CASE("at a hairpin the status says so, and no force step is larger than the
     Random random(9);
     int hairpins = 0;
     for (int i = 0; i < 400 && hairpins < count; ++i) {
-      const Stream stream =
-          makeStream("", abcFlow(16), Vec3::Constant(8.0) + random.inCube(8.0), 200.0);
+      Stream stream = traceStream("", abcFlow(16), Vec3::Constant(8.0) + random.inCube(8.0), 200.0);
       if (stream.mostBend(pull) < 1.2) continue;
       ++hairpins;
+      stream.field = fieldAbout(stream);
       const StreamResult r = feelStream(stream, engineOn(stream, {}, strength), 0.5, pull, false);
       CAPTURE(pull, r.force_step, r.force_most, r.off_max, r.capped, r.hairpins);
       // What waits along the stream comes on top.
