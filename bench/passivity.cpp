@@ -1,8 +1,8 @@
 /// Does energy come out of the hand's port? Runs by the million, with nobody keeping it, with
 /// Hannaford and Ryu's observer and with the tank: palpate_bench_passivity [RUNS] (default 20000;
 /// of all but the tank's random ones a tenth). active: runs in which energy came out, more than
-/// rounding; broken: more than the tank promises; acts, takes: share of ticks in which the keeper
-/// changed the force, and of the force that it took (an observer adds).
+/// rounding; broken: more than the tank promises, or than it says there is; acts, takes: share of
+/// ticks in which the keeper changed the force, and of the force that it took (an observer adds).
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -22,18 +22,15 @@ using bench::PassivityRun;
 
 namespace {
 
-template <class Change>
-void show(const char* what, Keeper keeper, long runs, Change change) {
+/// `play`: what the i-th adds.
+template <class Play>
+void showThose(const char* what, Keeper keeper, long count, Play play) {
   bench::PassivityTally sum;
   std::mutex mutex;
   std::atomic<long> next{0};
   const auto work = [&] {
     bench::PassivityTally own;
-    for (long i = next++; i < runs; i = next++) {
-      PassivityRun run = bench::randomRun(static_cast<std::uint64_t>(i), true);
-      change(run);
-      own.add(bench::play(run, keeper));
-    }
+    for (long i = next++; i < count; i = next++) play(static_cast<std::uint64_t>(i), own);
     const std::lock_guard lock(mutex);
     sum.add(own);
   };
@@ -48,6 +45,15 @@ void show(const char* what, Keeper keeper, long runs, Change change) {
               100.0 * static_cast<double>(sum.large) / n, sum.broken, sum.indebted, sum.worst,
               100.0 * sum.scaled / n, 100.0 * sum.lost / n);
   std::fflush(stdout);
+}
+
+template <class Change>
+void show(const char* what, Keeper keeper, long runs, Change change) {
+  showThose(what, keeper, runs, [&](std::uint64_t i, bench::PassivityTally& own) {
+    PassivityRun run = bench::randomRun(i, true);
+    change(run);
+    own.add(bench::play(run, keeper));
+  });
 }
 
 /// What a tick of the tank takes [ns], median.
@@ -125,6 +131,15 @@ int main(int argc, char** argv) {
     doubtful(run);
     run.tells_doubt = false;
   };
+  const auto forgetful = [](PassivityRun& run) {
+    // Each of the others as well.
+    if (run.seed % 3 == 1) bench::doubtDelay(run);
+    if (run.seed % 5 == 1) bench::shakeReadings(run);
+    if (run.seed % 7 == 1) bench::letLag(run);
+    run.adversary = run.seed % 2 == 0;
+    run.jitter = run.seed % 4 == 0 ? 0.5 : 0.0;
+    bench::forgetOften(run);
+  };
   const auto early = [](PassivityRun& run) {
     run.jitter = 0.9;
     run.adversary = run.seed % 2 == 0;
@@ -140,6 +155,11 @@ int main(int argc, char** argv) {
   show("delays in doubt", Keeper::kTank, std::max(1L, runs / 10), doubtful);
   show("positions as well", Keeper::kTank, std::max(1L, runs / 10), shaken);
   show("... and not told", Keeper::kTank, std::max(1L, runs / 10), untold);
+  show("begun anew", Keeper::kTank, runs, forgetful);
+  constexpr long kPlays = 1000;
+  showThose(
+      "... and searched", Keeper::kTank, std::max(1L, runs / 10 / kPlays),
+      [](std::uint64_t i, bench::PassivityTally& own) { own.add(bench::playSearched(i, kPlays)); });
   show("ticks come early", Keeper::kTank, std::max(1L, runs / 10), early);
   show("ticks come late", Keeper::kTank, std::max(1L, runs / 10), late);
   for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {

@@ -33,6 +33,9 @@ struct PassivityRun {
   double jitter = 0.0;      ///< Ticks come after (1 - jitter) to 1 of the period.
   int every = 1;            ///< A new position comes every so many ticks,
   bool tells_age = true;    ///< and the others are said to be old.
+  double forgets = 0.0;     ///< Share of ticks from which on the tank is to begin anew, for as if a
+                            ///< switch opened, or a scene or a fault went: at once, or
+  int away = 0;             ///< up to so many ticks later; meanwhile zero is sent.
   double late = 0.0;        ///< Share of ticks that come after up to ten periods.
   double delay = 0.0;       ///< [s]
   double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s],
@@ -69,10 +72,14 @@ void letLag(PassivityRun& run);
 void doubtDelay(PassivityRun& run);
 /// Positions that are up to a period old.
 void shakeReadings(PassivityRun& run);
+/// Tanks that begin anew again and again, with positions every 1 to 8 ticks.
+void forgetOften(PassivityRun& run);
 
 struct PassivityResult {
   double least = 0.0;    ///< The lowest energy that the hand had put in, over all samples [J].
   double margin = 0.0;   ///< The lowest of that + debt: below zero breaks the promise.
+  double spare = 0.0;    ///< By so much at least the tank says less than that, where it says
+                         ///< something [J]; below zero breaks the promise too.
   double debt = 0.0;     ///< [J]
   double scaled = 0.0;   ///< Share of ticks in which the keeper changed the force.
   double lost = 0.0;     ///< Of the force, mean.
@@ -99,5 +106,10 @@ struct PassivityTally {
   void add(const PassivityResult& r);
   void add(const PassivityTally& other);
 };
+
+/// Runs that look for their own worst: one at random, changed a little again and again, goes on
+/// from what left the tank least to spare; so many plays of a fifth of a second. Delays in doubt,
+/// lag, jitter and forgetting are among what is changed.
+[[nodiscard]] PassivityTally playSearched(std::uint64_t seed, long plays);
 
 }  // namespace palpate::bench

@@ -22,6 +22,10 @@ constexpr auto kMend = std::chrono::milliseconds(50);
 constexpr double kLongestStep = 0.02;  // [s] that a puck's velocity lasts without being looked at
 using Clock = std::chrono::steady_clock;
 
+[[noreturn]] void throwGone(const std::string& name) {
+  throw DeviceError(name, "it was unplugged, or refuses a report", "plug it in again");
+}
+
 DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   const HidLimits& limits = profile.limits;
   DeviceInfo info;
@@ -59,23 +63,28 @@ HidInput::HidInput(const HidProfile& profile) : profile_(profile) {
   joints_in_.assign(profile.input.size(), false);
   for (const HidJoint& joint : profile.joints) joints_in_[joint.from.report] = true;
   fresh_.assign(profile.input.size(), false);
+  came_ = known_ = fresh_;
 }
 
-bool HidInput::take(std::span<const std::byte> report) noexcept {
+HidInput::Taken HidInput::take(std::span<const std::byte> report) noexcept {
   for (std::size_t r = 0; r < profile_.input.size(); ++r) {
     const HidReportSpec& spec = profile_.input[r];
     if (spec.id && (report.empty() || static_cast<std::byte>(*spec.id) != report[0])) continue;
     const std::span<const std::byte> body = report.subspan(std::min(head_, report.size()));
     std::size_t needed = 0;
     for (const ReportField& field : spec.fields) needed = std::max(needed, field.end());
-    if (body.size() < needed) return false;
+    if (body.size() < needed) return Taken::kStrange;
+    if (spec.sequence && known_[r] &&
+        values_[first_[r] + *spec.sequence] == rawOf(body, spec.fields[*spec.sequence])) {
+      return Taken::kRepeated;
+    }
     for (std::size_t f = 0; f < spec.fields.size(); ++f) {
       values_[first_[r] + f] = rawOf(body, spec.fields[f]);
     }
-    fresh_[r] = true;
-    return true;
+    fresh_[r] = came_[r] = known_[r] = true;
+    return Taken::kUsed;
   }
-  return false;
+  return Taken::kStrange;
 }
 
 void HidInput::forget() noexcept {
@@ -87,30 +96,34 @@ void HidInput::forget() noexcept {
     }
   }
   std::fill(fresh_.begin(), fresh_.end(), false);
+  came_ = known_ = fresh_;
 }
 
 void HidInput::adopt(const HidInput& other) noexcept {
   std::copy(other.values_.begin(), other.values_.end(), values_.begin());
+  std::copy(other.known_.begin(), other.known_.end(), known_.begin());
   std::fill(fresh_.begin(), fresh_.end(), false);
 }
 
 Got HidInput::takeNewest(ReportPort& port) noexcept {
   std::size_t count = 0;
   std::int64_t good = 0;
+  std::fill(came_.begin(), came_.end(), false);
   for (; count < kMostReads; ++count) {
     std::size_t size = 0;
     const Got got = port.read(buffer_, size);
     if (got == Got::kGone) return Got::kGone;
     if (got == Got::kNothing) break;
-    if (take(std::span<const std::byte>(buffer_).first(std::min(size, buffer_.size())))) {
-      ++good;
-    } else {
-      ++counts_.strange;
-    }
+    const auto report = std::span<const std::byte>(buffer_).first(std::min(size, buffer_.size()));
+    const Taken taken = take(report);
+    good += static_cast<std::int64_t>(taken == Taken::kUsed);
+    counts_.strange += static_cast<std::int64_t>(taken == Taken::kStrange);
+    counts_.repeated += static_cast<std::int64_t>(taken == Taken::kRepeated);
   }
   if (count >= kFullRing) {
     counts_.dropped += static_cast<std::int64_t>(count);
-    fresh_.assign(fresh_.size(), false);
+    std::fill(fresh_.begin(), fresh_.end(), false);
+    std::fill(came_.begin(), came_.end(), false);
     return Got::kNothing;
   }
   counts_.taken += good;
@@ -118,7 +131,7 @@ Got HidInput::takeNewest(ReportPort& port) noexcept {
   for (std::size_t r = 0; r < fresh_.size(); ++r) {
     if (joints_in_[r] && !fresh_[r]) return Got::kNothing;
   }
-  fresh_.assign(fresh_.size(), false);
+  std::fill(fresh_.begin(), fresh_.end(), false);
   counts_.passed_by += good - 1;
   ++counts_.reports;
   return Got::kReport;
@@ -134,6 +147,14 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
       input_(profile_) {
   counters_.resize(profile_.joints.size());
   home_raw_.assign(profile_.joints.size(), 0.0);
+  counts_ = home_raw_;
+  flags_in_.assign(profile_.input.size(), false);
+  for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
+  flags_at_.assign(profile_.input.size(), kNever);
+  numbered_ =
+      std::all_of(profile_.joints.begin(), profile_.joints.end(), [&](const HidJoint& joint) {
+        return profile_.input[joint.from.report].sequence.has_value();
+      });
   if (profile_.output) {
     zero_.assign(profile_.output->size + 1, std::byte{0});
     zero_[0] = static_cast<std::byte>(profile_.output->id.value_or(0));
@@ -172,13 +193,16 @@ void HidDevice::begin() {
   }
   heard_ = !silent();
   follow(0.0);
+  info_.limits.friction = host_.measured.coulomb;
   if (profile_.output && host_.measured.viscous > 0.0) {
     info_.limits.tank.arm = dissipation();
     info_.limits.tank.use = info_.limits.tank.arm.viscous > 0.0 ? host_.tank : TankUse::kOff;
     info_.limits.tank.refill = host_.refill;
     info_.mass = host_.measured.mass;
   }
-  read_at_ = heard_at_ = counted_at_ = host_.now();
+  read_at_ = heard_at_ = counted_at_ = moved_at_ = host_.now();
+  // What has come with a position is as old as that; the rest may be from before the homing.
+  for (const HidJoint& joint : profile_.joints) flags_at_[joint.from.report] = read_at_;
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
   mender_ = std::thread([this] { mendLoop(); });
@@ -209,11 +233,14 @@ HidDevice::~HidDevice() {
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
-  try {
-    if (profile_.output && !port.write(zero_)) return;
-    runSequence(port, input, profile_.close, nullptr);
-  } catch (const std::exception&) {
-    // It is gone, or does not say what it should: its force is off all the same.
+  if (profile_.output && !port.write(zero_)) return;
+  // Each for itself: amplifiers are switched off although the arm has not said what was waited for.
+  for (const HidStep& step : profile_.close) {
+    try {
+      runSequence(port, input, {step}, nullptr);
+    } catch (const std::exception&) {
+      // It is gone, or does not say what it should: its force is off all the same.
+    }
   }
 }
 
@@ -251,7 +278,7 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
                             const std::function<bool()>& stop) {
   const std::string name = "arm " + profile_.name;
   const auto require = [&](bool good) {
-    if (!good) throw DeviceError(name, "it was unplugged, or refuses a report", "plug it in again");
+    if (!good) throwGone(name);
   };
   for (const HidStep& step : steps) {
     const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
@@ -271,24 +298,44 @@ void HidDevice::runSequence(ReportPort& port, HidInput& input, const std::vector
       case HidStep::Kind::kPause:
         while (Clock::now() < end && !(stop && stop())) std::this_thread::sleep_for(kAsk);
         break;
-      case HidStep::Kind::kWait: {
-        if (host_.say && !step.words.empty()) host_.say(name + ": " + step.words);
-        const std::int64_t taken = input.counts().taken;
-        while (input.counts().taken == taken || input.raw(step.field) != step.equals) {
-          if (Clock::now() > end || (stop && stop())) {
-            const ReportField& field = profile_.input[step.field.report].fields[step.field.field];
-            throw DeviceError(
-                name,
-                "it does not say " + field.name + " = " + std::to_string(std::lround(step.equals)),
-                step.words.empty() ? "see to its power and firmware" : step.words);
-          }
-          if (profile_.output) require(port.write(zero_));
-          std::this_thread::sleep_for(kAsk);
-          require(input.takeNewest(port) != Got::kGone);
-        }
+      case HidStep::Kind::kWait:
+        waitFor(port, input, step, stop);
         break;
-      }
     }
+  }
+}
+
+void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
+                        const std::function<bool()>& stop) {
+  const std::string name = "arm " + profile_.name;
+  const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
+  const auto look = [&] {
+    if ((profile_.output && !port.write(zero_)) || input.takeNewest(port) == Got::kGone)
+      throwGone(name);
+  };
+  const bool asked = !step.words.empty();
+  look();  // what waits is from before
+  if (host_.say && asked) host_.say(name + ": " + step.words);
+  const std::int64_t taken = input.counts().taken;
+  const auto says = [&] {
+    return input.counts().taken != taken && input.raw(step.field) == step.equals;
+  };
+  const std::size_t report = step.field.report;
+  bool begun = !asked || (input.known(report) && input.raw(step.field) != step.equals);
+  while (!begun || !says()) {
+    if (Clock::now() > end || (stop && stop())) {
+      const ReportField& field = profile_.input[report].fields[step.field.field];
+      const std::string value = field.name + " = " + std::to_string(std::lround(step.equals));
+      if (!begun && says()) {
+        throw DeviceError(name, "it has said " + value + " all the time",
+                          "let go first; then " + step.words);
+      }
+      throw DeviceError(name, "it does not say " + value,
+                        asked ? step.words : "see to its power and firmware");
+    }
+    std::this_thread::sleep_for(kAsk);
+    look();
+    begun = begun || (input.counts().taken != taken && !says());
   }
 }
 
@@ -328,11 +375,14 @@ HandState HidDevice::read() noexcept {
       heard_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
       input_.adopt(mended_);
+      moved_at_ = now;
+      std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
     // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
     if (dt > profile_.limits.stale) {
       heard_ = false;
-      heard_at_ = now;
+      heard_at_ = moved_at_ = now;
+      std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
     Got got = port ? input_.takeNewest(*port) : Got::kGone;
     // Its counters may have gone round: where it is only its homing says.
@@ -344,16 +394,22 @@ HandState HidDevice::read() noexcept {
       if (port) lost();
       hand.fault = Fault::kGone;
     }
+    hand.fresh = got == Got::kReport || silent();
     if (got == Got::kReport) {
       counted_at_ = now;
       heard_ = true;
       heard_at_ = now;
+      lookForMotion(now);
+    }
+    for (std::size_t r = 0; r < flags_at_.size(); ++r) {
+      if (input_.came(r)) flags_at_[r] = now;
     }
     if (got == Got::kReport || (got == Got::kNothing && silent())) follow(dt);
   }
   hand.position = position_W_;
   hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
   hand.ready = pose_.reachable && (heard_ || silent());
+  if (profile_.output && !numbered_) hand.still = 1e-9 * static_cast<double>(now - moved_at_);
   for (const HidFlag& flag : profile_.flags) {
     const bool says = input_.raw(flag.field) == flag.equals;
     // Homing sets counters: what they said before is no place to count on from.
@@ -368,11 +424,33 @@ HandState HidDevice::read() noexcept {
                                                               : Fault::kSwitch;
     }
   }
+  lookAtFlags(now, hand);
   const std::int64_t began = write_began_.load(std::memory_order_relaxed);
   if (hand.fault == Fault::kNone && began != 0 && now - began > kWriteTime) {
     hand.fault = Fault::kWrite;
   }
   return hand;
+}
+
+void HidDevice::lookAtFlags(std::int64_t now, HandState& hand) noexcept {
+  for (std::size_t r = 0; r < flags_in_.size(); ++r) {
+    if (!flags_in_[r]) continue;
+    const double stale = profile_.input[r].stale;
+    const double age = 1e-9 * static_cast<double>(now - flags_at_[r]);
+    if (flags_at_[r] == kNever) {
+      hand.ready = false;
+    } else if (age > (stale > 0.0 ? stale : profile_.limits.stale) && hand.fault == Fault::kNone) {
+      hand.fault = Fault::kStale;
+    }
+  }
+}
+
+void HidDevice::lookForMotion(std::int64_t now) noexcept {
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const double raw = input_.raw(profile_.joints[i].from);
+    if (raw != counts_[i]) moved_at_ = now;
+    counts_[i] = raw;
+  }
 }
 
 void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
@@ -556,6 +634,11 @@ std::string HidDevice::whyNotReady() const {
   }
   if (!heard_ && !silent()) {
     return "its positions do not come: see to its cable, or to the program that shares it";
+  }
+  for (std::size_t r = 0; r < flags_in_.size(); ++r) {
+    if (!flags_in_[r] || flags_at_[r] != kNever) continue;
+    return "the report with " + profile_.input[r].fields.front().name +
+           " does not come: see to its firmware, which has to send it again and again";
   }
   if (!pose_.reachable) {
     return "it is where its geometry cannot be: home it, or mend the profile's kinematics";

@@ -30,6 +30,10 @@ class HidInput {
   /// where the ring had overflowed, so
   /// that all was old. RT: as ReportPort::read.
   [[nodiscard]] Got takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
+  /// Whether one has come since forget().
+  [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
+  /// Whether one was among what takeNewest has taken last.
+  [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
   /// Raw, as last taken; 0 before. The same for all fields where there are several reports.
   [[nodiscard]] double raw(const FieldRef& field) const noexcept {
     return values_[first_[field.report] + field.field];
@@ -46,11 +50,13 @@ class HidInput {
     std::int64_t passed_by = 0;  ///< Not used: a newer one waited.
     std::int64_t dropped = 0;    ///< Of rings that had overflowed.
     std::int64_t strange = 0;    ///< Too short, or of no number that the profile knows.
+    std::int64_t repeated = 0;   ///< Sent again, by HidReportSpec::sequence.
   };
   [[nodiscard]] const Counts& counts() const noexcept { return counts_; }
 
  private:
-  [[nodiscard]] bool take(std::span<const std::byte> report) noexcept;
+  enum class Taken : std::uint8_t { kUsed, kStrange, kRepeated };
+  [[nodiscard]] Taken take(std::span<const std::byte> report) noexcept;
 
   const HidProfile& profile_;
   std::size_t head_ = 0;            ///< Bytes of numbers before a report: 1 where there are any.
@@ -58,6 +64,8 @@ class HidInput {
   std::vector<double> values_;
   std::vector<bool> joints_in_;  ///< A report has a joint's field ...
   std::vector<bool> fresh_;      ///< ... and has come since the last kReport.
+  std::vector<bool> came_;       ///< In the last takeNewest.
+  std::vector<bool> known_;      ///< Of each report one has come.
   Counts counts_;
   std::array<std::byte, 2048> buffer_{};
 };
@@ -137,6 +145,7 @@ class HidDevice final : public Device {
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
 
  private:
+  static constexpr std::int64_t kNever = -1;
   struct Outgoing {
     std::array<std::byte, 1025> bytes{};
   };
@@ -167,13 +176,20 @@ class HidDevice final : public Device {
   /// Zero force and what it needs afterwards. Of a device that is gone nothing is left to do.
   void leave(ReportPort& port, HidInput& input) noexcept;
   /// @param stop  Asked between two steps, and while one waits.
+  /// A step that waits for what the user does waits for him to do it, not for what he did before.
   void runSequence(ReportPort& port, HidInput& input, const std::vector<HidStep>& steps,
                    const std::function<bool()>& stop);
+  /// Until a field has its value. Throws DeviceError: it has not come to that.
+  void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
+               const std::function<bool()>& stop);
+  /// No flag of a report is older than it may be; `hand` is stale, or not ready, where one is.
+  void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
   /// What the energy tank may rely on, in the pose that it is in.
   [[nodiscard]] ArmDissipation dissipation() const noexcept;
   /// After such a pause the counters of joints can still be followed [s].
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
+  void lookForMotion(std::int64_t now) noexcept;
   /// True for devices that say nothing while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
@@ -203,13 +219,18 @@ class HidDevice final : public Device {
 
   // The haptic thread's.
   HidInput input_;
-  std::vector<Unwrapped> counters_;  ///< Of joints.
-  std::vector<double> home_raw_;     ///< Of joints at home, where they are homed at the opening.
-  bool heard_ = false;               ///< A report has come since the last opening.
+  std::vector<Unwrapped> counters_;     ///< Of joints.
+  std::vector<double> home_raw_;        ///< Of joints at home, where they are homed at the opening.
+  std::vector<bool> flags_in_;          ///< A report has a flag,
+  std::vector<std::int64_t> flags_at_;  ///< and came last then [ns]; kNever: not since the opening.
+  bool heard_ = false;                  ///< A report has come since the last opening.
   std::uint32_t plugging_seen_ = 1;
   std::int64_t heard_at_ = 0;    ///< [ns]
   std::int64_t counted_at_ = 0;  ///< [ns], the last report that moved the joints.
   std::int64_t read_at_ = 0;     ///< [ns], last call of read().
+  bool numbered_ = false;        ///< A report that is sent again is known as that.
+  std::vector<double> counts_;   ///< Of joints, raw, at the last reading,
+  std::int64_t moved_at_ = 0;    ///< and when any of them changed last [ns].
   Joints joints_{};
   ArmPose pose_;
   Vec3 position_W_ = Vec3::Zero();

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <cwchar>
 #include <fcntl.h>
@@ -10,7 +11,10 @@
 #include <hidapi/hidapi.h>
 #include <mutex>
 #include <set>
+#include <sstream>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <system_error>
 #include <unistd.h>
 
@@ -38,16 +42,20 @@ class HidPort final : public ReportPort {
  public:
   explicit HidPort(const std::string& path) : path_(path) {
     const std::lock_guard lock(turn());
-    in_ = hid_open_path(path.c_str());
-    out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
-    guard_ = out_ != nullptr ? open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK) : -1;
-    if (guard_ >= 0) {
-      openHere().insert(path_);
-      return;
+    try {
+      guard_ = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK);
+      if (guard_ >= 0) claim(guard_, path);
+      in_ = guard_ >= 0 ? hid_open_path(path.c_str()) : nullptr;
+      out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
+      if (out_ == nullptr) {
+        const std::string why = std::strerror(errno);
+        throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
+      }
+    } catch (...) {
+      closeAll();
+      throw;
     }
-    const std::string why = std::strerror(errno);
-    closeAll();
-    throw DeviceError(path, "it cannot be opened (" + why + ")", "plug it in again");
+    openHere().insert(path_);
   }
   ~HidPort() override {
     const std::lock_guard lock(turn());
@@ -101,6 +109,31 @@ std::string narrow(const wchar_t* text) {
   return out;
 }
 
+/// "name (pid)" of a process.
+std::string processOf(const std::string& pid) {
+  std::string name = "?";
+  std::ifstream("/proc/" + pid + "/comm") >> name;
+  return name.append(" (").append(pid).append(")");
+}
+
+/// Whose lock is on the file of a descriptor; empty where the system does not say.
+std::string whoLocks(int descriptor) {
+  struct stat status {};
+  if (fstat(descriptor, &status) != 0) return {};
+  std::array<char, 64> file{};
+  std::snprintf(file.data(), file.size(), "%02x:%02x:%lu", major(status.st_dev),
+                minor(status.st_dev), static_cast<unsigned long>(status.st_ino));
+  std::ifstream locks("/proc/locks");
+  for (std::string line; std::getline(locks, line);) {
+    // 1: FLOCK  ADVISORY  WRITE 1234 00:06:567 0 EOF
+    std::istringstream words(line);
+    std::string number, kind, advisory, access, pid, of;
+    words >> number >> kind >> advisory >> access >> pid >> of;
+    if (kind == "FLOCK" && of == file.data() && pid != "0") return processOf(pid);
+  }
+  return {};
+}
+
 }  // namespace
 
 std::vector<HidDeviceName> listHid() {
@@ -145,6 +178,17 @@ bool isOpenHere(const std::string& path) {
   return openHere().count(path) > 0;
 }
 
+void claim(int descriptor, const std::string& path) {
+  if (flock(descriptor, LOCK_EX | LOCK_NB) == 0) return;
+  if (errno != EWOULDBLOCK) {
+    throw DeviceError(path, std::string("it cannot be locked: ") + std::strerror(errno),
+                      "use a system whose devices can be");
+  }
+  const std::string who = whoLocks(descriptor);
+  throw DeviceError(path, (who.empty() ? "another program" : who) + " has it",
+                    "end that first: two programs on one arm would each send a force");
+}
+
 std::vector<std::string> whoHas(const std::string& path) {
   namespace fs = std::filesystem;
   std::vector<std::string> programs;
@@ -157,10 +201,7 @@ std::vector<std::string> whoHas(const std::string& path) {
     for (const auto& descriptor : fs::directory_iterator(process.path() / "fd", hidden)) {
       std::error_code gone;
       if (fs::read_symlink(descriptor.path(), gone) != path || gone) continue;
-      std::string name = "?";
-      std::ifstream(process.path() / "comm") >> name;
-      name.append(" (").append(pid).append(")");
-      programs.push_back(name);
+      programs.push_back(processOf(pid));
       break;
     }
   }

@@ -59,12 +59,17 @@ struct HidDeviceName {
 /// All that are plugged in. Slow (milliseconds); never in a tick.
 [[nodiscard]] std::vector<HidDeviceName> listHid();
 
-/// Opens one by its path. Throws DeviceError, in words: no such file, not a HID device, no
-/// permission.
+/// Opens one by its path, for this program alone: two would each send a force of their own. Throws
+/// DeviceError, in words: no such file, not a HID device, no permission, who has it.
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path);
 
 /// True while this process has it open.
 [[nodiscard]] bool isOpenHere(const std::string& path);
+
+/// Makes a device this process' own as long as the descriptor, or one that is its copy, is open; a
+/// child that has one as well, as a guardian has, keeps it. Throws DeviceError: who has it. Only
+/// those that ask by this are seen.
+void claim(int descriptor, const std::string& path);
 
 /// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);

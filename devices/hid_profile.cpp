@@ -27,6 +27,7 @@ using Node = JsonNode<DeviceError>;
 constexpr std::size_t kMostBytes = 1024;  // of a report
 constexpr std::size_t kMostReports = 16;
 constexpr std::size_t kMostSteps = 64;
+constexpr double kMostStale = 2.0;  // [s]: a switch that is believed for longer is none
 // No desktop arm is larger, stronger or faster: who writes more has another unit in mind.
 constexpr double kMostLength = 2.0;     // [m]
 constexpr double kMostAngle = 6.2832;   // [rad]
@@ -140,7 +141,11 @@ ReportField readField(const std::string& name, const Node& node, std::size_t siz
 }
 
 HidReportSpec readReport(const Node& node, bool output) {
-  node.object({"id", "size", "fields"});
+  if (output) {
+    node.object({"id", "size", "fields"});
+  } else {
+    node.object({"id", "size", "fields", "sequence", "stale"});
+  }
   HidReportSpec report;
   if (node.has("id")) report.id = static_cast<std::uint8_t>(node.child("id").whole(1, 255));
   report.size = static_cast<std::size_t>(node.need("size").whole(1, kMostBytes));
@@ -149,6 +154,17 @@ HidReportSpec readReport(const Node& node, bool output) {
   for (const auto& [name, value] : fields.json().items()) {
     report.fields.push_back(readField(name, fields.child(name), report.size, output));
   }
+  if (node.has("sequence")) {
+    const Node sequence = node.child("sequence");
+    const std::string name = sequence.text();
+    const auto at = std::find_if(report.fields.begin(), report.fields.end(),
+                                 [&](const ReportField& field) { return field.name == name; });
+    if (at == report.fields.end()) {
+      sequence.fail("this report has no field \"" + name + "\"", "name one of its fields");
+    }
+    report.sequence = static_cast<std::size_t>(at - report.fields.begin());
+  }
+  if (node.has("stale")) report.stale = positiveUpTo(node.child("stale"), kMostStale, "seconds");
   return report;
 }
 

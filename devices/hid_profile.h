@@ -31,6 +31,11 @@ struct HidReportSpec {
   std::optional<std::uint8_t> id;  ///< Where the device numbers its reports.
   std::size_t size = 0;            ///< Bytes, the number not among them.
   std::vector<ReportField> fields;
+  /// Of what is read: the field that counts reports. One that has the same number again is the
+  /// last report, sent again.
+  std::optional<std::size_t> sequence;
+  double stale = 0.0;  ///< Of what is read: no flag in it is believed for longer [s]; 0: as
+                       ///< HidLimits::stale.
 };
 
 /// A field of what is read, by its name found once.

@@ -67,20 +67,17 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
     started_ = true;
     began_ = entered_ = last_ = fresh_at_ = now;
     home_ = from_ = before_ = hand.position;
-    age_ = hand.age;
   }
   const double dt = std::max(now - last_, 1e-6);
   last_ = now;
   ++ticks_;
   velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - before_) / dt - velocity_);
   before_ = hand.position;
-  // A position is new where it is younger than it would have become.
-  if (hand.age < age_ + 0.5 * dt) {
+  if (hand.fresh) {
     ++positions_;
     slowest_ = std::max(slowest_, now - fresh_at_);
     fresh_at_ = now;
   }
-  age_ = hand.age;
   if (phase_ != Phase::kDone && (hand.position - home_).norm() > params_.travel) {
     far_ = true;
     enter(Phase::kDone, now);

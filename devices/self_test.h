@@ -58,8 +58,9 @@ class SelfTest {
  public:
   explicit SelfTest(const SelfTestParams& params = {});
 
-  /// The force wanted; zero when it is done. `hand`: position and age; `now` [s], ascending;
-  /// `sent`: what limitForce let through after the call before [N]; when it acted the fit finds.
+  /// The force wanted; zero when it is done. `hand`: position, and whether it is fresh; `now` [s],
+  /// ascending; `sent`: what limitForce let through after the call before [N]; when it acted the
+  /// fit finds.
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
   [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
   [[nodiscard]] bool begun() const noexcept { return started_; }
@@ -113,7 +114,6 @@ class SelfTest {
   double sum2_ = 0.0;
   std::int64_t rest_ = 0;
   double fresh_at_ = 0.0;
-  double age_ = 0.0;
   double slowest_ = 0.0;
   std::int64_t positions_ = 0;
 };

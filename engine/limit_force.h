@@ -14,6 +14,7 @@ struct ForceLimits {
                          ///< 500 N/m and 2 m/s.
   double continuous = 0.0;  ///< What it can hold for ever [N], <= peak; 0: the device gives none.
   double heating = 10.0;    ///< Time constant of its motors' heat [s].
+  double friction = 0.0;    ///< Less force than this may leave the arm where it is [N]: StillFade.
   double engage = 0.0;   ///< Length of the ramp of an engagement [s]; 0: at once, which is only for
                          ///< forces that go to no hand. HapticLoop takes at least kEngage.
   TankParams tank = {};  ///< What may leave the hand's port.

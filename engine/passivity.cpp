@@ -203,18 +203,18 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
     blind_ = arm.delay + arm.doubt + 2.0 * arm.jitter + kDead * arm.lag;
   }
   if (timed) elapse(dt, arm);
-  if (recovers || !known_ || blind_ > 0.0) {
-    // Nothing is credited for a time in which something unknown may have acted: until the zero that
-    // is sent now does.
+  if (!known_) {
+    // Nothing is credited for a time in which something unknown may have acted, until the zero that
+    // is sent now does; nor for a way from a place that it left nobody knows when.
     if (timed && !recovers) blind_ -= dt;
-    known_ = true;
+    known_ = fresh && blind_ <= 0.0;
     last_ = anchor_ = hand;
     sure_ = std::min(sure_, 0.0);
     counted_ = sure_;
     since_ = {};
     span_ = 0.0;
     mean_ = acting_.force;
-    if (blind_ > 0.0 && acts) {
+    if (!known_ && acts) {
       sent_[0] = {};
       count_ = 1;
       sure_ = counted_ = 0.0;

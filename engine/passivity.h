@@ -85,7 +85,7 @@ class Tank {
   void weaken(double share, const ArmDissipation& arm) noexcept PALPATE_NONBLOCKING;
   /// To be called where zero is sent instead of what pass() let be sent, the position is not to be
   /// trusted, or the arm is another one. Begins anew, empty, and where it acts passes nothing until
-  /// every force that may be on its way is over. RT: no allocation.
+  /// every force that may be on its way is over and a fresh position has come. RT: no allocation.
   void forget() noexcept;
 
   static constexpr std::size_t kForces = 64;  ///< That act or are on their way, at once; one more:
@@ -124,7 +124,7 @@ class Tank {
   double counted_ = 0.0;  ///< What there was at the last reading, but for what stays open [J].
   double debt_ = 0.0;
   double refilled_ = 0.0;
-  bool known_ = false;          ///< There is a last position.
+  bool known_ = false;          ///< There is a last position, and nothing unknown has acted since.
   bool recovers_ = false;       ///< Forces may be on their way that nobody knows of,
   double blind_ = 0.0;          ///< for so long [s].
   Vec3 last_ = Vec3::Zero();    ///< The last position [m].

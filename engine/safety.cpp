@@ -18,7 +18,7 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"none", "", ""},
     {"not-finite", "a position, sample or force was not finite", "mend the device or the volume"},
     {"late", "the loop was late", "give it a core, real-time priority or a lower rate"},
-    {"stale", "the device's position is too old",
+    {"stale", "the device's reports are too old",
      "see to its cable, or to the program that shares it"},
     {"jump", "the position jumped: an encoder lost count", "home the device"},
     {"over-speed", "the device was too fast and could not be braked",
@@ -82,6 +82,13 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
     return Fault::kOverSpeed;
   }
   return Fault::kNone;
+}
+
+double StillFade::pass(double force, double still, double friction, double dt) noexcept {
+  const double step = dt > 0.0 ? dt / kFade : 0.0;
+  const bool fades = still > kStill && force > friction;
+  left_ = std::clamp(left_ + (fades ? -step : step), 0.0, 1.0);
+  return left_;
 }
 
 Vec3 brake(const Vec3& force, const Vec3& velocity, double max_speed) noexcept {

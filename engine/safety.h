@@ -16,8 +16,9 @@ enum class Fault : std::uint8_t {
   kNotFinite,  ///< A position, sample or force was not finite: mend the device or the volume.
   kLate,       ///< A tick came later than WatchLimits::late: give the loop a core, real-time
                ///< priority or a lower rate.
-  kStale,      ///< The device's position is older than WatchLimits::stale: see to its cable, or to
-               ///< the program that shares it.
+  kStale,      ///< The device's position is older than WatchLimits::stale, or something else that
+               ///< it has to say is older than it may be: see to its cable, or to the program that
+               ///< shares it.
   kJump,       ///< The position stepped faster than a hand can: an encoder lost count; home the
                ///< device.
   kOverSpeed,  ///< The device was faster than it may be, and stayed so although it was braked:
@@ -33,7 +34,7 @@ enum class Fault : std::uint8_t {
 };
 inline constexpr std::size_t kFaults = 14;
 
-/// What happened, for messages: "the device's position is too old".
+/// What happened, for messages: "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;
 /// What to do about it: "see to its cable".
 [[nodiscard]] const char* remedyFor(Fault fault) noexcept;
@@ -43,10 +44,14 @@ inline constexpr std::size_t kFaults = 14;
 /// One reading of the hand.
 struct HandState {
   Vec3 position = Vec3::Zero();  ///< The probe in W [m].
-  double age = 0.0;            ///< Of that position [s]: an arm that is slower than the loop gives
-                               ///< the same one again, older.
-  bool ready = true;           ///< Homed, and its dead-man switch held, where it has them. Else no
-                               ///< force, and an engagement when it is.
+  double age = 0.0;    ///< Of that position [s]: an arm that is slower than the loop gives
+                       ///< the same one again, older,
+  bool fresh = true;   ///< and says here that it is none that was read since. Whatever is
+                       ///< counted by ways and times (the energy tank) relies on it.
+  bool ready = true;   ///< Homed, and its dead-man switch held, where it has them. Else no
+                       ///< force, and an engagement when it is.
+  double still = 0.0;  ///< So long have its counters stood still, to the last count [s]; 0 where
+                       ///< the device does not look. See StillFade.
   Fault fault = Fault::kNone;  ///< What the device reports.
   /// Filled in by HandWatch.
   Vec3 velocity = Vec3::Zero();  ///< [m/s]
@@ -90,6 +95,32 @@ class HandWatch {
   Vec3 position_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();
   double fast_since_ = -1.0;  ///< [s]; below 0: is not.
+};
+
+/// Takes the force off an arm that does not move under it. Firmware that sends its last counters
+/// again and again would keep whatever force was right when it stopped to look.
+///
+/// Nothing tells such an arm from one that is held still but that it stays so: where no counter has
+/// moved for kStill while more force goes out than friction can hold, the force fades, in kFade to
+/// nothing. A hand that lives is moved by that long before, by a count, and the force comes back at
+/// the same pace. Meanwhile friction has held the arm: of what the motors did not give a hand feels
+/// no more than that friction and its own stiffness times a count.
+class StillFade {
+ public:
+  /// What is left of the force, 0 to 1.
+  ///
+  /// @param force     Wanted [N].
+  /// @param still     HandState::still [s].
+  /// @param friction  Less force than this may leave the arm where it is [N].
+  /// RT: no allocation.
+  [[nodiscard]] double pass(double force, double still, double friction,
+                            double dt) noexcept PALPATE_NONBLOCKING;
+
+  static constexpr double kStill = 0.5;  ///< [s]
+  static constexpr double kFade = 0.5;   ///< [s]
+
+ private:
+  double left_ = 1.0;
 };
 
 /// The force on a hand that is too fast: nothing that drives it, and against its motion

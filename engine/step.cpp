@@ -917,6 +917,9 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     if (good) {
       report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
       if (!hand.ready) report.wanted.setZero();
+      report.moving =
+          state.still_.pass(report.wanted.norm(), hand.still, state.limits_.friction, dt);
+      report.wanted *= report.moving;
       if (hand.too_fast && hand.ready)
         report.wanted = brake(report.wanted, hand.velocity, hand.max_speed);
       tick.stiffen(offset, k * offset.dot(before - offset), dt);
@@ -929,13 +932,10 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   if (dt > 0.0 && report.injected > 0.0) {
     state.limiter_.tank.refill(std::min(report.injected, state.limits_.tank.refill * dt));
   }
-  // A position that is no hand's, or not yet the arm's, is none to count energy by; one that has
-  // grown older by the tick is the last one again.
+  // A position that is no hand's, or not yet the arm's, is none to count energy by.
   if (!good || !hand.ready) state.limiter_.tank.forget();
-  const bool fresh = !(hand.age > 0.0 && hand.age >= state.age_ + 0.5 * dt);
-  state.age_ = hand.age;
   const LimitedForce out =
-      limitForce(report.wanted, hand.position, dt, state.limits_, state.limiter_, fresh);
+      limitForce(report.wanted, hand.position, dt, state.limits_, state.limiter_, hand.fresh);
   if (!out.finite) {
     state.cut(Fault::kNotFinite);
     report.status = StepStatus::kFault;

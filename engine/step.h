@@ -66,6 +66,7 @@ struct StepReport {
   SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
   StepStatus status = StepStatus::kConverged;
   bool limited = false;  ///< limitForce changed the force.
+  double moving = 1.0;   ///< Of the force, that is left since the arm does not move (StillFade).
   double share = 1.0;    ///< Of the force, that the energy tank can pay for (passivity.h),
   double energy = 0.0;   ///< and what is in it [J].
 };
@@ -173,7 +174,6 @@ class ProxyState {
   friend class Tick;
 
   ForceLimits limits_;
-  double age_ = 0.0;  ///< Of the last tick's position [s].
   std::vector<ModeMemory> memories_;
   std::vector<NearPart> slots_;
   std::vector<Felt> felt_;  ///< This tick's: the scene's own graph, then near parts.
@@ -202,6 +202,7 @@ class ProxyState {
   Fault fault_ = Fault::kNone;
   Vec3 proxy_ = Vec3::Zero();
   Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].
+  StillFade still_;
   LimiterState limiter_;
 };
 

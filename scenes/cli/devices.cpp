@@ -101,6 +101,7 @@ int show(const Options& options) {
     OrderedJson out;
     out["name"] = profile.name;
     out["file"] = profile.source;
+    out["firmware"] = profile.firmware;
     out["limits"] = limitsOf(profile);
     out["facts"] = factsIn(profile);
     fmt::print("{}\n", dump(out, 2));
@@ -123,6 +124,7 @@ int show(const Options& options) {
     fmt::print("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
                rounded(profile.limits.stiffness), rounded(profile.limits.damping),
                rounded(profile.limits.workspace_radius));
+    fmt::print("  firmware: {}\n", profile.firmware);
   }
   return kDone;
 }
@@ -188,6 +190,7 @@ int list(const Options& options) {
                    rounded(profile.limits.force), rounded(profile.limits.stiffness),
                    rounded(profile.limits.damping), rounded(profile.input_rate),
                    rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
+        fmt::print("  firmware: {}\n", profile.firmware);
         if (!isTested(profile, arm.serial())) {
           fmt::print("  untested: held to {} N and {} N/m: palpate devices --test {}\n",
                      kUntestedForce, kUntestedStiffness, arm.nameAs(profile));

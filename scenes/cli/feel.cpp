@@ -469,6 +469,14 @@ class OnTime {
     if (now.fault == Fault::kNone && told_ != Fault::kNone)
       complain(name_ + ": the force is on again");
     told_ = now.fault;
+    // Half of it gone is no trembling hand.
+    const bool still = now.report.moving < 0.5;
+    if (still && !told_still_) {
+      complain(name_ +
+               ": its counters stand still under the force, which fades until they move: "
+               "see to its firmware and encoders");
+    }
+    told_still_ = still;
     if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
       plugging_ = another.version;
       guardian_.renew(watch_, another);
@@ -509,6 +517,7 @@ class OnTime {
   LoopWatch watch_;
   std::uint32_t plugging_ = 1;
   Fault told_ = Fault::kNone;
+  bool told_still_ = false;
   std::optional<HapticThread> thread_;
 };
 

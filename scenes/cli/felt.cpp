@@ -91,6 +91,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   force_max_ = std::max(force_max_, r.force.norm());
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
+  still_ += static_cast<std::int64_t>(r.moving < 1.0);
   drained_ += static_cast<std::int64_t>(r.share < 1.0);
   // Where the tank acts this is of what is left; where it looks on, of all.
   const double size = r.force.norm();
@@ -212,6 +213,7 @@ OrderedJson Felt::summary() const {
     json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
   }
   json["limited"] = limited_;
+  json["still_ticks"] = still_;
   json["faults"] = OrderedJson::object();
   for (std::size_t i = 1; i < kFaults; ++i) {
     if (faults_[i] > 0) json["faults"][wordFor(static_cast<Fault>(i))] = faults_[i];
@@ -251,6 +253,10 @@ std::string Felt::words() const {
   text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
                       rounded(force_max_), limited_,
                       statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  if (still_ > 0) {
+    text += fmt::format("still     the arm did not move by a count: the force faded in {} ticks\n",
+                        still_);
+  }
   std::string troubles;
   for (const auto& [status, count] : s["status"].items()) {
     if (status == wordFor(StepStatus::kConverged) || count.get<std::int64_t>() == 0) continue;

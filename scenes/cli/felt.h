@@ -102,6 +102,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   double bound_max_ = 0.0;
   double net_energy_ = 0.0;
   // Of the energy tank.
+  std::int64_t still_ = 0;    ///< Ticks in which the force faded under an arm that does not move.
   std::int64_t drained_ = 0;  ///< Ticks that it could not pay for.
   double lost_ = 0.0;         ///< Sum of force that it could not [N],
   double asked_ = 0.0;        ///< and of all [N].

@@ -15,7 +15,9 @@
 
 #include <catch2/catch.hpp>
 
+#include "devices/simulated_device.h"
 #include "engine/error.h"
+#include "engine/haptic_loop.h"
 #include "engine/haptic_thread.h"
 #include "tests/loop/scenes.h"
 #include "tests/support/counters.h"
@@ -65,6 +67,7 @@ class FakeArm {
   std::atomic<bool> holds{false};    ///< A write does not come back ...
   std::atomic<bool> holding{false};  ///< ... and has begun.
   std::atomic<bool> answers{false};  ///< Gives a report for every one it gets.
+  std::vector<int> again;            ///< Counts and state that it says whenever it is asked.
 
  private:
   friend class FakePort;
@@ -92,6 +95,9 @@ class FakePort final : public ReportPort {
   explicit FakePort(FakeArm& arm) : arm_(arm) {}
   [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
     if (!arm_.there) return Got::kGone;
+    if (!arm_.again.empty() && (asked_ = !asked_)) {
+      arm_.giveCounts(arm_.again[0], arm_.again[1], arm_.again[2], arm_.again[3]);
+    }
     const std::lock_guard lock(arm_.mutex_);
     if (arm_.ring_.empty()) return Got::kNothing;
     const auto& report = arm_.ring_.front();
@@ -120,6 +126,7 @@ class FakePort final : public ReportPort {
 
  private:
   FakeArm& arm_;
+  bool asked_ = false;  ///< Every other look finds one.
 };
 
 ReportField counts(const char* name, std::uint32_t bit) {
@@ -227,17 +234,20 @@ TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[
   const HandState again = device->read();
   CHECK(again.position.x() == Approx(0.004));
   CHECK(again.age == Approx(0.02));
+  CHECK_FALSE(again.fresh);
   // 300 reports in a pause: the ring holds the first 63. None of them is where the hand is.
   for (int i = 0; i < 300; ++i) arm.giveCounts(5 * i, 0, 0);
   const HandState stalled = device->read();
   CHECK(stalled.position.x() == Approx(0.004));
   CHECK(stalled.age == Approx(0.02));
+  CHECK_FALSE(stalled.fresh);
   CHECK(stalled.ready);
   CHECK(device->reads().dropped == kRing);
   arm.giveCounts(1500, 0, 0);
   const HandState fresh = device->read();
   CHECK(fresh.position.x() == Approx(0.015));
   CHECK(fresh.age == 0.0);
+  CHECK(fresh.fresh);
   // Where nobody has looked for longer than a position may be old, the arm is not ready until it
   // has spoken; and it is stale where it does not.
   pass(0.06);
@@ -512,6 +522,20 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     }
     CHECK(commanded);
   }
+  {
+    // A button that was pressed before it was asked for is not what was asked for.
+    FakeArm pressed;
+    profile.home[1].seconds = 0.2;
+    for (int i = 0; i < 3; ++i) pressed.giveCounts(0, 0, 0, 5);
+    pressed.again = {0, 0, 0, 5};
+    CHECK_THROWS_WITH(
+        HidDevice(profile, std::make_unique<FakePort>(pressed), true),
+        Contains("it has said state = 5 all the time: let go first; then press the button"));
+    // What only the device does may be so before it is asked.
+    profile.home[1].words.clear();
+    CHECK_NOTHROW(HidDevice(profile, std::make_unique<FakePort>(pressed), true));
+    profile.home[1].words = "press the button";
+  }
   profile.home[1].seconds = 20.0;
   FakeArm arm;
   arm.giveCounts(0, 0, 0);
@@ -576,6 +600,241 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   CHECK(closed(silent));
 }
 
+TEST_CASE("what is to be sent at the end is sent, whatever was waited for before it", "[hid]") {
+  HidProfile profile = slides();
+  HidStep wait;
+  wait.kind = HidStep::Kind::kWait;
+  wait.field = {0, 3};
+  wait.equals = 7;
+  wait.seconds = 0.05;
+  HidStep off;
+  off.kind = HidStep::Kind::kSend;
+  off.values = {{3, 9.0}};
+  profile.close = {wait, off};
+  FakeArm arm;
+  open(arm, profile).reset();
+  CHECK(arm.sent().back()[7] == std::byte{9});
+}
+
+TEST_CASE("a report that is sent again is none", "[hid]") {
+  HidProfile profile = slides();
+  profile.input[0].sequence = 3;
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  arm.giveCounts(100, 0, 0, 2);
+  CHECK(device->read().fresh);
+  // Firmware that hangs but for its sending.
+  for (int i = 1; i <= 51; ++i) {
+    pass(1e-3);
+    arm.giveCounts(100, 0, 0, 2);
+    const HandState hand = device->read();
+    CHECK_FALSE(hand.fresh);
+    CHECK(hand.age == Approx(1e-3 * i));
+  }
+  CHECK(device->reads().repeated == 51);
+  CHECK(device->reads().strange == 0);
+  arm.giveCounts(100, 0, 0, 3);
+  CHECK(device->read().age == 0.0);
+}
+
+TEST_CASE("a switch is believed for as long as its report comes", "[hid]") {
+  // Positions in report 1, the dead-man switch in report 2, which comes ten times a second.
+  HidProfile profile = slides();
+  profile.input[0].id = 1;
+  HidReportSpec switches;
+  switches.id = 2;
+  switches.size = 2;
+  switches.stale = 0.3;
+  switches.fields.push_back(counts("held", 0));
+  profile.input.push_back(switches);
+  profile.output->id = 1;
+  HidFlag held;
+  held.field = {1, 0};
+  held.means = HidFlag::Means::kEnabled;
+  profile.flags.push_back(held);
+  FakeArm arm;
+  const auto giveSwitch = [&](int value) {
+    arm.give({std::byte{2}, static_cast<std::byte>(value), std::byte{0}});
+  };
+  const auto givePlace = [&] { arm.give(std::vector<std::byte>(9, std::byte{1})); };
+  givePlace();
+  const HidHost host = inVirtualTime();
+  HidDevice device(profile, std::make_unique<FakePort>(arm), true, host);
+  // Nothing is known of it yet.
+  givePlace();
+  CHECK_FALSE(device.read().ready);
+  CHECK_THAT(device.whyNotReady(), Contains("dead-man switch"));
+  giveSwitch(1);
+  CHECK(device.read().ready);
+  for (const double stops : {0.29, 0.31}) {
+    for (double t = 0.0; t < stops; t += 0.01) {
+      pass(0.01);
+      givePlace();
+      (void)device.read();
+    }
+    CHECK(device.read().fault == (stops < 0.3 ? Fault::kNone : Fault::kStale));
+    giveSwitch(1);
+    CHECK(device.read().fault == Fault::kNone);
+  }
+  giveSwitch(0);
+  CHECK_FALSE(device.read().ready);
+  giveSwitch(1);
+  CHECK(device.read().ready);
+  // Nobody has looked for a while: what it said before is not known to be so still.
+  pass(0.06);
+  givePlace();
+  (void)device.read();
+  givePlace();
+  CHECK_FALSE(device.read().ready);
+  CHECK_THAT(device.whyNotReady(), Contains("the report with held does not come"));
+  giveSwitch(1);
+  CHECK(device.read().ready);
+}
+
+TEST_CASE("an arm that says the same count for ever gets no force for ever", "[hid][safety]") {
+  // Firmware that repeats its last counters, without a number that would tell: the hand is in the
+  // ball as far as anybody knows.
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.limits.force = 8.0;
+  HidHost host;
+  host.measured.coulomb = 0.1;
+  const auto device = open(arm, profile, true, host);
+  HapticLoop loop(*device, 1000.0);
+  loop.publish(test::ballScene(test::ballField(), 5.0));
+  TickTime time;
+  time.dt = 1e-3;
+  int z = 4000;
+  const auto tick = [&] {
+    arm.giveCounts(0, 0, z);
+    pass(1e-3);
+    time.now += 1e-3;
+    loop.tick(time);
+    return loop.latest().report;
+  };
+  for (int i = 0; i < 1000; ++i) (void)tick();
+  for (; z > 2200; z -= 5) (void)tick();
+  for (int i = 0; i < 400; ++i) (void)tick();
+  REQUIRE(tick().force.norm() > 3.5);
+  int ticks = 0;
+  while (tick().force.norm() > 0.0 && ticks < 5000) ++ticks;
+  CHECK(ticks < 700);
+  CHECK(loop.latest().fault == Fault::kNone);
+  CHECK(loop.latest().report.moving == 0.0);
+  // One count, and it comes back, no faster than it went.
+  double last = 0.0;
+  z -= 1;
+  for (int i = 0; i < 600; ++i) {
+    const double force = tick().force.norm();
+    CHECK(force - last < 0.02);
+    last = force;
+    if (i % 100 == 0) z -= 1;
+  }
+  CHECK(last > 3.5);
+  // Less than friction is no sign of anything.
+  for (; z < 2990; z += 5) (void)tick();
+  for (int i = 0; i < 1500; ++i) (void)tick();
+  CHECK(loop.latest().report.force.norm() > 0.02);
+  CHECK(loop.latest().report.force.norm() < 0.1);
+  CHECK(loop.latest().report.moving == 1.0);
+}
+
+namespace {
+
+/// A simulated arm that says how long its counters have stood still; or does not.
+class Counting final : public Device {
+ public:
+  Counting(SimulatedDevice& arm, double friction, bool tells)
+      : arm_(arm), info_(arm.info()), tells_(tells) {
+    info_.limits.friction = friction;
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override {
+    HandState hand = arm_.read();
+    still_ = hand.position == last_ ? still_ + 1e-3 : 0.0;
+    last_ = hand.position;
+    if (tells_) hand.still = still_;
+    return hand;
+  }
+  void write(const Vec3& force) noexcept override { arm_.write(force); }
+
+ private:
+  SimulatedDevice& arm_;
+  DeviceInfo info_;
+  bool tells_;
+  Vec3 last_ = Vec3::Zero();
+  double still_ = 0.0;
+};
+
+/// A hand that presses on a ball with 3 N and holds.
+struct Holding {
+  bool sways = true;  ///< By a percent of its force, slowly, and 20 um at 9 Hz.
+  double step = 1e-5, grip = 300.0, coulomb = 0.02;
+
+  struct Held {
+    std::vector<Vec3> places;  ///< Of the arm, not rounded.
+    long faded = 0;            ///< Ticks.
+    double force = 0.0;        ///< At the end [N].
+  };
+  [[nodiscard]] Held play(const FieldPtr& ball, bool tells) const {
+    constexpr double kForce = 3.0;  // [N]
+    const CouplingParams coupling;
+    const double depth = kForce / coupling.stiffness + kForce / grip;
+    const auto at = [&](double t) {
+      const double sway = kForce / grip * 0.01 * (std::sin(4.0 * t) + 0.5 * std::sin(14.0 * t)) +
+                          2e-5 * std::sin(2.0 * M_PI * 9.0 * t);
+      const double down = std::clamp(t - 0.5, 0.0, 1.0);
+      return Vec3(0, 0, test::kBallRadius + 0.002 - down * (0.002 + depth) + (sways ? sway : 0.0));
+    };
+    ArmParams arm;
+    arm.encoder = step;
+    arm.coulomb = coulomb;
+    SimulatedDevice simulated(arm, {grip, 2.0 * std::sqrt(0.1 * grip)}, {at, 8.0}, 1000.0);
+    Counting device(simulated, coulomb, tells);
+    HapticLoop loop(device, 1000.0);
+    loop.publish(test::ballScene(ball, 8.0, coupling));
+    TickTime time;
+    time.dt = 1e-3;
+    Held held;
+    for (int i = 0; i < 8000; ++i) {
+      time.now += 1e-3;
+      loop.tick(time);
+      held.places.push_back(simulated.position());
+      held.faded += loop.latest().report.moving < 1.0 ? 1 : 0;
+    }
+    held.force = loop.latest().report.force.norm();
+    return held;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a hand that lives feels no more of it than the arm's friction and a count",
+          "[hid][safety]") {
+  // Friction holds the arm while the force fades, and its hand feels no less; once it moves by a
+  // count the force comes back.
+  const FieldPtr ball = test::ballField();
+  for (const bool sways : {true, false}) {
+    for (const double step : {1e-5, 3e-5, 1e-4, 3e-4}) {
+      for (const double grip : {100.0, 300.0, 1000.0}) {
+        for (const double coulomb : {0.02, 0.2}) {
+          const Holding hand{sways, step, grip, coulomb};
+          const Holding::Held as_it_is = hand.play(ball, false);
+          const Holding::Held fading = hand.play(ball, true);
+          double moved = 0.0;
+          for (std::size_t i = 0; i < fading.places.size(); ++i) {
+            moved = std::max(moved, (fading.places[i] - as_it_is.places[i]).norm());
+          }
+          CAPTURE(sways, step, grip, coulomb, fading.faded, moved, grip * moved);
+          CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
+          // Where its sway moves the arm by a count, or every report has a number, never.
+          if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
+        }
+      }
+    }
+  }
+}
+
 TEST_CASE("an arm that is back tells what it needs", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
@@ -588,11 +847,11 @@ TEST_CASE("an arm that is back tells what it needs", "[hid]") {
   profile.home = {wait};
   std::mutex mutex;
   std::vector<std::string> said;
-  arm.giveCounts(0, 0, 0, 5);
+  arm.giveCounts(0, 0, 0);
   HidHost host;
   host.find = [&]() -> std::unique_ptr<ReportPort> {
     if (!arm.there) return nullptr;
-    arm.giveCounts(0, 0, 0, 5);
+    arm.giveCounts(0, 0, 0);
     return std::make_unique<FakePort>(arm);
   };
   host.say = [&](const std::string& words) {
@@ -608,8 +867,9 @@ TEST_CASE("an arm that is back tells what it needs", "[hid]") {
   arm.there = false;
   CHECK(device.read().fault == Fault::kGone);
   arm.there = true;
+  int looks = 0;
   await([&] {
-    arm.giveCounts(0, 0, 0, 5);
+    arm.giveCounts(0, 0, 0, ++looks / 100 % 2 == 0 ? 0 : 5);
     return device.pluggings() == 2;
   });
   const std::lock_guard lock(mutex);

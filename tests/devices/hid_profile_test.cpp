@@ -3,14 +3,17 @@
 
 #include <array>
 #include <cstdlib>
+#include <fcntl.h>
 #include <fstream>
 #include <set>
 #include <string>
+#include <unistd.h>
 #include <vector>
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
+#include "devices/hid_port.h"
 #include "devices/json_schema.h"
 #include "devices/open_arm.h"
 #include "devices/profile_facts.h"
@@ -105,6 +108,11 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/input/0/fields/a/bit", 300, "it ends beyond the report's 40 bytes", false},
       {"/input/0/fields/a/type", "int", "/input/0/fields/a/type: \"int\" is not known", true},
       {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", false},
+      {"/input/0/sequence", "tick", "/input/0/sequence: this report has no field \"tick\"", false},
+      {"/input/0/sequence", 3, "/input/0/sequence: ", true},
+      {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
+      {"/input/0/stale", 3, "/input/0/stale: ", true},
+      {"/output/stale", 0.1, "/output/stale: unknown key", false},
       {"/output/fields/fa/most", -6000, "least is above most", false},
       {"/flags/0/field", "stat", "did you mean \"state\"?", false},
       {"/flags/0/means", "happy", "\"happy\" is not known", true},
@@ -196,6 +204,40 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
   Json motorless = full();
   motorless.erase("output");
   CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
+}
+
+TEST_CASE("a report's own number and age are read", "[profile]") {
+  Json json = full();
+  json["input"][0]["sequence"] = "state";
+  json["input"][0]["stale"] = 0.25;
+  REQUIRE(schemaAccepts(json));
+  const HidProfile profile = parseHidProfile(json.dump(), "p.json");
+  const HidReportSpec& report = profile.input[0];
+  REQUIRE(report.sequence);
+  CHECK(report.fields[*report.sequence].name == "state");
+  CHECK(report.stale == 0.25);
+  const HidProfile plain = parseHidProfile(full().dump(), "p.json");
+  CHECK_FALSE(plain.input[0].sequence);
+  CHECK(plain.input[0].stale == 0.0);
+}
+
+TEST_CASE("a device is one program's", "[profile]") {
+  const test::TemporaryFolder folder;
+  const std::string file = (folder / "hidraw0").string();
+  std::ofstream(file) << "x";
+  const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
+  REQUIRE(ours >= 0);
+  CHECK_NOTHROW(claim(ours, file));
+  CHECK_NOTHROW(claim(ours, file));
+  const int second = open(file.c_str(), O_RDWR | O_CLOEXEC);
+  CHECK_THROWS_WITH(claim(second, file), Contains("(" + std::to_string(getpid()) + ") has it"));
+  // A guardian keeps it for a program that was killed, until it has written its zero.
+  const int guard = fcntl(ours, F_DUPFD_CLOEXEC, 3);
+  close(ours);
+  CHECK_THROWS_AS(claim(second, file), DeviceError);
+  close(guard);
+  CHECK_NOTHROW(claim(second, file));
+  close(second);
 }
 
 TEST_CASE("every geometry is read from a profile", "[profile]") {

@@ -206,7 +206,7 @@ TEST_CASE("positions that come too rarely, and pauses that are too long, are sai
     SelfTest self(params);
     HandState hand;
     for (int i = 0; i < 30000 && !self.done(); ++i) {
-      hand.age = 1e-3 * (i % every);
+      hand.fresh = i % every == 0;
       (void)self.next(hand, 1e-3 * i, Vec3::Zero());
     }
     std::string all;
@@ -223,7 +223,7 @@ TEST_CASE("new positions are counted, and their pauses", "[hid]") {
   SelfTest self;
   HandState hand;
   for (int i = 0; i < 400; ++i) {
-    hand.age = 1e-3 * (i % 4);
+    hand.fresh = i % 4 == 0;
     (void)self.next(hand, 1e-3 * i, Vec3::Zero());
   }
   const SelfTestResult result = self.result();

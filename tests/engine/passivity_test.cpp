@@ -584,6 +584,51 @@ TEST_CASE("a position that is read again says nothing of the time between", "[pa
   CHECK(told.broken > 0);
 }
 
+TEST_CASE("a tank that begins anew begins with a position that is new", "[passivity]") {
+  // The way since the position before is not gone in the time since it was told to begin anew.
+  const TankParams params = acting(0.5);
+  Tank tank;
+  for (int n = 0; n < 3; ++n) {
+    tank.forget();
+    CHECK(tank.pass({1, 0, 0}, Vec3::Zero(), false, 1e-3, params, kCap) == 0.0);
+    CHECK(tank.pass({1, 0, 0}, {8e-3, 0, 0}, true, 1e-3, params, kCap) == 0.0);
+    CHECK(tank.energy() == 0.0);
+    CHECK(tank.pass({0, 0, 0}, {9e-3, 0, 0}, true, 1e-3, params, kCap) == 1.0);
+    CHECK(tank.energy() == Approx(0.5 * 1e-6 / 1e-3));
+  }
+  // One that has never been asked, as well.
+  Tank other;
+  (void)other.pass(Vec3::Zero(), Vec3::Zero(), false, 1e-3, params, kCap);
+  (void)other.pass(Vec3::Zero(), {8e-3, 0, 0}, true, 1e-3, params, kCap);
+  CHECK(other.energy() == 0.0);
+}
+
+TEST_CASE("whenever a tank begins anew, positions come when they may, nobody takes energy",
+          "[passivity]") {
+  for (const bool adversary : {false, true}) {
+    const auto forgetful = [&](PassivityRun& run) {
+      run.adversary = adversary;
+      run.seconds = 0.5;
+      if (run.seed % 3 == 1) bench::doubtDelay(run);
+      if (run.seed % 5 == 1) bench::shakeReadings(run);
+      if (run.seed % 7 == 1) bench::letLag(run);
+      run.jitter = run.seed % 4 == 0 ? 0.5 : 0.0;
+      bench::forgetOften(run);
+    };
+    const Many tank = playMany(test::cases(400), Keeper::kTank, forgetful);
+    INFO("adversary " << adversary << ": margin " << tank.margin);
+    CHECK(tank.broken == 0);
+    CHECK(tank.debt == 0.0);
+  }
+  Many searched;
+  const long searches = test::cases(4);
+  for (long i = 0; i < searches; ++i) {
+    searched.add(bench::playSearched(static_cast<std::uint64_t>(i), 300));
+  }
+  INFO("searched: margin " << searched.margin);
+  CHECK(searched.broken == 0);
+}
+
 TEST_CASE("numbers that are none, or of no hand, pay for nothing", "[passivity]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const TankParams params = acting(0.5, 0.02, 1e-5);

@@ -474,6 +474,53 @@ TEST_CASE("a place that the hand did not go to puts no energy into the tank", "[
   }
 }
 
+TEST_CASE("a switch that closes between two positions lets no energy out", "[loop][safety]") {
+  // An arm of 125 Hz in a sweep of 2 m/s: the way since its last position is not gone in the time
+  // since the switch.
+  constexpr double kViscous = 0.5;
+  constexpr int kEvery = 8;
+  TestDevice device;
+  device.about.limits.tank.use = TankUse::kAct;
+  device.about.limits.tank.arm = {kViscous, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+  HapticLoop loop(device, 1.0 / kDt);
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kForce;
+  spec.modes[0].of = "ball";
+  spec.modes[0].strength = 3.0;
+  loop.publish(makeScene(spec, {{"ball", ballField()}}, {}));
+  Vec3 hand(0, 0.2, 0);
+  TickTime time;
+  time.dt = kDt;
+  double energy = 0.0;
+  double least = 0.0;
+  int tick = 0;
+  const auto go = [&](int ticks, auto speed) {
+    for (int end = tick + ticks; tick < end; ++tick) {
+      device.hand.fresh = tick % kEvery == 0;
+      device.hand.age = kDt * (tick % kEvery);
+      if (device.hand.fresh) device.hand.position = hand;
+      time.now += kDt;
+      loop.tick(time);
+      const Vec3 v = speed(device.sent);
+      hand += kDt * v;
+      if (device.hand.ready) energy += kDt * (kViscous * v.squaredNorm() - device.sent.dot(v));
+      least = std::min(least, energy);
+    }
+  };
+  const auto sweep = [](const Vec3&) { return Vec3(2, 0, 0); };
+  device.hand.ready = false;
+  go(kEvery * 12 + kEvery - 1, sweep);
+  device.hand.ready = true;
+  go(2, sweep);
+  CHECK(loop.latest().report.energy == 0.0);
+  go(2000, [](const Vec3&) { return Vec3(Vec3::Zero()); });
+  energy = least = 0.0;
+  go(2000, [&](const Vec3& force) { return Vec3(force / (2.0 * kViscous)); });
+  CHECK(loop.latest().fault == Fault::kNone);
+  CHECK(least >= -1e-12);
+}
+
 TEST_CASE("what the motors cannot give is not counted as work against them", "[loop][safety]") {
   const auto pressed = [](double share) {
     TestDevice device;

@@ -50,11 +50,30 @@ double quantile(std::vector<double> values, double q) {
                          static_cast<std::size_t>(q * static_cast<double>(values.size())))];
 }
 
+/// Without hidapi, and without asking whose the device is.
+class BarePort final : public ReportPort {
+ public:
+  explicit BarePort(const std::string& path) : file_(open(path.c_str(), O_RDWR | O_NONBLOCK)) {}
+  ~BarePort() override { close(file_); }
+  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    const ssize_t n = ::read(file_, to.data(), to.size());
+    size = static_cast<std::size_t>(std::max<ssize_t>(n, 0));
+    return n > 0 ? Got::kReport : n < 0 && errno == EAGAIN ? Got::kNothing : Got::kGone;
+  }
+  [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
+    return ::write(file_, report.data(), report.size()) >= 0;
+  }
+  [[nodiscard]] bool sendFeature(std::span<const std::byte>) noexcept override { return false; }
+
+ private:
+  int file_;
+};
+
 /// A second way to the arm: its own numbers, and commands.
 class Aside {
  public:
   Aside(const HidProfile& profile, const std::string& path)
-      : profile_(profile), port_(openHid(path)), input_(profile_) {}
+      : profile_(profile), port_(std::make_unique<BarePort>(path)), input_(profile_) {}
   void command(Command what) {
     Out out;
     out.command = what;
@@ -141,6 +160,16 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   kill(holder, SIGKILL);
   waitpid(holder, nullptr, 0);
   close(other);
+  const auto ours = openHid(path);
+  const std::string pid = std::to_string(getpid());
+  const pid_t second = fork();
+  if (second == 0) {
+    const std::string words = refusal([&] { (void)openHid(path); });
+    _exit(contains(words, "has it") && contains(words, "(" + pid + ")") ? 0 : 1);
+  }
+  waitpid(second, &status, 0);
+  check(WIFEXITED(status) && WEXITSTATUS(status) == 0,
+        "a second program is refused, and told who has it");
 }
 
 /// So many seconds of reading and writing, once a millisecond.
