@@ -7,6 +7,7 @@
 #include <unistd.h>
 #include <utility>
 
+#include "devices/profile_facts.h"
 #include "engine/error.h"
 
 namespace palpate {
@@ -151,6 +152,13 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   flags_in_.assign(profile_.input.size(), false);
   for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
   flags_at_.assign(profile_.input.size(), kNever);
+  about_.assign(profile_.joints.size(), 0.0);
+  const ProfileFacts facts = factsOf(profile_);
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
+    about_[i] = ((facts.middle[i] - joint.home) * joint.ratio - field.offset) / field.scale;
+  }
   numbered_ =
       std::all_of(profile_.joints.begin(), profile_.joints.end(), [&](const HidJoint& joint) {
         return profile_.input[joint.from.report].sequence.has_value();
@@ -183,7 +191,7 @@ void HidDevice::begin() {
       host_.say("arm " + profile_.name + ": its home pose is now: " + profile_.home_words);
     }
     for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
-      home_raw_[i] = input_.raw(profile_.joints[i].from);
+      home_raw_[i] = about_[i] = input_.raw(profile_.joints[i].from);
     }
   }
   guard_ = fcntl(port_->guardDescriptor(), F_DUPFD_CLOEXEC, 3);
@@ -344,7 +352,7 @@ void HidDevice::follow(double dt) noexcept {
     const HidJoint& joint = profile_.joints[i];
     const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
     double raw = input_.raw(joint.from);
-    if (field.wraps) raw = counters_[i].follow(raw, field.bits);
+    if (field.wraps) raw = counters_[i].follow(raw, field.bits, about_[i]);
     // At home a joint is at its home, whatever its field says there.
     const double value = profile_.home_at_open ? field.scale * (raw - home_raw_[i])
                                                : field.scale * raw + field.offset;
@@ -378,6 +386,14 @@ HandState HidDevice::read() noexcept {
       moved_at_ = now;
       std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
+    // Since the opening much may have happened: what it says now is where it is. Only one whose
+    // home is how it stood then has to be followed from there on.
+    if (!ticked_) {
+      ticked_ = true;
+      if (!profile_.home_at_open) {
+        for (Unwrapped& counter : counters_) counter.forget();
+      }
+    }
     // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
     if (dt > profile_.limits.stale) {
       heard_ = false;
@@ -389,10 +405,11 @@ HandState HidDevice::read() noexcept {
     if (got == Got::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
       miscounted_ = true;
       got = Got::kGone;
+      hand.fault = Fault::kMiscounted;
     }
     if (got == Got::kGone) {
       if (port) lost();
-      hand.fault = Fault::kGone;
+      if (hand.fault == Fault::kNone) hand.fault = Fault::kGone;
     }
     hand.fresh = got == Got::kReport || silent();
     if (got == Got::kReport) {

@@ -114,7 +114,8 @@ struct HidWrites {
 /// The kernel keeps the OLDEST 63 reports: where so many wait, all are old, and thrown away. Where
 /// nobody has read for longer than HidLimits::stale the arm is not ready until a fresh one comes.
 ///
-/// A device that is gone is Fault::kGone until it is back, a write that has not come back in 20 ms
+/// A device that is gone is Fault::kGone until it is back, one whose counters may have gone round
+/// unseen Fault::kMiscounted first, a write that has not come back in 20 ms
 /// Fault::kWrite, an arm that is not homed, not enabled or beyond its own reach is not ready.
 class HidDevice final : public Device {
  public:
@@ -220,6 +221,9 @@ class HidDevice final : public Device {
   // The haptic thread's.
   HidInput input_;
   std::vector<Unwrapped> counters_;     ///< Of joints.
+  std::vector<double> about_;           ///< Of counters that wrap, the raw number that the first is
+                                        ///< nearest to: the middle of the hand's world, or home.
+  bool ticked_ = false;                 ///< read() has been called.
   std::vector<double> home_raw_;        ///< Of joints at home, where they are homed at the opening.
   std::vector<bool> flags_in_;          ///< A report has a flag,
   std::vector<std::int64_t> flags_at_;  ///< and came last then [ns]; kNever: not since the opening.

@@ -57,13 +57,13 @@ void putRaw(std::span<std::byte> report, const ReportField& field, double raw) n
   }
 }
 
-double Unwrapped::follow(double raw, std::uint32_t bits) noexcept {
+double Unwrapped::follow(double raw, std::uint32_t bits, double about) noexcept {
   const double range = std::ldexp(1.0, static_cast<int>(bits));
   if (known_) {
     if (raw - raw_ > 0.5 * range) turns_ -= range;
     if (raw - raw_ < -0.5 * range) turns_ += range;
   } else {
-    turns_ = 0.0;
+    turns_ = range * std::round((about - raw) / range);
   }
   known_ = true;
   raw_ = raw;

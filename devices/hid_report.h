@@ -43,8 +43,9 @@ void putRaw(std::span<std::byte> report, const ReportField& field,
 /// range between two readings.
 class Unwrapped {
  public:
-  /// The count since the first reading, which counts as what it is.
-  [[nodiscard]] double follow(double raw, std::uint32_t bits) noexcept PALPATE_NONBLOCKING;
+  /// The count since the first reading, which is the one nearest to `about` that has these bits.
+  [[nodiscard]] double follow(double raw, std::uint32_t bits,
+                              double about) noexcept PALPATE_NONBLOCKING;
   void forget() noexcept { known_ = false; }
   [[nodiscard]] bool known() const noexcept { return known_; }
 

@@ -36,15 +36,15 @@ Json tested() {
   return json;
 }
 
-std::string keyFor(const HidProfile& profile, const std::string& serial) {
-  return profile.name + "@" + serial;
+std::string keyFor(const HidProfile& profile, const std::string& identity) {
+  return profile.name + "@" + identity;
 }
 
 /// What is remembered of an arm that has passed with this very profile; null: nothing.
-Json recordOf(const HidProfile& profile, const std::string& serial) {
-  if (serial.empty()) return nullptr;
+Json recordOf(const HidProfile& profile, const std::string& identity) {
+  if (identity.empty()) return nullptr;
   const Json json = tested();
-  const auto arm = json.find(keyFor(profile, serial));
+  const auto arm = json.find(keyFor(profile, identity));
   if (arm == json.end() || !arm->is_object()) return nullptr;
   const auto print = arm->find("profile");
   const bool same = print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
@@ -104,8 +104,13 @@ std::string FoundArm::serial() const {
   return device.serial == "0123456789" ? "" : device.serial;
 }
 
-std::string FoundArm::nameAs(const HidProfile& profile) const {
+std::string FoundArm::identity() const {
   const std::string own = serial();
+  return own.empty() ? device.port : own;
+}
+
+std::string FoundArm::nameAs(const HidProfile& profile) const {
+  const std::string own = identity();
   return "hid:" + profile.name + (own.empty() ? "" : "@" + own);
 }
 
@@ -198,7 +203,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     throw DeviceError(name, "every arm that is plugged in is another hand's", "plug in another");
   }
   for (const FoundArm& arm : arms) {
-    if (!serial.empty() && arm.serial() != serial) continue;
+    if (!serial.empty() && arm.identity() != serial) continue;
     for (const HidProfile& profile : arm.profiles) {
       if (wanted.empty() || profile.name == wanted) choices.emplace_back(&arm, &profile);
     }
@@ -218,7 +223,8 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     throw DeviceError(name, "that may be several", "name one of " + which);
   }
   const HidDeviceName device = choices[0].first->device;
-  const std::string own = choices[0].first->serial();
+  const std::string own = choices[0].first->identity();
+  const bool numbered = !choices[0].first->serial().empty();
   const HidProfile profile = *choices[0].second;
   if (const auto others = whoHas(device.path); !others.empty() && host.say) {
     host.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
@@ -228,8 +234,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&
-                        arm.device.product == device.product && arm.serial() == own &&
-                        (!own.empty() || arm.device.port == device.port);
+                        arm.device.product == device.product && arm.identity() == own;
       if (same && !isOpenHere(arm.device.path)) {
         return openHid(arm.device.path);
       }
@@ -238,11 +243,17 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   };
   const bool good = isTested(profile, own);
   host.measured = measuredArm(profile, own);
-  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path), good, host), own};
+  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path), good, host), own,
+                numbered};
   if (host.say && !good && profile.output) {
     host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
                          arm.device->info().name, kUntestedForce, kUntestedStiffness,
                          choices[0].first->nameAs(profile)));
+  }
+  if (host.say && good && !numbered) {
+    host.say(
+        fmt::format("{}: it has no serial number: it is taken for the arm that was tested at {}",
+                    arm.device->info().name, own));
   }
   return arm;
 }
@@ -255,24 +266,24 @@ std::filesystem::path testedArmsFile() {
   return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
 }
 
-bool isTested(const HidProfile& profile, const std::string& serial) {
-  return !recordOf(profile, serial).is_null();
+bool isTested(const HidProfile& profile, const std::string& identity) {
+  return !recordOf(profile, identity).is_null();
 }
 
-std::vector<std::string> testedSerials(const HidProfile& profile) {
-  std::vector<std::string> serials;
+std::vector<std::string> testedArms(const HidProfile& profile) {
+  std::vector<std::string> arms;
   const std::string prefix = keyFor(profile, "");
   const Json json = tested();
   for (const auto& [key, record] : json.items()) {
     if (key.rfind(prefix, 0) != 0) continue;
-    const std::string serial = key.substr(prefix.size());
-    if (isTested(profile, serial)) serials.push_back(serial);
+    const std::string identity = key.substr(prefix.size());
+    if (isTested(profile, identity)) arms.push_back(identity);
   }
-  return serials;
+  return arms;
 }
 
-MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {
-  const Json arm = recordOf(profile, serial);
+MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity) {
+  const Json arm = recordOf(profile, identity);
   const auto numbers = [&](const char* key) {
     std::vector<double> all;
     const auto list = arm.is_object() ? arm.find(key) : arm.end();
@@ -309,10 +320,10 @@ MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial) {
   return measured;
 }
 
-void rememberTest(const HidProfile& profile, const std::string& serial,
+void rememberTest(const HidProfile& profile, const std::string& identity,
                   const SelfTestResult& result) {
   Json json = tested();
-  Json& arm = json[keyFor(profile, serial)];
+  Json& arm = json[keyFor(profile, identity)];
   arm = Json::object();
   arm["profile"] = fmt::format("{:016x}", profile.fingerprint);
   const auto now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
@@ -338,9 +349,9 @@ void rememberTest(const HidProfile& profile, const std::string& serial,
   write(json);
 }
 
-void forgetTest(const HidProfile& profile, const std::string& serial) {
+void forgetTest(const HidProfile& profile, const std::string& identity) {
   Json json = tested();
-  if (json.erase(keyFor(profile, serial)) > 0) write(json);
+  if (json.erase(keyFor(profile, identity)) > 0) write(json);
 }
 
 }  // namespace palpate

@@ -23,14 +23,18 @@ struct FoundArm {
   /// What tells it from others of its kind; empty where its firmware gives none, or the same to all
   /// (mbed's "0123456789").
   [[nodiscard]] std::string serial() const;
-  /// As openArm takes it: hid:PROFILE@SERIAL.
+  /// By which it is named and remembered: its serial number, or where it is plugged in. Two arms of
+  /// no number that are exchanged there are taken for each other. Empty where neither is known.
+  [[nodiscard]] std::string identity() const;
+  /// As openArm takes it: hid:PROFILE@IDENTITY.
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
 /// Those that are plugged in and that a profile matches, each once. Slow.
 [[nodiscard]] std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles);
 
-/// `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`, taken apart.
+/// `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`, taken apart; an arm of no
+/// serial number has its port there.
 struct ArmName {
   std::string profile;  ///< A name, or a path that ends in .json; empty: any.
   std::string serial;   ///< Empty: any. May have any character.
@@ -48,7 +52,8 @@ struct ArmName {
 
 struct OpenedArm {
   std::unique_ptr<HidDevice> device;
-  std::string serial;  ///< As FoundArm::serial.
+  std::string identity;  ///< As FoundArm::identity.
+  bool numbered = true;  ///< It has a serial number.
 };
 
 /// Opens the arm of that name that this program does not have yet. Throws DeviceError: none or
@@ -60,19 +65,19 @@ struct OpenedArm {
 /// Where `palpate devices --test` keeps what it found: $XDG_STATE_HOME/palpate/arms.json or
 /// ~/.local/state/palpate/arms.json.
 [[nodiscard]] std::filesystem::path testedArmsFile();
-/// True where the arm of this serial number has passed with this very profile, its scale measured.
-/// An arm without a serial number never has.
-[[nodiscard]] bool isTested(const HidProfile& profile, const std::string& serial);
+/// True where the arm of this identity has passed with this very profile, its scale measured. One
+/// of none never has.
+[[nodiscard]] bool isTested(const HidProfile& profile, const std::string& identity);
 /// What was measured then; zeros where it is not tested. What is uncertain is taken from it.
-[[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& serial);
-/// The serial numbers of those that have passed with this very profile.
-[[nodiscard]] std::vector<std::string> testedSerials(const HidProfile& profile);
+[[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity);
+/// The identities of those that have passed with this very profile.
+[[nodiscard]] std::vector<std::string> testedArms(const HidProfile& profile);
 /// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
 ///
 /// @pre result.scale is measured.
-void rememberTest(const HidProfile& profile, const std::string& serial,
+void rememberTest(const HidProfile& profile, const std::string& identity,
                   const SelfTestResult& result);
 /// It has failed: it is not tested any more. Throws DeviceError where that cannot be written.
-void forgetTest(const HidProfile& profile, const std::string& serial);
+void forgetTest(const HidProfile& profile, const std::string& identity);
 
 }  // namespace palpate

@@ -77,6 +77,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
     middle = joints;
   }
 
+  facts.middle = middle;
   const ArmPose pose = arm.at(middle);
   for (std::size_t i = 0; i < profile.joints.size(); ++i) {
     const HidJoint& joint = profile.joints[i];

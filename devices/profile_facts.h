@@ -19,6 +19,7 @@ struct MotorFact {
 
 struct ProfileFacts {
   Vec3 home_W = Vec3::Zero();  ///< The tip with every joint at its `home` [m].
+  Joints middle{};    ///< Where the tip is in the middle of the hand's world, or nearest to it.
   double off = 0.0;   ///< From the middle of the hand's world to the nearest place that the
                       ///< tip was found to reach [m]; infinite: it reaches none from about
                       ///< home, and what follows is of home.

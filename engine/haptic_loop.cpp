@@ -130,7 +130,8 @@ void HapticLoop::tick(const TickTime& time) noexcept {
 
   const auto begin = std::chrono::steady_clock::now();
   HandState hand = device_.read();
-  if (hand.fault == Fault::kWrite || hand.fault == Fault::kGone) deaf_ = true;
+  deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
+          hand.fault == Fault::kMiscounted;
   const Fault wrong = whatIsWrong(hand, time);
   if (wrong != Fault::kNone) state_.cut(wrong);
   if (hand.ready && !ready_) state_.engage();

@@ -25,6 +25,8 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
      "hold it; if it runs away by itself its motors' signs are wrong"},
     {"write", "the device did not take a force in time", "see to its cable"},
     {"gone", "the device is unplugged", "plug it in again"},
+    {"miscounted", "nobody has read the device for so long that its counters may have gone round",
+     "home the arm again"},
     {"temperature", "the device is too hot", "let it cool"},
     {"power", "the device has no power", "switch it on"},
     {"switch", "the device's safety switch is open", "close it"},

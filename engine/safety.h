@@ -13,18 +13,20 @@ namespace palpate {
 /// Why the force is cut.
 enum class Fault : std::uint8_t {
   kNone,
-  kNotFinite,  ///< A position, sample or force was not finite: mend the device or the volume.
-  kLate,       ///< A tick came later than WatchLimits::late: give the loop a core, real-time
-               ///< priority or a lower rate.
-  kStale,      ///< The device's position is older than WatchLimits::stale, or something else that
-               ///< it has to say is older than it may be: see to its cable, or to the program that
-               ///< shares it.
-  kJump,       ///< The position stepped faster than a hand can: an encoder lost count; home the
-               ///< device.
-  kOverSpeed,  ///< The device was faster than it may be, and stayed so although it was braked:
-               ///< hold it; if it runs away by itself its motors' signs are wrong.
-  kWrite,      ///< The device did not take a force in time: see to its cable.
-  kGone,       ///< The device is unplugged: plug it in again.
+  kNotFinite,   ///< A position, sample or force was not finite: mend the device or the volume.
+  kLate,        ///< A tick came later than WatchLimits::late: give the loop a core, real-time
+                ///< priority or a lower rate.
+  kStale,       ///< The device's position is older than WatchLimits::stale, or something else that
+                ///< it has to say is older than it may be: see to its cable, or to the program that
+                ///< shares it.
+  kJump,        ///< The position stepped faster than a hand can: an encoder lost count; home the
+                ///< device.
+  kOverSpeed,   ///< The device was faster than it may be, and stayed so although it was braked:
+                ///< hold it; if it runs away by itself its motors' signs are wrong.
+  kWrite,       ///< The device did not take a force in time: see to its cable.
+  kGone,        ///< The device is unplugged: plug it in again.
+  kMiscounted,  ///< Nobody has read the device for so long that its counters may have gone round:
+                ///< home the arm again.
   kTemperature,  ///< The device says that it is too hot: let it cool.
   kPower,        ///< The device says that it has no power: switch it on.
   kSwitch,       ///< The device's safety switch is open: close it.
@@ -32,7 +34,7 @@ enum class Fault : std::uint8_t {
   kUnguarded,    ///< The guardian process shows no life: start the program again.
   kStopped,      ///< Somebody asked for it, by a key, a signal or HapticThread::cut.
 };
-inline constexpr std::size_t kFaults = 14;
+inline constexpr std::size_t kFaults = 15;
 
 /// What happened, for messages: "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;

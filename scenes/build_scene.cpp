@@ -494,6 +494,16 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   return built;
 }
 
+std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device) {
+  double& stiffness = spec.coupling.stiffness;
+  if (!spec.any_stiffness || spec.graph.stiffness || stiffness <= device.max_stiffness) return {};
+  const double usual = std::exchange(stiffness, device.max_stiffness);
+  return fmt::format(
+      "the coupling is {} N/m, not the usual {}: the device \"{}\" renders no more "
+      "({})",
+      stiffness, usual, device.name, device.source);
+}
+
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device) {
   const CouplingParams asked = stiffestCoupling(spec);
   const auto check = [&](const char* key, double value, const char* unit, double most) {

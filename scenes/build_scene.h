@@ -60,6 +60,7 @@ struct VolumeSpec {
 struct SceneSpec {
   std::string source;  ///< Named in errors: the scene file.
   CouplingParams coupling;
+  bool any_stiffness = false;  ///< Nobody has asked for that stiffness: fitCoupling may lower it.
   StepParams step;
   std::map<std::string, VolumeSpec> volumes;
   GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
@@ -111,6 +112,9 @@ struct BuiltScene {
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
+/// Lowers a coupling that nobody has asked for to what a device renders. What to tell the user
+/// about it; empty: nothing was changed.
+[[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);
 /// Throws SceneError where the coupling asks for more stiffness or damping than a device renders
 /// stably.
 void checkDevice(const SceneSpec& spec, const DeviceInfo& device);

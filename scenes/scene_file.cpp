@@ -336,6 +336,7 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
                                "write 1");
   }
   SceneSpec spec;
+  spec.any_stiffness = true;
   spec.source = source;
   if (root.has("coupling")) {
     const Node node = root.child("coupling").object({"stiffness", "damping", "description"});
@@ -344,6 +345,7 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
         spec.graph.stiffness = readTransfer(node.child("stiffness"));
       } else {
         spec.coupling.stiffness = node.child("stiffness").positive();
+        spec.any_stiffness = false;
       }
     }
     if (node.has("damping")) spec.coupling.damping = node.child("damping").notNegative();
@@ -411,6 +413,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
   }
 
   SceneSpec spec;
+  spec.any_stiffness = true;
   spec.source = path.string();
   if (std::error_code error; std::filesystem::exists(path / "scene.json", error)) {
     spec.notes.push_back(

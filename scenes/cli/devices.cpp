@@ -149,7 +149,7 @@ int list(const Options& options) {
         json["path"] = arm.device.path;
         json["description"] = profile.description;
         json["firmware"] = profile.firmware;
-        json["tested"] = isTested(profile, arm.serial());
+        json["tested"] = isTested(profile, arm.identity());
         const std::string what = trouble(arm);
         json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
         json["limits"] = limitsOf(profile);
@@ -191,7 +191,7 @@ int list(const Options& options) {
                    rounded(profile.limits.damping), rounded(profile.input_rate),
                    rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
         fmt::print("  firmware: {}\n", profile.firmware);
-        if (!isTested(profile, arm.serial())) {
+        if (!isTested(profile, arm.identity())) {
           fmt::print("  untested: held to {} N and {} N/m: palpate devices --test {}\n",
                      kUntestedForce, kUntestedStiffness, arm.nameAs(profile));
         }
@@ -413,7 +413,7 @@ int test(const Options& options) {
   }
   Guardian guardian;
   guardian.catchSignals(&interrupted);
-  const auto [arm, serial] = openArm(
+  const auto [arm, identity, numbered] = openArm(
       options.test, {nullptr, [](const std::string& words) { complain("devices: " + words); },
                      [] { return interrupted != 0; }});
   if (!arm->profile().output) {
@@ -423,7 +423,7 @@ int test(const Options& options) {
   if (interrupted != 0) return kInterrupted;
   if (const std::string wrong = scale ? scaleTrouble(*scale) : ""; !wrong.empty()) {
     complain("devices: " + wrong);
-    forgetTest(arm->profile(), serial);
+    forgetTest(arm->profile(), identity);
     return kEndedEarly;
   }
   const double force = std::min(options.force, arm->info().limits.peak);
@@ -482,7 +482,7 @@ int test(const Options& options) {
   }
   if (interrupted != 0) return kInterrupted;
   if (!passed) {
-    forgetTest(arm->profile(), serial);
+    forgetTest(arm->profile(), identity);
     return kEndedEarly;
   }
   if (!scale) {
@@ -492,14 +492,18 @@ int test(const Options& options) {
                     kUntestedForce, kUntestedStiffness));
     return kDone;
   }
-  if (serial.empty()) {
+  if (identity.empty()) {
     complain(
-        fmt::format("devices: it has passed, but has no serial number to be remembered by: it "
-                    "stays held to {} N and {} N/m",
+        fmt::format("devices: it has passed, but has neither a serial number nor a port to be "
+                    "remembered by: it stays held to {} N and {} N/m",
                     kUntestedForce, kUntestedStiffness));
     return kDone;
   }
-  rememberTest(arm->profile(), serial, r);
+  rememberTest(arm->profile(), identity, r);
+  if (!numbered) {
+    complain("devices: it has no serial number and is remembered by where it is plugged in, " +
+             identity + ": test it again elsewhere, and every other arm that is plugged in there");
+  }
   if (!options.json) fmt::print("passed     remembered in {}\n", testedArmsFile().string());
   return kDone;
 }

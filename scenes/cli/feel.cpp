@@ -323,6 +323,20 @@ std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file
   return time;
 }
 
+/// A coupling that all of them render: lowered where nobody has asked for it, else refused. True
+/// where it was lowered.
+template <class Devices>
+bool fitToAll(SceneSpec& spec, const Devices& devices) {
+  bool lowered = false;
+  for (const auto& device : devices) {
+    const std::string note = fitCoupling(spec, device->info());
+    if (!note.empty()) complain("feel: " + note);
+    lowered = lowered || !note.empty();
+    checkDevice(spec, device->info());
+  }
+  return lowered;
+}
+
 /// A scene file that is made anew when it changes, on a thread of its own, so that keys and faults
 /// are looked at meanwhile; what is wrong with it is said, and the scene that runs goes on.
 class Watcher {
@@ -359,8 +373,8 @@ class Watcher {
       return std::nullopt;
     }
     made_ = std::async(std::launch::async, [this] {
-      const SceneSpec spec = openScene(file_, {});
-      for (const Device* device : devices_) checkDevice(spec, device->info());
+      SceneSpec spec = openScene(file_, {});
+      (void)fitToAll(spec, devices_);
       BuiltScene built = buildScene(spec, {}, &cache_);
       for (const std::string& note : spec.notes) complain(note);
       for (const std::string& note : built.notes) complain(note);
@@ -627,17 +641,17 @@ int feel(const Options& options) {
 
   // Everything that can be refused is refused before anything runs.
   const auto written = writtenAt(options.scene);
-  const SceneSpec spec = openScene(options.scene, showProgress("loading"));
+  SceneSpec spec = openScene(options.scene, showProgress("loading"));
   checkOutputs(options, spec);
   for (const std::string& note : spec.notes) complain(note);
   SceneCache cache;
-  const BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
+  BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
     devices.push_back(makeDevice(options, name, built.bounds));
-    checkDevice(spec, devices.back()->info());
   }
+  if (fitToAll(spec, devices)) built = buildScene(spec, {}, &cache);
   std::optional<Picture> picture;
   if (!options.picture.empty()) picture.emplace(options.picture);
   std::optional<WholeFile> summary_file;

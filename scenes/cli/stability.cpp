@@ -134,15 +134,15 @@ void takeDevice(Options& options, const CLI::App& verb) {
   if (!profile.output) {
     throw Error("--device", profile.name + " gives no force", "name an arm that does");
   }
-  std::string serial = name->serial;
-  if (const auto serials = testedSerials(profile); serial.empty()) {
-    if (serials.size() > 1) {
+  std::string identity = name->serial;
+  if (const auto arms = testedArms(profile); identity.empty()) {
+    if (arms.size() > 1) {
       throw Error("--device", "several arms of that profile have been tested",
-                  "add one's serial number: hid:" + profile.name + "@" + serials[0]);
+                  "say which: hid:" + profile.name + "@" + arms[0]);
     }
-    if (!serials.empty()) serial = serials[0];
+    if (!arms.empty()) identity = arms[0];
   }
-  const MeasuredArm arm = measuredArm(profile, serial);
+  const MeasuredArm arm = measuredArm(profile, identity);
   const auto take = [&](const char* option, double& to, double value) {
     if (verb.count(option) == 0) to = value;
   };

@@ -901,13 +901,43 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
-  CHECK(hand.fault == Fault::kGone);
+  CHECK(hand.fault == Fault::kMiscounted);
   CHECK(hand.position.x() == Approx(0.0204));
   await([&] { return device->pluggings() == 2; });
   CHECK(found == 1);
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
   arm.giveCounts(10, 0, 0);
   CHECK(device->read().position.x() == Approx(1e-4));
+}
+
+TEST_CASE("an arm that says it is homed is believed, however long nobody has looked", "[hid]") {
+  // 12 bits of 10 um: 4 cm, of a workspace of 20; unsigned, and a little below zero.
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) {
+    field.bits = 12;
+    field.type = ReportField::Type::kUnsigned;
+  }
+  HidFlag homed;
+  homed.field = {0, 3};
+  profile.flags.push_back(homed);
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  // A scene is built meanwhile, and the hand goes elsewhere.
+  pass(3.0);
+  arm.giveCounts(-3, 1000, 3000);
+  (void)device->read();
+  arm.giveCounts(-3, 1000, 3000);
+  const HandState hand = device->read();
+  CHECK(hand.fault == Fault::kNone);
+  CHECK(hand.ready);
+  // Each by the range that is nearest to the middle.
+  CHECK((hand.position - Vec3(-3e-5, 1e-2, -1.096e-2)).norm() < 1e-12);
+  arm.giveCounts(-40, 1000, 3000);
+  CHECK(device->read().position.x() == Approx(-4e-4));
+  // From now on it is followed.
+  pass(0.2);
+  arm.giveCounts(2000, 0, 0);
+  CHECK(device->read().fault == Fault::kMiscounted);
 }
 
 TEST_CASE("an arm that is miscounted is told to give no force, and what it needs afterwards",
@@ -930,9 +960,11 @@ TEST_CASE("an arm that is miscounted is told to give no force, and what it needs
   auto device = open(arm, profile, true, host);
   device->write({1, 0, 0});
   await([&] { return arm.driven()[0] == 1000; });
+  arm.giveCounts(0, 0, 0);
+  CHECK(device->read().fault == Fault::kNone);
   pass(0.15);
   arm.giveCounts(-2000, 0, 0);
-  CHECK(device->read().fault == Fault::kGone);
+  CHECK(device->read().fault == Fault::kMiscounted);
   const bool at_once = GENERATE(false, true);
   if (!at_once) {
     await([&] { return arm.sent().back()[7] == std::byte{9}; });

@@ -328,7 +328,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
   CHECK_FALSE(isTested(arm, "S2"));
-  CHECK(testedSerials(arm) == std::vector<std::string>{"S1"});
+  CHECK(testedArms(arm) == std::vector<std::string>{"S1"});
   CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
   CHECK(measuredArm(arm, "S1").coulomb == 0.0);
   // Half a millisecond and three standard errors to either side, never before the reading.
@@ -373,6 +373,23 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   setenv("XDG_STATE_HOME", "state", 1);
   CHECK(testedArmsFile().is_absolute());
   unsetenv("XDG_STATE_HOME");
+}
+
+TEST_CASE("an arm without a serial number is known by where it is plugged in", "[profile]") {
+  const HidProfile profile = parseHidProfile(full().dump(), "arm.json");
+  FoundArm arm;
+  arm.device.port = "usb-0000:00:14.0-2/input0";
+  for (const char* none : {"", "0123456789"}) {
+    arm.device.serial = none;
+    CHECK(arm.identity() == arm.device.port);
+    const auto name = parseArmName(arm.nameAs(profile));
+    REQUIRE(name);
+    CHECK(name->serial == arm.device.port);
+  }
+  arm.device.serial = "A1";
+  CHECK(arm.identity() == "A1");
+  CHECK(arm.nameAs(profile) == "hid:mine@A1");
+  CHECK(FoundArm{}.identity().empty());
 }
 
 TEST_CASE("an arm's name is taken apart", "[profile]") {

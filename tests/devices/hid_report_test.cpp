@@ -119,7 +119,7 @@ TEST_CASE("a counter is followed beyond its ends", "[hid]") {
       // As the device counts: modulo its range, with a sign or without.
       double raw = truth - range * std::floor(truth / range);
       if (with_sign && raw >= 0.5 * range) raw -= range;
-      REQUIRE(counter.follow(raw, bits) == truth);
+      REQUIRE(counter.follow(raw, bits, 0.0) == truth);
       truth += std::floor(random.uniform(-0.4, 0.45) * range);
     }
     CHECK(std::abs(truth) > 10.0 * range);

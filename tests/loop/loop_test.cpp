@@ -200,8 +200,8 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
         },
         [](Rig& rig) { rig.device.hand.fault = Fault::kNone; });
   };
-  for (const Fault fault :
-       {Fault::kWrite, Fault::kGone, Fault::kTemperature, Fault::kPower, Fault::kSwitch})
+  for (const Fault fault : {Fault::kWrite, Fault::kGone, Fault::kMiscounted, Fault::kTemperature,
+                            Fault::kPower, Fault::kSwitch})
     report(fault);
   expect(
       Fault::kNotFinite,
@@ -657,9 +657,9 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
       device.hand.age = random.uniform(0.0, 0.1);
     } else if (event == 7) {
       // What devices report; the others are caused.
-      const std::array reported{Fault::kWrite, Fault::kGone, Fault::kTemperature, Fault::kPower,
-                                Fault::kSwitch};
-      device.hand.fault = reported[static_cast<std::size_t>(random.integer(5))];
+      const std::array reported{Fault::kWrite,       Fault::kGone,  Fault::kMiscounted,
+                                Fault::kTemperature, Fault::kPower, Fault::kSwitch};
+      device.hand.fault = reported[static_cast<std::size_t>(random.integer(6))];
     } else if (event == 8) {
       late = random.uniform(0.0, 0.01);
     } else if (event == 9) {

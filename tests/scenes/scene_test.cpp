@@ -643,6 +643,31 @@ TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene
                     Contains("/coupling/damping: 5.1 N s/m") && Contains("use at most 5"));
 }
 
+TEST_CASE("a coupling that nobody asked for is what the device renders", "[scene]") {
+  SceneSpec spec;
+  spec.any_stiffness = true;
+  DeviceInfo weak = arm(100);
+  weak.source = "untested";
+  CHECK_THAT(fitCoupling(spec, weak),
+             Contains("100 N/m, not the usual 500") && Contains("\"arm\"") && Contains("untested"));
+  CHECK(spec.coupling.stiffness == 100);
+  CHECK_NOTHROW(checkDevice(spec, weak));
+  // A stronger one does not raise it again.
+  CHECK(fitCoupling(spec, arm(1000)).empty());
+  CHECK(spec.coupling.stiffness == 100);
+  // What somebody asked for is left, to be refused; so is what varies.
+  Json scene = vortexScene("speed", 0.5, "above");
+  scene.erase("coupling");
+  CHECK(parseScene(scene.dump(), "s.json", ".").any_stiffness);
+  for (const char* stiffness : {"500", R"({"by": "speed", "piecewise": [[0, 100], [1, 600]]})"}) {
+    Json asked = scene;
+    asked["coupling"]["stiffness"] = Json::parse(stiffness);
+    SceneSpec as_asked = parseScene(asked.dump(), "s.json", ".");
+    CHECK(fitCoupling(as_asked, weak).empty());
+    CHECK_THROWS_AS(checkDevice(as_asked, weak), SceneError);
+  }
+}
+
 TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   const TemporaryFolder folder;
   writeTestVolumes(folder.path());
@@ -753,6 +778,8 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
   REQUIRE(graph.modes.size() == 8);
   CHECK(built.scene->coupling.stiffness == 200);
   CHECK_THROWS_WITH(checkDevice(spec, arm(599)), Contains("/coupling/stiffness: 600 N/m"));
+  SceneSpec asked = spec;
+  CHECK(fitCoupling(asked, arm(100)).empty());
   checkDevice(spec, arm(600));
   CHECK(std::get<SurfaceMode>(graph.modes[0]).friction(Properties{}) == 0.4);
   CHECK_FALSE(std::get<FrontShapeMode>(graph.modes[3]).two_sided);
