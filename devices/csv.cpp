@@ -67,6 +67,10 @@ std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& co
     }
     rows.push_back({number, std::move(row)});
   }
+  if (in.bad()) {
+    throw DeviceError(name, "reading failed after line " + std::to_string(number),
+                      "see to the disk or the program that writes it");
+  }
   if (!headed) throw DeviceError(name, "it is empty", "give the header " + header + " and rows");
   return rows;
 }

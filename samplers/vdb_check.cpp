@@ -60,11 +60,9 @@ using Origin = std::array<std::int32_t, 3>;
 class Walk {
  public:
   /// Of the trees only that of `grid` is walked, where the file says where each begins.
-  Walk(const std::filesystem::path& file, std::optional<std::string> grid)
-      : path_(file.string()),
-        stream_(file, std::ios::binary),
-        buffer_(kBuffer),
-        wanted_(std::move(grid)) {
+  Walk(const std::filesystem::path& file, const std::string& called,
+       std::optional<std::string> grid)
+      : path_(called), stream_(file, std::ios::binary), buffer_(kBuffer), wanted_(std::move(grid)) {
     size_ = std::filesystem::file_size(file);
     limit_ = size_;
   }
@@ -531,9 +529,10 @@ bool isFeltType(const std::string& tree_type) {
   return kindOf(tree_type) != nullptr;
 }
 
-void checkVdb(const std::filesystem::path& file, const std::optional<std::string>& grid) {
-  const std::optional<std::string> shared = Walk(file, grid).file();
-  if (shared) (void)Walk(file, shared).file();
+void checkVdb(const std::filesystem::path& file, const std::string& called,
+              const std::optional<std::string>& grid) {
+  const std::optional<std::string> shared = Walk(file, called, grid).file();
+  if (shared) (void)Walk(file, called, shared).file();
 }
 
 }  // namespace palpate

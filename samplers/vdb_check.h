@@ -18,9 +18,10 @@ namespace palpate {
 /// passes can be read; its values may still be anything, the format has no checksum. Throws
 /// VolumeError: truncated, damaged, or written by an OpenVDB too old or too new. Reads what it
 /// walks once, in pieces: some 64 bytes of memory a leaf. Call openvdb::initialize() before.
-/// @param grid  Whose tree is to be read, as users call it; none: only what stands before the
-/// trees.
-///              A file without a table of contents is walked from end to end.
-void checkVdb(const std::filesystem::path& file, const std::optional<std::string>& grid);
+/// @param called  What the file is called in errors.
+/// @param grid    Whose tree is to be read, as users call it; none: only what stands before the
+///                trees. A file without a table of contents is walked from end to end.
+void checkVdb(const std::filesystem::path& file, const std::string& called,
+              const std::optional<std::string>& grid);
 
 }  // namespace palpate

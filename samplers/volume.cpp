@@ -8,6 +8,7 @@
 #include <fstream>
 #include <mutex>
 #include <numeric>
+#include <optional>
 #include <sys/mman.h>
 #include <utility>
 
@@ -17,6 +18,7 @@
 #include "engine/error.h"
 #include "samplers/parallel.h"
 #include "samplers/prepare.h"
+#include "samplers/steady_file.h"
 #include "samplers/vdb_check.h"
 #include "samplers/volume_grid.h"
 
@@ -68,7 +70,7 @@ void dropMapped(const std::string& path) {
 /// An OpenVDB file, checked; its errors turned into ours.
 class VdbFile {
  public:
-  explicit VdbFile(const std::filesystem::path& path) : path_(path), file_(path.string()) {
+  explicit VdbFile(const std::filesystem::path& path) : path_(path) {
     initialise();
     std::error_code error;
     const auto status = std::filesystem::status(path, error);
@@ -78,25 +80,26 @@ class VdbFile {
     if (!std::filesystem::is_regular_file(status)) {
       throw VolumeError(path.string(), "it is not a file", "give a .vdb file");
     }
-    if (!std::ifstream(path, std::ios::binary).is_open()) {
-      throw VolumeError(path.string(), "it cannot be read", "check its permissions");
-    }
-    if (!isVdb(path)) {
+    steady_.emplace(path);
+    if (!isVdb(steady_->place())) {
       throw VolumeError(path.string(), "it is not a .vdb file",
                         "convert it, e.g. with palpate import");
     }
-    canonical_ = std::filesystem::canonical(path, error).string();
+    // Of a copy, which has no name, "(deleted)" stands behind it here and in the list of maps.
+    canonical_ = steady_->copied() ? std::filesystem::read_symlink(steady_->place(), error).string()
+                                   : std::filesystem::canonical(path, error).string();
     guarded([&] {
-      checkVdb(path, std::nullopt);
-      // Nothing is copied: the leaves are read before this ends.
-      file_.setCopyMaxBytes(0);
-      file_.open(/*delayLoad=*/true);
+      checkVdb(steady_->place(), path_.string(), std::nullopt);
+      file_.emplace(steady_->place().string());
+      // OpenVDB need not copy it: it stays as it is, and the leaves are read before this ends.
+      file_->setCopyMaxBytes(0);
+      file_->open(/*delayLoad=*/true);
     });
   }
 
   [[nodiscard]] std::vector<std::string> names() const {
     std::vector<std::string> names;
-    for (auto name = file_.beginName(); name != file_.endName(); ++name) names.push_back(*name);
+    for (auto name = file_->beginName(); name != file_->endName(); ++name) names.push_back(*name);
     return names;
   }
 
@@ -105,10 +108,10 @@ class VdbFile {
   openvdb::GridBase::Ptr read(const std::string& name) {
     openvdb::GridBase::Ptr grid;
     guarded([&] {
-      grid = file_.readGridMetadata(name);
+      grid = file_->readGridMetadata(name);
       if (!isFeltType(grid->type())) return;
-      checkVdb(path_, name);
-      grid = file_.readGrid(name);
+      checkVdb(steady_->place(), path_.string(), name);
+      grid = file_->readGrid(name);
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
     return grid;
@@ -127,7 +130,7 @@ class VdbFile {
         const std::string stem = name.substr(0, name.size() - 2);
         const auto parts = componentsOf(stem);
         if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
-        const auto type = [&](std::size_t c) { return file_.readGridMetadata(parts[c])->type(); };
+        const auto type = [&](std::size_t c) { return file_->readGridMetadata(parts[c])->type(); };
         const bool scalar =
             type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
         if (scalar && type(1) == type(0) && type(2) == type(0)) joined.push_back(stem);
@@ -182,7 +185,8 @@ class VdbFile {
 
   std::filesystem::path path_;
   std::string canonical_;  ///< As the system's list of maps has it; empty if it cannot be known.
-  openvdb::io::File file_;
+  std::optional<SteadyFile> steady_;
+  std::optional<openvdb::io::File> file_;
 };
 
 }  // namespace

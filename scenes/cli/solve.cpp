@@ -136,6 +136,7 @@ int solve(std::istream& in) {
     }
     fmt::print("{}\n", dump(out));
   }
+  if (in.bad()) throw Error("solve", "reading failed", "see to the disk or what it comes from");
   return status;
 }
 

@@ -1,5 +1,7 @@
 #include <cmath>
 #include <sstream>
+#include <stdexcept>
+#include <streambuf>
 
 #include <catch2/catch.hpp>
 
@@ -35,6 +37,21 @@ TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]
     device.write({5, 5, 5});
   }
   CHECK(ticks == 21);
+}
+
+TEST_CASE("a path that cannot be read to its end is refused", "[path]") {
+  // Two rows, then the disk fails.
+  class Failing final : public std::streambuf {
+   public:
+    Failing() { setg(text_.data(), text_.data(), text_.data() + text_.size()); }
+
+   private:
+    int_type underflow() override { throw std::runtime_error("input/output error"); }
+    std::string text_ = "t,x,y,z\n0,0,0,0\n1,0.01,0,0\n2,0.0";
+  };
+  Failing buffer;
+  std::istream in(&buffer);
+  CHECK_THROWS_WITH(readPath(in, "p.csv"), Contains("p.csv: reading failed after line 3"));
 }
 
 TEST_CASE("a path may start at any time and have one row", "[path]") {

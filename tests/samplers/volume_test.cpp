@@ -3,9 +3,11 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <fcntl.h>
 #include <fstream>
 #include <limits>
 #include <thread>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 #include <openvdb/points/PointDataGrid.h>
@@ -102,6 +104,54 @@ TEST_CASE("a file cut anywhere is refused", "[volume]") {
   }
   std::ofstream(folder / "cut.vdb", std::ios::binary) << bytes.substr(0, bytes.size() - 1);
   CHECK_THAT(refusal(folder / "cut.vdb", "second"), Contains("truncated"));
+}
+
+TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
+  // By somebody who comes and has to wait, and by somebody who has it open already.
+  const TemporaryFolder folder;
+  Random values(3);
+  openvdb::initialize();
+  writeVdb(folder / "whole.vdb", {makeGrid<openvdb::FloatGrid>(
+                                     96, Transform::createLinearTransform(1.0), [&](const Vec3d&) {
+                                       return static_cast<float>(values.uniform(0.0, 1.0));
+                                     })});
+  const std::filesystem::path file = folder / "a.vdb";
+  const auto size = std::filesystem::file_size(folder / "whole.vdb");
+  REQUIRE(size > 3000000);
+  using Clock = std::chrono::steady_clock;
+  const auto begin = Clock::now();
+  (void)loadVolume(folder / "whole.vdb", "");
+  const std::chrono::duration<double> usual = Clock::now() - begin;
+  Random random(4);
+  for (const bool open_already : {false, true}) {
+    long read = 0;
+    for (int i = 0; i < 30; ++i) {
+      std::filesystem::copy_file(folder / "whole.vdb", file,
+                                 std::filesystem::copy_options::overwrite_existing);
+      const int ours = open_already ? open(file.c_str(), O_RDWR | O_CLOEXEC) : -1;
+      const std::chrono::duration<double> wait(random.uniform(0.0, 1.0) * usual.count());
+      std::atomic<bool> go{false};
+      std::thread cutter([&] {
+        while (!go) std::this_thread::yield();
+        std::this_thread::sleep_for(wait);
+        const auto left = static_cast<off_t>(size / 3);
+        if (ours >= 0) {
+          (void)!ftruncate(ours, left);
+        } else {
+          std::filesystem::resize_file(file, static_cast<std::uintmax_t>(left));
+        }
+      });
+      go = true;
+      const std::string why = refusal(file);
+      cutter.join();
+      if (ours >= 0) close(ours);
+      read += why == "no error" ? 1 : 0;
+      if (why != "no error") CHECK_THAT(why, Contains(file.string() + ": it is "));
+      CHECK(std::filesystem::file_size(file) == size / 3);
+    }
+    INFO("open already: " << open_already << ", read " << read);
+    CHECK(read > 0);
+  }
 }
 
 TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {

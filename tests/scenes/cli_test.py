@@ -555,6 +555,8 @@ class Feel(Case):
         self.refused("feel", ball, "--picture", "-", says=".png")
         same = self.dir / "same"
         self.refused("feel", ball, "--trace", same, "--summary", same, says="two outputs")
+        same_again = f"{self.dir}/./{Path(same).name}"
+        self.refused("feel", ball, "--trace", same, "--summary", same_again, says="two outputs")
         self.refused("feel", ball, "--trace", "-", "--json", says="two outputs")
         self.refused("feel", ball, "--rate", "nan", says="--rate")
         self.refused("feel", ball, "--seconds", -1, says="--seconds")
@@ -844,7 +846,7 @@ class Stability(Case):
             self.assertEqual(other["arm"]["delay"], 0)
             two = map_of("--device", "hid:polhem", serials=("S1", "S2"))
             self.assertEqual(two.returncode, 2)
-            self.assertIn("several arms of that profile have been tested: add one's serial number",
+            self.assertIn("several arms of that profile have been tested: say which",
                           two.stderr)
 
     def test_refusals(self):

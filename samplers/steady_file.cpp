@@ -1,0 +1,106 @@
+#include "samplers/steady_file.h"
+
+#include <array>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <fcntl.h>
+#include <string>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <utility>
+
+#include "engine/error.h"
+
+namespace palpate {
+namespace {
+
+/// A descriptor that closes itself where something goes wrong.
+class Descriptor {
+ public:
+  explicit Descriptor(int number) : number_(number) {}
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (number_ >= 0) close(number_);
+  }
+  [[nodiscard]] int get() const noexcept { return number_; }
+  int release() noexcept { return std::exchange(number_, -1); }
+
+ private:
+  int number_;
+};
+
+/// True: nobody writes to the file, and nobody begins to while it is open here.
+bool lease(int file) {
+  if (fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
+  // Nobody is told that somebody waits: the signal would end the program.
+  (void)fcntl(file, F_SETOWN, 0);
+  return true;
+}
+
+/// A file without a name.
+int nameless(const std::filesystem::path& folder) {
+  const int file = open(folder.c_str(), O_TMPFILE | O_RDWR | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (file >= 0) return file;
+  std::string name = (folder / "palpate-XXXXXX").string();
+  const int named = mkostemp(name.data(), O_CLOEXEC);
+  if (named >= 0) unlink(name.c_str());
+  return named;
+}
+
+/// All of a file, as far as it goes: 0, or errno.
+int copyAll(int from, int to) {
+  constexpr std::size_t kPiece = std::size_t{1} << 30U;
+  for (bool by_system = true;;) {
+    if (by_system) {
+      const ssize_t moved = copy_file_range(from, nullptr, to, nullptr, kPiece, 0);
+      if (moved > 0) continue;
+      if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
+      // Not between these two places, or of a file that has no size.
+      if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
+      by_system = false;
+    }
+    static thread_local std::array<char, 1U << 16U> piece;
+    const ssize_t got = read(from, piece.data(), piece.size());
+    if (got == 0) return 0;
+    if (got < 0) return errno;
+    for (ssize_t done = 0; done < got;) {
+      const ssize_t put = write(to, piece.data() + done, static_cast<std::size_t>(got - done));
+      if (put < 0) return errno;
+      done += put;
+    }
+  }
+}
+
+}  // namespace
+
+SteadyFile::SteadyFile(const std::filesystem::path& path) {
+  Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (file.get() < 0)
+    throw VolumeError(path.string(), "it cannot be read", "check its permissions");
+  if (lease(file.get())) {
+    file_ = file.release();
+    place_ = path;
+    return;
+  }
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+  Descriptor copy(error ? -1 : nameless(folder));
+  const int trouble = copy.get() < 0 ? errno : copyAll(file.get(), copy.get());
+  if (trouble != 0) {
+    throw VolumeError(path.string(),
+                      "others may change it, and it cannot be copied to " + folder.string() + " (" +
+                          std::strerror(trouble) + ")",
+                      "make room there, or name another folder in TMPDIR");
+  }
+  file_ = copy.release();
+  copied_ = true;
+  place_ = "/proc/self/fd/" + std::to_string(file_);
+}
+
+SteadyFile::~SteadyFile() {
+  if (file_ >= 0) close(file_);
+}
+
+}  // namespace palpate
