@@ -31,15 +31,15 @@ struct PassivityRun {
   double encoder = 1e-5;    ///< Of each of three axes [m].
   double period = 1e-3;     ///< [s]
   double jitter = 0.0;      ///< Ticks come after (1 - jitter) to 1 of the period.
-  int every = 1;            ///< A new position comes every so many ticks,
-  bool tells_age = true;    ///< and the others are said to be old.
-  double forgets = 0.0;     ///< Share of ticks from which on the tank is to begin anew, for as if a
+  double forgets = 0.0;     ///< Share of ticks from which on the tank is to begin anew, as if a
                             ///< switch opened, or a scene or a fault went: at once, or
   int away = 0;             ///< up to so many ticks later; meanwhile zero is sent.
+  int every = 1;            ///< A new position comes every so many ticks,
+  bool tells_age = true;    ///< and the others are said to be old.
+  bool tells_doubt = true;  ///< The tank is told the delay's doubt, and the readings' jitter.
   double late = 0.0;        ///< Share of ticks that come after up to ten periods.
   double delay = 0.0;       ///< [s]
-  double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s],
-  bool tells_doubt = true;  ///< which the tank is told, and the readings' jitter.
+  double doubt = 0.0;       ///< Every force is late by another time: the delay, give or take [s].
   double reading_jitter = 0.0;  ///< Positions are up to twice so old, each by another time [s].
   double lag = 0.0;             ///< [s]
   double weak = 0.0;           ///< Share of ticks in which the motors give less than they are told,
