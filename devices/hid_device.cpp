@@ -122,6 +122,7 @@ Got HidInput::takeNewest(ReportPort& port) noexcept {
     counts_.repeated += static_cast<std::int64_t>(taken == Taken::kRepeated);
   }
   if (count >= kFullRing) {
+    std::fill(known_.begin(), known_.end(), false);
     counts_.dropped += static_cast<std::int64_t>(count);
     std::fill(fresh_.begin(), fresh_.end(), false);
     std::fill(came_.begin(), came_.end(), false);
@@ -200,6 +201,7 @@ void HidDevice::begin() {
                       "close some files");
   }
   heard_ = !silent();
+  beginAtHome();
   follow(0.0);
   info_.limits.friction = host_.measured.coulomb;
   if (profile_.output && host_.measured.viscous > 0.0) {
@@ -209,11 +211,21 @@ void HidDevice::begin() {
     info_.mass = host_.measured.mass;
   }
   read_at_ = heard_at_ = counted_at_ = moved_at_ = host_.now();
-  // What has come with a position is as old as that; the rest may be from before the homing.
-  for (const HidJoint& joint : profile_.joints) flags_at_[joint.from.report] = read_at_;
+  knowFlags(read_at_);
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
   mender_ = std::thread([this] { mendLoop(); });
+}
+
+void HidDevice::beginAtHome() noexcept {
+  // It has just been homed: its counters are what they are, in the first of their ranges.
+  for (std::size_t i = 0; i < about_.size() && !profile_.home.empty(); ++i) {
+    about_[i] = input_.raw(profile_.joints[i].from);
+  }
+}
+
+void HidDevice::knowFlags(std::int64_t now) noexcept {
+  for (std::size_t r = 0; r < flags_at_.size(); ++r) flags_at_[r] = input_.known(r) ? now : kNever;
 }
 
 void HidDevice::endThreads() noexcept {
@@ -317,24 +329,23 @@ void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                         const std::function<bool()>& stop) {
   const std::string name = "arm " + profile_.name;
   const auto end = Clock::now() + std::chrono::duration<double>(step.seconds);
+  const std::size_t report = step.field.report;
+  const ReportField& field = profile_.input[report].fields[step.field.field];
+  const auto is = [&] { return input.raw(step.field) == step.equals; };
   const auto look = [&] {
-    if ((profile_.output && !port.write(zero_)) || input.takeNewest(port) == Got::kGone)
+    if ((profile_.output && !port.write(zero_)) || input.takeNewest(port) == Got::kGone) {
       throwGone(name);
+    }
+    return input.came(report);
   };
   const bool asked = !step.words.empty();
-  look();  // what waits is from before
+  (void)look();  // what waits is from before
   if (host_.say && asked) host_.say(name + ": " + step.words);
-  const std::int64_t taken = input.counts().taken;
-  const auto says = [&] {
-    return input.counts().taken != taken && input.raw(step.field) == step.equals;
-  };
-  const std::size_t report = step.field.report;
-  bool begun = !asked || (input.known(report) && input.raw(step.field) != step.equals);
-  while (!begun || !says()) {
+  bool begun = !asked || (input.known(report) && !is());
+  for (bool says = false; !begun || !says;) {
     if (Clock::now() > end || (stop && stop())) {
-      const ReportField& field = profile_.input[report].fields[step.field.field];
       const std::string value = field.name + " = " + std::to_string(std::lround(step.equals));
-      if (!begun && says()) {
+      if (!begun && says) {
         throw DeviceError(name, "it has said " + value + " all the time",
                           "let go first; then " + step.words);
       }
@@ -342,8 +353,9 @@ void HidDevice::waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                         asked ? step.words : "see to its power and firmware");
     }
     std::this_thread::sleep_for(kAsk);
-    look();
-    begun = begun || (input.counts().taken != taken && !says());
+    if (!look()) continue;
+    says = is();
+    begun = begun || !says;
   }
 }
 
@@ -377,30 +389,33 @@ HandState HidDevice::read() noexcept {
   {
     const Using port(open_port_, reading_);
     const std::uint32_t plugging = plugging_;
-    if (plugging != plugging_seen_) {
+    if (port && plugging != plugging_seen_) {
       plugging_seen_ = plugging;
       heard_ = false;
       heard_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
       input_.adopt(mended_);
       moved_at_ = now;
-      std::fill(flags_at_.begin(), flags_at_.end(), kNever);
+      knowFlags(now);
+      beginAtHome();
     }
-    // Since the opening much may have happened: what it says now is where it is. Only one whose
-    // home is how it stood then has to be followed from there on.
+    // Since the opening much may have happened: one that says by itself that it is homed is where
+    // it says now. One that was homed then has to be followed from there on.
     if (!ticked_) {
       ticked_ = true;
-      if (!profile_.home_at_open) {
+      if (!profile_.home_at_open && profile_.home.empty()) {
         for (Unwrapped& counter : counters_) counter.forget();
       }
     }
     // Nobody has looked for a while: what waits is old, and the arm is where the next report says.
-    if (dt > profile_.limits.stale) {
+    const bool paused = dt > profile_.limits.stale;
+    if (paused) {
       heard_ = false;
       heard_at_ = moved_at_ = now;
       std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
     Got got = port ? input_.takeNewest(*port) : Got::kGone;
+    if (paused && got == Got::kReport && !silent()) got = Got::kNothing;
     // Its counters may have gone round: where it is only its homing says.
     if (got == Got::kReport && !countedOn(1e-9 * static_cast<double>(now - counted_at_))) {
       miscounted_ = true;
@@ -419,7 +434,7 @@ HandState HidDevice::read() noexcept {
       lookForMotion(now);
     }
     for (std::size_t r = 0; r < flags_at_.size(); ++r) {
-      if (input_.came(r)) flags_at_[r] = now;
+      if (input_.came(r) && !paused) flags_at_[r] = now;
     }
     if (got == Got::kReport || (got == Got::kNothing && silent())) follow(dt);
   }
@@ -428,6 +443,8 @@ HandState HidDevice::read() noexcept {
   hand.ready = pose_.reachable && (heard_ || silent());
   if (profile_.output && !numbered_) hand.still = 1e-9 * static_cast<double>(now - moved_at_);
   for (const HidFlag& flag : profile_.flags) {
+    // What has not come yet says nothing; lookAtFlags waits for it.
+    if (!silent() && flags_at_[flag.field.report] == kNever) continue;
     const bool says = input_.raw(flag.field) == flag.equals;
     // Homing sets counters: what they said before is no place to count on from.
     if (flag.means == HidFlag::Means::kHomed && !says) {
@@ -565,7 +582,7 @@ void HidDevice::mendLoop() noexcept {
     std::unique_ptr<ReportPort> port;
     try {
       if (miscounted_.exchange(false)) {
-        homeless_ = profile_.home.empty();
+        homeless_ = profile_.home.empty() || profile_.home_at_open;
         if (host_.say) {
           host_.say("arm " + profile_.name +
                     ": nobody has read it for so long that its encoders may have gone round: " +

@@ -66,8 +66,8 @@ struct HidDeviceName {
 /// True while this process has it open.
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
-/// Makes a device this process' own as long as the descriptor, or one that is its copy, is open; a
-/// child that has one as well, as a guardian has, keeps it. Throws DeviceError: who has it. Only
+/// Makes a device this process' own as long as the descriptor, or one that is its copy, is open and
+/// nobody unlocks it; a child that has one as well, as a guardian has, keeps it. Throws DeviceError: who has it. Only
 /// those that ask by this are seen.
 void claim(int descriptor, const std::string& path);
 

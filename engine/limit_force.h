@@ -2,6 +2,8 @@
 /// comes in gently, whatever happened before.
 #pragma once
 
+#include <algorithm>
+
 #include "engine/passivity.h"
 #include "engine/types.h"
 
@@ -43,6 +45,10 @@ struct LimiterState {
     tank.forget();
   }
 
+  /// Of a wanted force, whether and how far it goes out: none of it while an engagement lasts [N].
+  [[nodiscard]] double letsOut(double wanted, double peak) const noexcept {
+    return waiting || share < 1.0 ? 0.0 : std::min(wanted, peak);
+  }
   /// Begins an engagement: the force is zero until a small one is wanted, then grows over `length`.
   void engage(double length) noexcept {
     waiting = true;

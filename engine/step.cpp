@@ -918,7 +918,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
       report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
       if (!hand.ready) report.wanted.setZero();
       report.moving =
-          state.still_.pass(report.wanted.norm(), hand.still, state.limits_.friction, dt);
+          state.still_.pass(state.limiter_.letsOut(report.wanted.norm(), state.limits_.peak),
+                            hand.still, state.limits_.friction, dt);
       report.wanted *= report.moving;
       if (hand.too_fast && hand.ready)
         report.wanted = brake(report.wanted, hand.velocity, hand.max_speed);

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <fcntl.h>
@@ -33,8 +34,9 @@ class Descriptor {
 
 /// True: nobody writes to the file, and nobody begins to while it is open here.
 bool lease(int file) {
-  if (fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
-  // Nobody is told that somebody waits: the signal would end the program.
+  // Nobody is told that somebody waits: the usual signal would end the program, this one does
+  // nothing where nobody has asked for it.
+  if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
   (void)fcntl(file, F_SETOWN, 0);
   return true;
 }
@@ -81,13 +83,15 @@ SteadyFile::SteadyFile(const std::filesystem::path& path) {
     throw VolumeError(path.string(), "it cannot be read", "check its permissions");
   if (lease(file.get())) {
     file_ = file.release();
-    place_ = path;
+    place_ = "/proc/self/fd/" + std::to_string(file_);
     return;
   }
   std::error_code error;
   const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
   Descriptor copy(error ? -1 : nameless(folder));
-  const int trouble = copy.get() < 0 ? errno : copyAll(file.get(), copy.get());
+  const int trouble = error            ? error.value()
+                      : copy.get() < 0 ? errno
+                                       : copyAll(file.get(), copy.get());
   if (trouble != 0) {
     throw VolumeError(path.string(),
                       "others may change it, and it cannot be copied to " + folder.string() + " (" +

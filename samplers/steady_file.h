@@ -23,7 +23,7 @@ class SteadyFile {
   SteadyFile& operator=(const SteadyFile&) = delete;
   ~SteadyFile();
 
-  /// What is to be opened instead of the path.
+  /// What is to be opened instead of the path, which may lead elsewhere by then.
   [[nodiscard]] const std::filesystem::path& place() const noexcept { return place_; }
   [[nodiscard]] bool copied() const noexcept { return copied_; }
 

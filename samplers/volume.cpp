@@ -85,9 +85,8 @@ class VdbFile {
       throw VolumeError(path.string(), "it is not a .vdb file",
                         "convert it, e.g. with palpate import");
     }
-    // Of a copy, which has no name, "(deleted)" stands behind it here and in the list of maps.
-    canonical_ = steady_->copied() ? std::filesystem::read_symlink(steady_->place(), error).string()
-                                   : std::filesystem::canonical(path, error).string();
+    // As the list of maps has it; "(deleted)" stands behind a copy, which has no name, there too.
+    canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
       checkVdb(steady_->place(), path_.string(), std::nullopt);
       file_.emplace(steady_->place().string());

@@ -629,6 +629,7 @@ TEST_CASE("a report that is sent again is none", "[hid]") {
     arm.giveCounts(100, 0, 0, 2);
     const HandState hand = device->read();
     CHECK_FALSE(hand.fresh);
+    CHECK(hand.still == 0.0);
     CHECK(hand.age == Approx(1e-3 * i));
   }
   CHECK(device->reads().repeated == 51);
@@ -829,6 +830,7 @@ TEST_CASE("a hand that lives feels no more of it than the arm's friction and a c
           CHECK(grip * moved <= 1.3 * coulomb + grip * step + 0.02);
           // Where its sway moves the arm by a count, or every report has a number, never.
           if (sways && step <= 1e-5 && coulomb <= 0.02) CHECK(fading.faded == 0);
+          if (!sways) CHECK(fading.faded > 0);
         }
       }
     }
@@ -900,6 +902,9 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   CHECK(device->read().position.x() == Approx(0.0204));
   pass(0.1);
   arm.giveCounts(-2000, 0, 0);
+  // What has waited meanwhile is not looked at.
+  CHECK(device->read().fault == Fault::kNone);
+  arm.giveCounts(-2000, 0, 0);
   const HandState hand = device->read();
   CHECK(hand.fault == Fault::kMiscounted);
   CHECK(hand.position.x() == Approx(0.0204));
@@ -936,6 +941,7 @@ TEST_CASE("an arm that says it is homed is believed, however long nobody has loo
   CHECK(device->read().position.x() == Approx(-4e-4));
   // From now on it is followed.
   pass(0.2);
+  CHECK_FALSE(device->read().ready);
   arm.giveCounts(2000, 0, 0);
   CHECK(device->read().fault == Fault::kMiscounted);
 }
@@ -963,6 +969,7 @@ TEST_CASE("an arm that is miscounted is told to give no force, and what it needs
   arm.giveCounts(0, 0, 0);
   CHECK(device->read().fault == Fault::kNone);
   pass(0.15);
+  CHECK_FALSE(device->read().ready);
   arm.giveCounts(-2000, 0, 0);
   CHECK(device->read().fault == Fault::kMiscounted);
   const bool at_once = GENERATE(false, true);

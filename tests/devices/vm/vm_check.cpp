@@ -160,6 +160,14 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   kill(holder, SIGKILL);
   waitpid(holder, nullptr, 0);
   close(other);
+  {
+    auto first = openHid(path);
+    const int guardian = dup(first->guardDescriptor());
+    first.reset();
+    check(refusal([&] { (void)openHid(path); }) == "none",
+          "an arm that was closed is opened again, although its guardian has it still");
+    close(guardian);
+  }
   const auto ours = openHid(path);
   const std::string pid = std::to_string(getpid());
   const pid_t second = fork();
