@@ -111,7 +111,7 @@ class StillFade {
  public:
   /// What is left of the force, 0 to 1.
   ///
-  /// @param force     Wanted [N].
+  /// @param force     That goes out [N].
   /// @param still     HandState::still [s].
   /// @param friction  Less force than this may leave the arm where it is [N].
   /// RT: no allocation.

@@ -81,25 +81,23 @@ SteadyFile::SteadyFile(const std::filesystem::path& path) {
   Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0)
     throw VolumeError(path.string(), "it cannot be read", "check its permissions");
-  if (lease(file.get())) {
+  if (!lease(file.get())) {
+    std::error_code error;
+    const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+    Descriptor copy(error ? -1 : nameless(folder));
+    const int trouble = error            ? error.value()
+                        : copy.get() < 0 ? errno
+                                         : copyAll(file.get(), copy.get());
+    if (trouble != 0) {
+      throw VolumeError(path.string(),
+                        "others may change it, and it cannot be copied to " + folder.string() +
+                            " (" + std::strerror(trouble) + ")",
+                        "make room there, or name another folder in TMPDIR");
+    }
+    file_ = copy.release();
+  } else {
     file_ = file.release();
-    place_ = "/proc/self/fd/" + std::to_string(file_);
-    return;
   }
-  std::error_code error;
-  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
-  Descriptor copy(error ? -1 : nameless(folder));
-  const int trouble = error            ? error.value()
-                      : copy.get() < 0 ? errno
-                                       : copyAll(file.get(), copy.get());
-  if (trouble != 0) {
-    throw VolumeError(path.string(),
-                      "others may change it, and it cannot be copied to " + folder.string() + " (" +
-                          std::strerror(trouble) + ")",
-                      "make room there, or name another folder in TMPDIR");
-  }
-  file_ = copy.release();
-  copied_ = true;
   place_ = "/proc/self/fd/" + std::to_string(file_);
 }
 

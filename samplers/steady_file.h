@@ -25,11 +25,9 @@ class SteadyFile {
 
   /// What is to be opened instead of the path, which may lead elsewhere by then.
   [[nodiscard]] const std::filesystem::path& place() const noexcept { return place_; }
-  [[nodiscard]] bool copied() const noexcept { return copied_; }
 
  private:
   int file_ = -1;
-  bool copied_ = false;
   std::filesystem::path place_;
 };
 

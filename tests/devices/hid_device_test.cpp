@@ -171,6 +171,17 @@ HidProfile slides() {
   return profile;
 }
 
+/// A step of a sequence of slides: until its state is that.
+HidStep waitForState(double equals, double seconds, const char* words = "") {
+  HidStep wait;
+  wait.kind = HidStep::Kind::kWait;
+  wait.field = {0, 3};
+  wait.equals = equals;
+  wait.seconds = seconds;
+  wait.words = words;
+  return wait;
+}
+
 /// The clock that reports grow old by: it stands still until a test lets time pass, whatever the
 /// machine does meanwhile.
 std::atomic<std::int64_t> virtual_now{1000000000};
@@ -502,12 +513,7 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
   HidStep send;
   send.kind = HidStep::Kind::kSend;
   send.values = {{3, 1.0}};
-  HidStep wait;
-  wait.kind = HidStep::Kind::kWait;
-  wait.field = {0, 3};
-  wait.equals = 5;
-  wait.seconds = 0.2;
-  wait.words = "press the button";
+  const HidStep wait = waitForState(5, 0.2, "press the button");
   profile.home = {send, wait};
   {
     FakeArm arm;
@@ -570,12 +576,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   CHECK(closed(arm));
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
 
-  HidStep wait;
-  wait.kind = HidStep::Kind::kWait;
-  wait.field = {0, 3};
-  wait.equals = 5;
-  wait.seconds = 60.0;
-  wait.words = "press the button";
+  const HidStep wait = waitForState(5, 60.0, "press the button");
   profile.home = {wait};
   FakeArm stopped;
   stopped.giveCounts(0, 0, 0);
@@ -602,11 +603,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
 
 TEST_CASE("what is to be sent at the end is sent, whatever was waited for before it", "[hid]") {
   HidProfile profile = slides();
-  HidStep wait;
-  wait.kind = HidStep::Kind::kWait;
-  wait.field = {0, 3};
-  wait.equals = 7;
-  wait.seconds = 0.05;
+  const HidStep wait = waitForState(7, 0.05);
   HidStep off;
   off.kind = HidStep::Kind::kSend;
   off.values = {{3, 9.0}};
@@ -840,12 +837,7 @@ TEST_CASE("a hand that lives feels no more of it than the arm's friction and a c
 TEST_CASE("an arm that is back tells what it needs", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();
-  HidStep wait;
-  wait.kind = HidStep::Kind::kWait;
-  wait.field = {0, 3};
-  wait.equals = 5;
-  wait.seconds = 20.0;
-  wait.words = "press the button";
+  const HidStep wait = waitForState(5, 20.0, "press the button");
   profile.home = {wait};
   std::mutex mutex;
   std::vector<std::string> said;
