@@ -82,7 +82,8 @@ class HidPort final : public ReportPort {
   void closeAll() noexcept {
     if (in_ != nullptr) hid_close(in_);
     if (out_ != nullptr) hid_close(out_);
-    // Guardians have copies of it, and so its lock; whoever closes in order is done with the device.
+    // Guardians have copies of it, and so its lock; whoever closes in order is done with the
+    // device.
     if (guard_ >= 0) (void)flock(guard_, LOCK_UN);
     if (guard_ >= 0) close(guard_);
   }

@@ -67,8 +67,8 @@ struct HidDeviceName {
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
 /// Makes a device this process' own as long as the descriptor, or one that is its copy, is open and
-/// nobody unlocks it; a child that has one as well, as a guardian has, keeps it. Throws DeviceError: who has it. Only
-/// those that ask by this are seen.
+/// nobody unlocks it; a child that has one as well, as a guardian has, keeps it. Throws
+/// DeviceError: who has it. Only those that ask by this are seen.
 void claim(int descriptor, const std::string& path);
 
 /// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
