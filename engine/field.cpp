@@ -44,15 +44,19 @@ Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, 
     const ScalarSample at = sample(a_W + share * way, cache);
     return at.inside ? sign * (at.value - level) : 1.0;
   };
-  const double steps = std::ceil(way.norm() / (0.5 * frame().voxel));
-  if (!(steps <= kMostSteps)) return out;
-  const int count = std::max(static_cast<int>(steps), 1);
+  const double steps = std::max(std::ceil(way.norm() / (0.5 * frame().voxel)), 1.0);
+  if (!std::isfinite(steps)) {
+    out.share = 0.0;
+    return out;
+  }
+  const double count = steps;
+  const int looked = static_cast<int>(std::min<double>(steps, kMostSteps));
   double last = height(0.0);
   bool above = false;
-  for (int i = 1; i <= count; ++i) {
-    const double share = static_cast<double>(i) / count;
+  for (int i = 1; i <= looked; ++i) {
+    const double share = i / count;
     const double here = height(share);
-    const double from = static_cast<double>(i - 1) / count;
+    const double from = (i - 1) / count;
     above = above || last > 0.0;
     if (here < 0.0 && (above || (i == 1 && here < last))) {
       out.found = true;
@@ -71,6 +75,7 @@ Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, 
     }
     last = here;
   }
+  out.share = looked / count;
   out.behind = !above && last < 0.0;
   return out;
 }

@@ -37,7 +37,7 @@ struct alignas(64) FieldCache {
 /// Where a value first falls through a level on a straight way.
 struct Crossing {
   bool found = false;
-  double share = 1.0;   ///< Of the way, 0 to 1.
+  double share = 1.0;   ///< Of the way, 0 to 1; not found: so much of it was looked at.
   int cells = 0;        ///< Looked at; without cells, values read.
   bool behind = false;  ///< Not found because all of it is below the level.
 };
@@ -82,9 +82,9 @@ class ScalarField {
   /// Where on the way from a_W to b_W [m] sign (V - level) first falls below zero, where there are
   /// data: the contact of a proxy that comes from the free side. A way that begins at or below zero
   /// crosses at once where it falls at first, and where it rises at its next fall after that. This
-  /// one looks every half voxel; a grid's own is exact. Not found where an end is no number, and
-  /// beyond 128 voxels (a grid's: 256 cells). RT: no allocation. Cost: as a sample for every half
-  /// voxel; a grid's, some 50 ns a cell that is not the last one read.
+  /// one looks every half voxel; a grid's own is exact. Nothing is looked at where an end is no
+  /// number, nor what is farther than 128 voxels (a grid's: 256 cells). RT: no allocation. Cost: as
+  /// a sample for every half voxel; a grid's, some 50 ns a cell that is not the last one read.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <limits>
 #include <span>
@@ -27,7 +28,8 @@ class Tick {
       state_.scene_id_ = scene_.id;
       state_.time_ = 0.0;
     }
-    if (swapped || !state_.placed_) {
+    if (swapped || !state_.placed_ || state_.lost_) {
+      state_.lost_ = false;
       state_.posed_at_ = state_.time_;
       for (std::size_t i = 0; i < bodies_.size(); ++i) {
         bodies_[i].pose = scene_.graph.motions[i]->poseAt(state_.time_);
@@ -94,6 +96,7 @@ class Tick {
     bool cut = false;   ///< Else: only as far as the data can be trusted. Or it met a surface.
     bool near = true;   ///< To where properties were read last.
     Vec3 lift = Vec3::Zero();  ///< What met a surface went so far above the proxy's own way [m].
+    bool swept = true;         ///< All of it, for the surfaces on it.
   };
   using Felt = ProxyState::Felt;
   /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
@@ -304,16 +307,28 @@ class Tick {
     deep_at_.setConstant(std::numeric_limits<double>::quiet_NaN());  // none yet
     most_ = 0.0;
     bool cut = false;
+    bool met_free = false;
     if (!balance(true, report)) return false;
     for (;;) {
-      Way way = advance(report);
+      Way way = advance(false, report);
       const bool known = sampled_ && !deep_ && (way.near || !cut);
       const bool arrived = known && way.clear && !doubtful();
       const bool spent = sampled_ && (held_ + later >= scene_.step.max_substeps ||
                                       report.substeps + later >= kMostSubsteps ||
                                       (strays_ && strayed_ > kMostStrays));
-      if (arrived || spent) {
+      // A proxy that nothing holds is at the hand, however much of its way is left to be read: that
+      // is only swept, and what the sweep meets is read.
+      const bool free = spent && !arrived && state_.primitives_.size() == 0;
+      if (free) way = advance(true, report);
+      const bool meets = free && !way.clear && (strays_ ? strayed_ <= kMostStrays : !met_free);
+      met_free = met_free || (meets && !strays_);
+      if (arrived || (spent && !meets)) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
+        if (free) {
+          state_.lost_ = !way.clear || !way.swept;
+          moveTo({target_}, report);
+          return true;
+        }
         way.end -= way.lift;
         if (deep_) way = {findStay(report), false};
         moveTo(way, report);
@@ -494,13 +509,14 @@ class Tick {
     return true;
   }
 
-  /// How far the proxy may go towards the balance.
-  Way advance(StepReport& report) noexcept {
+  /// How far the proxy may go towards the balance; `unread`: nothing is to be read on the way.
+  Way advance(bool unread, StepReport& report) noexcept {
     Way way{target_};
     const Vec3& from = onward_ ? read_at_ : state_.proxy_;
     const Vec3 line = target_ - from;
     const double length = line.norm();
-    const double reach = reachFrom(from, target_);
+    const double reach =
+        unread ? std::numeric_limits<double>::infinity() : reachFrom(from, target_);
     way.near = length <= kNear * reach;
     if (!(length <= reach)) {
       way.clear = false;
@@ -603,7 +619,10 @@ class Tick {
       }
       const Crossing crossing = sweep(*mode, felt, from, to, report);
       // A way that is all behind it begins behind another of its walls: that is met at once.
-      if (!crossing.found && !crossing.behind) return;
+      if (!crossing.found && !crossing.behind) {
+        way.swept = way.swept && crossing.share >= 1.0;
+        return;
+      }
       const double at_share = crossing.found ? crossing.share : 0.0;
       if (met != nullptr && at_share >= share) return;
       share = at_share;
@@ -916,6 +935,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     state.offset_ = offset;
     if (good) {
       report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
+      assert(report.primitives > 0 || report.wanted.isZero(0.0));  // nothing there, nothing felt
       if (!hand.ready) report.wanted.setZero();
       report.moving =
           state.still_.pass(state.limiter_.letsOut(report.wanted.norm(), state.limits_.peak),

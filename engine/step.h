@@ -28,9 +28,10 @@ enum class StepStatus : std::uint8_t {
                   ///< strength or a hand nearer the stream.
   kSubstepLimit,  ///< The readings, or 16 steps along a stream for each, were used up before the
                   ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or
-                  ///< frictions that take turns. The rest waits. Or a volume moved farther than
-                  ///< that: it is there, but can have passed the proxy unfelt. Raise max_substeps
-                  ///< or the rate if it happens often.
+                  ///< frictions that take turns. The rest waits where something holds the proxy;
+                  ///< where nothing does it is at the hand, and what is farther off than the
+                  ///< fields' firstFall looks can have been passed unfelt, as by a volume that
+                  ///< moved so far. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 204 of the richest, two walls with friction and a drag, fit.
@@ -199,6 +200,8 @@ class ProxyState {
   int stuck_ = 0;  ///< Ticks in a row that ended where they began: their ways led behind a surface.
   bool placed_ = false;
   bool known_ = false;  ///< Properties have been read in this scene.
+  bool lost_ = false;   ///< The proxy came to the hand by a way that was not looked at: contacts
+                        ///< are forgotten at the next tick.
   Fault fault_ = Fault::kNone;
   Vec3 proxy_ = Vec3::Zero();
   Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].

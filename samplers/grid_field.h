@@ -288,7 +288,10 @@ class GridReader {
     const Vec3 from = map_(a_W);
     const Vec3 to = map_(b_W);
     std::array<int, 3> cell{};
-    if (!floorOf(from, cell) || !isPlace(to)) return out;
+    if (!floorOf(from, cell) || !isPlace(to)) {
+      out.share = 0.0;
+      return out;
+    }
     const Vec3 way(to.x() - from.x(), to.y() - from.y(), to.z() - from.z());
     bool above = false;
     double share = 0.0;
@@ -335,10 +338,11 @@ class GridReader {
         }
         out.behind = !above && cubic[0] + cubic[1] + cubic[2] + cubic[3] < 0.0;
       }
-      if (axis == 3) break;
+      if (axis == 3) return out;
       share = next;
       cell[axis] += way[static_cast<Eigen::Index>(axis)] > 0.0 ? 1 : -1;
     }
+    out.share = share;
     return out;
   }
 

@@ -265,6 +265,81 @@ TEST_CASE("through free space a hand is followed in one move, and nothing feels 
   }
 }
 
+/// A ball of radius 20 about the origin that is solid, in a room of 2 x 300 voxels full of
+/// scattered values of nothing: it is nowhere free far enough for a fast hand.
+ScalarPtr ballInDust(double voxel, bool ball) {
+  Random random(11);
+  openvdb::initialize();
+  openvdb::FloatGrid::Ptr grid = openvdb::FloatGrid::create(10.0F);
+  if (ball) grid = makeBall(20.0, 1.0);
+  auto accessor = grid->getAccessor();
+  for (int x = -300; x < 300; x += 8) {
+    for (int y = -300; y < 300; y += 8) {
+      for (int z = -96; z < 96; z += 8) {
+        const Coord at = Coord(x, y, z).offsetBy(4);
+        if (!accessor.isValueOn(at) && accessor.getValue(at) > 0.0F) accessor.setValue(at, 10.0F);
+      }
+    }
+  }
+  Placement placement;
+  placement.scale = voxel;
+  return std::get<ScalarPtr>(fieldOf({grid}, placement));
+}
+
+TEST_CASE("a proxy that nothing holds is at the hand, however far that has gone in a tick",
+          "[scale][motion][safety]") {
+  constexpr double kFine = 1e-7;  // [m]: at 10 mm/s and 1 kHz 100 voxels a tick
+  const ScalarPtr dust = ballInDust(kFine, false);
+  for (const bool parts : {false, true}) {
+    std::vector<Part> one;
+    if (parts) one.push_back(makePart(skinOf("it"), {{"it", dust}}));
+    Hand hand(parts ? makeScene({}, {}, {}, {}, std::move(one))
+                    : makeScene(skinOf("it"), {{"it", dust}}));
+    Random random(12);
+    long late = 0;
+    for (int i = 0; i < 2000; ++i) {
+      const Vec3 way = random.uniform(1.0, i % 10 == 0 ? 2000.0 : 300.0) * random.direction();
+      const Vec3 at = (200.0 * kFine) * (kFine * way / (200.0 * kFine)).array().sin().matrix();
+      const StepReport r = hand.step(at);
+      late += r.status == StepStatus::kSubstepLimit ? 1 : 0;
+      REQUIRE(r.primitives == 0);
+      REQUIRE(r.proxy == at);
+      REQUIRE(r.wanted == Vec3::Zero());
+    }
+    CHECK(late > 100);  // else nothing was left to be read
+  }
+}
+
+TEST_CASE("what a hand meets on a way that is not read holds it all the same",
+          "[scale][motion][safety]") {
+  constexpr double kFine = 1e-7;  // [m]
+  const auto field = ballInDust(kFine, true);
+  Random random(13);
+  for (int i = 0; i < 200; ++i) {
+    Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
+    const Vec3 out = random.direction();
+    (void)hand.step(kFine * random.uniform(60.0, 180.0) * out);
+    const Vec3 at = kFine * 15.0 * out;  // five voxels deep
+    StepReport r;
+    for (int tick = 0; tick < 5; ++tick) {
+      r = hand.step(at);
+      REQUIRE(r.primitives > 0);
+    }
+    REQUIRE((r.proxy - 20.0 * kFine * out).norm() < 0.05 * kFine);
+  }
+  // Farther than can be looked at it is not there: neither met nor, from within, felt.
+  Hand hand(makeScene(skinOf("ball"), {{"ball", field}}));
+  (void)hand.step(kFine * Vec3(2000, 1500, 0));
+  for (int i = 0; i < 5; ++i) {
+    const StepReport r = hand.step(kFine * Vec3(i, 0, 0));
+    REQUIRE(r.wanted == Vec3::Zero());
+    REQUIRE(r.proxy == kFine * Vec3(i, 0, 0));
+  }
+  CHECK(hand.step(kFine * Vec3(60, 0, 0)).wanted == Vec3::Zero());
+  for (int x = 60; x >= 15; --x) (void)hand.step(kFine * Vec3(x, 0, 0));
+  CHECK(hand.state.proxy().x() == Approx(20.0 * kFine).epsilon(0.01));
+}
+
 TEST_CASE("parts whose boxes meet and whose data do not cost no sample", "[scale]") {
   // Forty frames of bars about one place: only their bars have data.
   openvdb::initialize();
