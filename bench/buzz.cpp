@@ -72,33 +72,6 @@ Path pathAround(const ScalarField& field, const SkinWay& way, double sign, const
   return path;
 }
 
-/// Of forces less their mean, Hann windows of 1,024, half over each other [N^2].
-double powerAbove(const std::vector<Vec3>& forces, double least) {
-  constexpr std::size_t kWindow = 1024;
-  constexpr double kHannPower = 0.375;
-  Eigen::FFT<double> fft;
-  double power = 0.0;
-  int windows = 0;
-  for (std::size_t s = kSettled; s + kWindow <= forces.size(); s += kWindow / 2) {
-    for (int a = 0; a < 3; ++a) {
-      double mean = 0.0;
-      for (std::size_t i = 0; i < kWindow; ++i) mean += forces[s + i][a] / kWindow;
-      std::vector<double> x(kWindow);
-      for (std::size_t i = 0; i < kWindow; ++i) {
-        const double phase = 2.0 * std::numbers::pi * static_cast<double>(i) / kWindow;
-        x[i] = (forces[s + i][a] - mean) * (0.5 - 0.5 * std::cos(phase));
-      }
-      std::vector<std::complex<double>> spectrum;
-      fft.fwd(spectrum, x);
-      for (std::size_t i = 1; i < kWindow / 2; ++i) {
-        if (static_cast<double>(i) * kRate / kWindow >= least) power += std::norm(spectrum[i]);
-      }
-    }
-    ++windows;
-  }
-  return windows == 0 ? 0.0 : 2.0 * power / (windows * kWindow * kWindow * kHannPower);
-}
-
 using Force = std::function<Vec3(const Vec3& hand)>;
 
 std::vector<Vec3> forcesAlong(const Path& path, BuzzHand hand, const Force& force) {
@@ -132,7 +105,7 @@ std::vector<Vec3> forcesAlong(const Path& path, BuzzHand hand, const Force& forc
 Buzz buzzOf(const std::vector<Vec3>& forces) {
   double mean = 0.0;
   for (std::size_t i = kSettled; i < forces.size(); ++i) mean += forces[i].norm();
-  return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0)};
+  return {mean / static_cast<double>(forces.size() - kSettled), powerAbove(forces, 100.0, kRate)};
 }
 
 /// k times the depth that value and slope at the hand make of it, along the slope.
@@ -197,6 +170,33 @@ double skinRadius(const ScalarField& field, double level, double sign, const Vec
     p = q;
   }
   return 0.0;
+}
+
+double powerAbove(const std::vector<Vec3>& forces, double least, double rate) {
+  // Hann windows, half over each other.
+  constexpr std::size_t kWindow = 1024;
+  constexpr double kHannPower = 0.375;
+  Eigen::FFT<double> fft;
+  double power = 0.0;
+  int windows = 0;
+  for (std::size_t s = kSettled; s + kWindow <= forces.size(); s += kWindow / 2) {
+    for (int a = 0; a < 3; ++a) {
+      double mean = 0.0;
+      for (std::size_t i = 0; i < kWindow; ++i) mean += forces[s + i][a] / kWindow;
+      std::vector<double> x(kWindow);
+      for (std::size_t i = 0; i < kWindow; ++i) {
+        const double phase = 2.0 * std::numbers::pi * static_cast<double>(i) / kWindow;
+        x[i] = (forces[s + i][a] - mean) * (0.5 - 0.5 * std::cos(phase));
+      }
+      std::vector<std::complex<double>> spectrum;
+      fft.fwd(spectrum, x);
+      for (std::size_t i = 1; i < kWindow / 2; ++i) {
+        if (static_cast<double>(i) * rate / kWindow >= least) power += std::norm(spectrum[i]);
+      }
+    }
+    ++windows;
+  }
+  return windows == 0 ? 0.0 : 2.0 * power / (windows * kWindow * kWindow * kHannPower);
 }
 
 double quieter(const Buzz& one, const Buzz& other) {

@@ -29,6 +29,9 @@ struct Buzz {
   double force = 0.0;  ///< Mean [N].
   double power = 0.0;  ///< Above 100 Hz [N^2].
 };
+/// Power of forces at `rate` [Hz] above `least` [Hz], less their mean [N^2]; the first 500 do not
+/// count.
+[[nodiscard]] double powerAbove(const std::vector<Vec3>& forces, double least, double rate);
 /// By how much `one` is quieter than `other`, at the same mean force [dB].
 [[nodiscard]] double quieter(const Buzz& one, const Buzz& other);
 

@@ -35,16 +35,13 @@ MapMethod standing(const Contact& contact, const Contender& contender, int size)
     problem->stiffness = stiffness;
     problem->primitives = contact.primitives;
     const CouplingParams coupling{stiffness, damping};
-    return [=, placed = false, before = Vec3(Vec3::Zero())](const Vec3& probe) mutable -> Vec3 {
+    return [=, placed = false, rate = LengthRate()](const Vec3& probe) mutable -> Vec3 {
       problem->probe = probe;
       if (!placed) problem->start = probe;
       const Vec3 offset = contender.solve(*problem, problem->primitives).balance.offset;
-      if (!placed) before = offset;
       placed = true;
       problem->start = probe + offset;
-      const Vec3 rate = (offset - before) / period;
-      before = offset;
-      return couplingForce(coupling, offset, rate);
+      return couplingForce(coupling, offset, rate.next(offset.norm(), period));
     };
   };
   return {contender.method, size, make};

@@ -33,19 +33,24 @@ AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time) {
   return step;
 }
 
+int rateSpan(double rate, double rate_time) noexcept {
+  return std::max(1, static_cast<int>(std::lround(std::min(rate_time * rate, 1e6))));
+}
+
 Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
-                           double stiffness, double damping) {
+                           double stiffness, double damping, double rate_time) {
+  const int span = rateSpan(rate, rate_time);
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
   const AxisStep early = axisStep(arm, grip, delay.part / rate);
   const AxisStep late = axisStep(arm, grip, (1.0 - delay.part) / rate);
   // State: x, v, f, then the readings x_{k-1}, x_{k-2}, ... that orders on their way come from.
-  const int readings = delay.whole + 2;
+  const int readings = delay.whole + 1 + span;
   Eigen::MatrixXd loop = Eigen::MatrixXd::Zero(3 + readings, 3 + readings);
   loop.topLeftCorner<3, 3>() = late.leftCols<3>() * early.leftCols<3>();
   const auto reading = [](int ago) { return ago == 0 ? 0 : 2 + ago; };
   const auto order = [&](const Eigen::Vector3d& effect, int ago) {
-    loop.block<3, 1>(0, reading(ago)) -= effect * (stiffness + damping * rate);
-    loop.block<3, 1>(0, reading(ago + 1)) += effect * (damping * rate);
+    loop.block<3, 1>(0, reading(ago)) -= effect * (stiffness + damping * rate / span);
+    loop.block<3, 1>(0, reading(ago + span)) += effect * (damping * rate / span);
   };
   order(late.col(3), delay.whole);
   if (delay.part > 0.0) order(late.leftCols<3>() * early.col(3), delay.whole + 1);
@@ -55,12 +60,18 @@ Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double 
 }
 
 double growth(const ArmParams& arm, const GripParams& grip, double rate, double stiffness,
-              double damping) {
-  return closedLoop(arm, grip, rate, stiffness, damping).eigenvalues().cwiseAbs().maxCoeff();
+              double damping, double rate_time) {
+  return closedLoop(arm, grip, rate, stiffness, damping, rate_time)
+      .eigenvalues()
+      .cwiseAbs()
+      .maxCoeff();
 }
 
-double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate, double damping) {
-  const auto rests = [&](double k) { return growth(arm, grip, rate, k, damping) < 1.0; };
+double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate, double damping,
+                       double rate_time) {
+  // Without damping no time is looked back.
+  const double back = damping == 0.0 ? 0.0 : rate_time;
+  const auto rests = [&](double k) { return growth(arm, grip, rate, k, damping, back) < 1.0; };
   // 4 m / T^2 is where no mass without friction comes to rest; an arm that friction or a hand
   // brings to rest between two ticks goes on to multiples of it.
   const double inertial = 4.0 * arm.mass * rate * rate;
@@ -92,9 +103,10 @@ double passiveStiffness(const ArmParams& arm, double rate, double damping) {
   return (std::sqrt(late * late + 4.0 * q * left) - late) / (2.0 * q);
 }
 
-double quietStiffness(const ArmParams& arm, double rate, double damping) {
+double quietStiffness(const ArmParams& arm, double rate, double damping, double rate_time) {
   if (!(arm.encoder > 0.0)) return std::numeric_limits<double>::infinity();
-  return std::max(0.0, 2.0 * (arm.coulomb / arm.encoder - std::abs(damping) * rate));
+  return std::max(0.0, 2.0 * (arm.coulomb / arm.encoder -
+                              std::abs(damping) * rate / rateSpan(rate, rate_time)));
 }
 
 double holdingAmplitude(const ArmParams& arm, double rate, double stiffness) {

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 
 #include "devices/simulated_device.h"
+#include "engine/coupling.h"
 
 namespace palpate {
 
@@ -21,30 +22,37 @@ struct DelayInPeriods {
 using AxisStep = Eigen::Matrix<double, 3, 4>;
 [[nodiscard]] AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time);
 
-/// The loop of an axis against a wall R = stiffness x_k + damping (x_k - x_{k-1}) / T that it never
-/// leaves, T = 1/rate: from one sample to the next, with all forces on their way. No encoder, no
-/// Coulomb friction. The arm's delay may be parts of a period.
+/// The periods of 1/rate that are nearest to a time [s], at least one: what the damper's rate is
+/// taken over (LengthRate).
+[[nodiscard]] int rateSpan(double rate, double rate_time) noexcept;
+
+/// The loop of an axis against a wall R = stiffness x_k + damping (x_k - x_{k-n}) / (n T) that it
+/// never leaves, T = 1/rate, n = rateSpan(rate, rate_time): from one sample to the next, with all
+/// forces on their way. No encoder, no Coulomb friction. The arm's delay may be parts of a period.
 [[nodiscard]] Eigen::MatrixXd closedLoop(const ArmParams& arm, const GripParams& grip, double rate,
-                                         double stiffness, double damping);
+                                         double stiffness, double damping,
+                                         double rate_time = kRateTime);
 /// The largest size of its eigenvalues: below 1 it comes to rest.
 [[nodiscard]] double growth(const ArmParams& arm, const GripParams& grip, double rate,
-                            double stiffness, double damping);
+                            double stiffness, double damping, double rate_time = kRateTime);
 
 /// The least stiffness at which that loop does not come to rest [N/m], to 1e-9 of it; 0: not at
 /// any; infinite: at any that was tried, to a thousand times what mass, friction and hand make of a
 /// tick. Takes a few milliseconds, with many periods of delay seconds.
 [[nodiscard]] double stableStiffness(const ArmParams& arm, const GripParams& grip, double rate,
-                                     double damping = 0.0);
+                                     double damping = 0.0, double rate_time = kRateTime);
 
 /// The stiffness up to which no hand at all, nothing but a spring and damper or a machine, can get
-/// energy out of the wall [N/m]; 0: not at any. Exact for damping <= 0 and for no delay (Colgate
-/// and Schenkel), else on the safe side. Amplifier lag counts as that much delay, on the safe
-/// side. Reads of an encoder: see quietStiffness.
+/// energy out of the wall [N/m]; 0: not at any. Exact without damping and, for a rate over one
+/// period, for damping < 0 and for no delay (Colgate and Schenkel), else on the safe side.
+/// Amplifier lag counts as that much delay, on the safe side. Reads of an encoder: see
+/// quietStiffness.
 [[nodiscard]] double passiveStiffness(const ArmParams& arm, double rate, double damping = 0.0);
 
 /// The stiffness up to which Coulomb's friction swallows the encoder's steps [N/m]: 2 c / D, less
 /// what damping takes. Above it the arm may hum by a step.
-[[nodiscard]] double quietStiffness(const ArmParams& arm, double rate, double damping = 0.0);
+[[nodiscard]] double quietStiffness(const ArmParams& arm, double rate, double damping = 0.0,
+                                    double rate_time = kRateTime);
 
 /// How far a released arm may swing in the wall before it swings up instead of down: Coulomb's
 /// friction holds up to here where viscous friction alone does not [m]. Infinite where that does; 0

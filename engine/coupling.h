@@ -1,6 +1,9 @@
 /// The virtual coupling (Lundin et al., eq. 3).
 #pragma once
 
+#include <array>
+#include <cstddef>
+
 #include "engine/types.h"
 
 namespace palpate {
@@ -8,6 +11,37 @@ namespace palpate {
 struct CouplingParams {
   double stiffness = 500.0;  ///< k of eq. (3) [N/m], > 0.
   double damping = 0.0;      ///< D of eq. (3) [N s/m], >= 0.
+};
+
+/// The rate of a spring's length is what it has changed over about so long [s]. Over one tick an
+/// encoder's step would count for the more the faster the loop is; over longer, damping comes late:
+/// docs/stability.md, "How long damping looks back".
+inline constexpr double kRateTime = 2e-3;
+
+/// The rate at which a spring's length changes, by the difference to the reading that is nearest to
+/// `time` old.
+class LengthRate {
+ public:
+  explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
+  /// The rate [m/s], after the next length [m], `dt` after the last one [s]. 0 for the first one,
+  /// and where dt is not above 0. At most kMost readings are looked back over. RT: no allocation.
+  [[nodiscard]] double next(double length, double dt) noexcept PALPATE_NONBLOCKING;
+  void forget() noexcept { count_ = 0; }
+
+  static constexpr std::size_t kMost = 128;  ///< At 2 ms enough for 64 kHz.
+
+ private:
+  struct Reading {
+    double length, time;
+  };
+  [[nodiscard]] static std::size_t after(std::size_t i) noexcept { return (i + 1) % kMost; }
+
+  double time_;
+  double now_ = 0.0;
+  std::size_t count_ = 0;
+  std::size_t last_ = 0;
+  std::size_t then_ = 0;  ///< The one that is nearest to `time` old.
+  std::array<Reading, kMost> readings_{};
 };
 
 /// Eq. (3): k (x_proxy - x_probe) + D (v_proxy - v_probe), the force on the hand [N].
@@ -20,10 +54,10 @@ struct CouplingParams {
 /// free space, where the proxy is at the probe, the force is exactly zero.
 ///
 /// @param offset       x_proxy - x_probe [m].
-/// @param offset_rate  v_proxy - v_probe, the rate of change of `offset` [m/s].
+/// @param length_rate  The rate of change of its length [m/s]: LengthRate.
 /// RT: no allocation.
 [[nodiscard]] Vec3 couplingForce(const CouplingParams& params, const Vec3& offset,
-                                 const Vec3& offset_rate) noexcept PALPATE_NONBLOCKING;
+                                 double length_rate) noexcept PALPATE_NONBLOCKING;
 
 /// How fast a varying stiffness may change [N/m per s]: over 5 mm of spring 25 N/s, felt as smooth.
 inline constexpr double kStiffnessRate = 5000.0;

@@ -50,6 +50,7 @@ class Tick {
       state_.placed_ = true;
       state_.proxy_ = probe_;
       state_.offset_.setZero();
+      state_.length_rate_.forget();
     }
   }
 
@@ -927,7 +928,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     // counted.
     const double k = state.stiffness_.value;
     report.stiffness = k;
-    const Vec3 rate = dt > 0.0 ? Vec3((offset - state.offset_) / dt) : Vec3::Zero();
+    const double rate = state.length_rate_.next(offset.norm(), dt);
     // Several moves give less than all at once would: docs/tick.md, Energy.
     const double at_once =
         k * (offset.dot(offset - before) - 0.5 * (offset - state.offset_).squaredNorm());

@@ -205,6 +205,7 @@ class ProxyState {
   Fault fault_ = Fault::kNone;
   Vec3 proxy_ = Vec3::Zero();
   Vec3 offset_ = Vec3::Zero();  ///< proxy - probe of the last tick [m].
+  LengthRate length_rate_;      ///< Of that.
   StillFade still_;
   LimiterState limiter_;
 };

@@ -70,7 +70,7 @@ class Oscillator {
 /// Slope of the logarithm of the envelope, by least squares: below 0 the loop comes to rest. By
 /// events in time, no matrix.
 double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period, double stiffness,
-                     double damping, int swings) {
+                     double damping, int span, int swings) {
   const double ticks = arm.delay / period;
   const auto whole = static_cast<std::size_t>(std::floor(ticks + 1e-9));
   const double part = std::max(0.0, ticks - static_cast<double>(whole));
@@ -84,13 +84,14 @@ double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period
   std::size_t head = 0;
   double x = 1.0;
   double v = 0.0;
-  double before = x;
+  std::vector<double> before(static_cast<std::size_t>(span), x);
   double scale = 0.0;
   double largest = 0.0;
   std::vector<double> envelope;
   for (long k = 0; k < samples; ++k) {
-    orders[head] = -(stiffness * x + damping * (x - before) / period);
-    before = x;
+    double& then = before[static_cast<std::size_t>(k % span)];
+    orders[head] = -(stiffness * x + damping * (x - then) / (span * period));
+    then = x;
     const std::size_t n = orders.size();
     if (part > 0.0) first.pass(x, v, orders[(head + n - whole - 1) % n]);
     rest.pass(x, v, orders[(head + n - whole) % n]);
@@ -99,7 +100,8 @@ double envelopeSlope(const ArmParams& arm, const GripParams& grip, double period
     if ((k + 1) % window != 0) continue;
     envelope.push_back(std::log(largest) + scale);
     if (largest > 1e50 || largest < 1e-50) {
-      for (double* value : {&x, &v, &before}) *value /= largest;
+      for (double* value : {&x, &v}) *value /= largest;
+      for (double& value : before) value /= largest;
       for (double& order : orders) order /= largest;
       scale += std::log(largest);
     }
@@ -140,15 +142,17 @@ TEST_CASE("the boundary by eigenvalues is where an event simulation begins to sw
     }
     const double most = arm.mass / period / (0.5 + arm.delay / period);
     const double damping = random.uniform() < 0.3 ? 0.0 : random.logUniform(1e-3, 1.2) * 0.5 * most;
-    const double boundary = stableStiffness(arm, grip, 1.0 / period, damping);
+    const double back = tried % 2 == 0 ? kRateTime : 0.0;
+    const int span = rateSpan(1.0 / period, back);
+    const double boundary = stableStiffness(arm, grip, 1.0 / period, damping, back);
     if (boundary <= 0.0) continue;
     ++cases;
-    CAPTURE(arm.mass, arm.viscous, period, arm.delay, grip.stiffness, grip.damping, damping,
+    CAPTURE(arm.mass, arm.viscous, period, arm.delay, grip.stiffness, grip.damping, damping, span,
             boundary);
-    REQUIRE(envelopeSlope(arm, grip, period, 0.995 * boundary, damping, 60) < 0.0);
-    REQUIRE(envelopeSlope(arm, grip, period, 1.005 * boundary, damping, 60) > 0.0);
-    CHECK(growth(arm, grip, 1.0 / period, 0.999 * boundary, damping) < 1.0);
-    CHECK(growth(arm, grip, 1.0 / period, 1.001 * boundary, damping) > 1.0);
+    REQUIRE(envelopeSlope(arm, grip, period, 0.995 * boundary, damping, span, 60) < 0.0);
+    REQUIRE(envelopeSlope(arm, grip, period, 1.005 * boundary, damping, span, 60) > 0.0);
+    CHECK(growth(arm, grip, 1.0 / period, 0.999 * boundary, damping, back) < 1.0);
+    CHECK(growth(arm, grip, 1.0 / period, 1.001 * boundary, damping, back) > 1.0);
   }
 }
 
@@ -168,7 +172,7 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
     // No friction but the coupling's.
     const double beta = random.uniform(0.01, 0.8);
     const double damping = 2.0 * m * beta / period;
-    CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping) ==
+    CHECK(stableStiffness(bare(m, 0.0), kReleased, 1.0 / period, damping, 0.0) ==
           Approx(4.0 * m / (period * period) * beta * (1.0 - beta) / (1.0 + beta)).epsilon(1e-6));
   }
 }
@@ -176,14 +180,16 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
 TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[passivity]") {
   // A motion z^k: what the port's energy is per |x_{k+1} - x_k|^2, the arm moving as is best
   // between samples (docs/stability.md, section 2).
-  const auto gains = [](double k, double b, double period, int whole, double part) {
+  const auto gains = [](double k, double b, double period, int whole, double part,
+                        double damping = 0.0, int span = 1) {
     double least = 1e9;
     for (int i = 1; i <= 4000; ++i) {
       const double w = M_PI * std::pow(10.0, -4.0 * (1.0 - i / 4000.0));
       const std::complex<double> z = std::polar(1.0, w);
-      const auto force = k * std::pow(z, -whole) * (1.0 - part + part / z) / (z - 1.0);
-      least = std::min(
-          least, force.real() + b / period - part * (1.0 - part) * period * k * k / (4.0 * b));
+      const auto wall = k + damping / (span * period) * (1.0 - std::pow(z, -span));
+      const auto force = wall * std::pow(z, -whole) * (1.0 - part + part / z) / (z - 1.0);
+      const double jumps = part * (1.0 - part) * period * std::norm(wall) / (4.0 * b);
+      least = std::min(least, force.real() + b / period - jumps);
     }
     return least < 0.0;
   };
@@ -198,9 +204,14 @@ TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[pa
     CAPTURE(b, period, whole, part, k);
     CHECK_FALSE(gains(k * (1.0 - 1e-4), b, period, whole, part));
     CHECK(gains(k * (1.0 + 1e-4), b, period, whole, part));
-    // Damping takes as much from the arm's.
+    // Damping takes as much from the arm's, over however many periods its rate is taken.
     const double damping = 0.3 * b;
-    CHECK(passiveStiffness(arm, 1.0 / period, damping) < k);
+    const double damped = passiveStiffness(arm, 1.0 / period, damping);
+    CHECK(damped < k);
+    for (const int span : {1, 2, 5, 20}) {
+      CAPTURE(span);
+      CHECK_FALSE(gains(damped * (1.0 - 1e-4), b, period, whole, part, damping, span));
+    }
     CHECK(passiveStiffness(arm, 1.0 / period, b) == 0.0);
   }
   // Abbott and Okamura: 2 b / T and 2 c / D.

@@ -12,10 +12,49 @@ using namespace palpate;
 using palpate::test::Random;
 
 TEST_CASE("the coupling is a spring and a damper from probe to proxy", "[coupling][eq3]") {
-  const Vec3 f = couplingForce({500.0, 2.0}, {1e-3, 0, 0}, {0.1, -0.3, 0});
+  const Vec3 f = couplingForce({500.0, 2.0}, {1e-3, 0, 0}, 0.1);
   CHECK((f - Vec3(0.7, 0, 0)).norm() < 1e-15);
   // It never pulls the other way, and never more than doubles.
-  CHECK(couplingForce({500.0, 2.0}, {1e-3, 0, 0}, {-9, 0, 0}) == Vec3::Zero());
-  CHECK((couplingForce({500.0, 2.0}, {1e-3, 0, 0}, {9, 0, 0}) - Vec3(1, 0, 0)).norm() < 1e-15);
-  CHECK(couplingForce({500.0, 2.0}, Vec3::Zero(), Vec3::Zero()) == Vec3::Zero());
+  CHECK(couplingForce({500.0, 2.0}, {1e-3, 0, 0}, -9.0) == Vec3::Zero());
+  CHECK((couplingForce({500.0, 2.0}, {1e-3, 0, 0}, 9.0) - Vec3(1, 0, 0)).norm() < 1e-15);
+  CHECK(couplingForce({500.0, 2.0}, Vec3::Zero(), 0.0) == Vec3::Zero());
+}
+
+TEST_CASE("the rate of a length is that over two milliseconds, however long ticks are",
+          "[coupling][eq3]") {
+  Random random(3);
+  for (const double rate : {500.0, 1000.0, 4000.0, 10000.0, 60000.0}) {
+    CAPTURE(rate);
+    LengthRate steady;
+    LengthRate uneven;
+    CHECK(steady.next(1.0, 1.0 / rate) == 0.0);
+    CHECK(uneven.next(1.0, 1.0 / rate) == 0.0);
+    double time = 0.0;
+    double length = 0.0;
+    for (int i = 0; i < 1000; ++i) {
+      // Where it changes evenly, and every single tick at first.
+      REQUIRE(steady.next(1.0 + 0.3 * (i + 1) / rate, 1.0 / rate) == Approx(0.3).epsilon(1e-6));
+      const double dt = random.uniform(0.7, 1.3) / rate;
+      time += dt;
+      length = 1.0 + 0.3 * time;
+      REQUIRE(uneven.next(length, dt) == Approx(0.3).epsilon(1e-6));
+    }
+    // An encoder's step counts for as much at any rate, from when it is seen on until it is old.
+    LengthRate stepped;
+    for (int i = 0; i < 200; ++i) (void)stepped.next(0.0, 1.0 / rate);
+    double sum = 0.0;
+    int seen = 0;
+    for (int i = 0; i < 200; ++i) {
+      const double found = stepped.next(1e-5, 1.0 / rate);
+      sum += found / rate;
+      seen += found != 0.0 ? 1 : 0;
+    }
+    CHECK(seen == std::max(1, static_cast<int>(kRateTime * rate + 0.5)));
+    CHECK(sum == Approx(1e-5));
+    CHECK(steady.next(2.0, 0.0) == 0.0);
+    CHECK(steady.next(2.0, std::numeric_limits<double>::quiet_NaN()) == 0.0);
+    steady.forget();
+    CHECK(steady.next(7.0, 1.0 / rate) == 0.0);
+    CHECK(steady.next(7.0 + 1.0 / rate, 1.0 / rate) == Approx(1.0));
+  }
 }

@@ -89,7 +89,7 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
   const auto scene = makeScene(spec, {{"ground", ground}}, coupling);
   Reader reader;
   ProxyState state(kOpen);
-  Vec3 last_offset = Vec3::Zero();
+  std::vector<double> lengths;
   std::vector<Primitive> known;
   double farthest = 0.0;
   for (int tick = 0; tick < 100; ++tick) {
@@ -117,9 +117,11 @@ TEST_CASE("fig. 1: properties are read on the proxy's way, then it moves, then t
     const Vec3 offset = r.proxy - hand;
     REQUIRE((offset - reference.offset).norm() <= r.error_bound + reference.error_bound + 1e-15);
     // 3: the force from the new proxy, by eq. (3), and nothing else.
-    const Vec3 rate = (offset - last_offset) / kDt;
+    lengths.push_back(offset.norm());
+    const int back = std::min(tick, static_cast<int>(kRateTime / kDt + 0.5));
+    const double then = lengths[static_cast<std::size_t>(tick - back)];
+    const double rate = back == 0 ? 0.0 : (lengths.back() - then) / (back * kDt);
     REQUIRE((r.force - couplingForce(coupling, offset, rate)).norm() < 1e-9);
-    last_offset = offset;
     farthest = std::max(farthest, (before - hand).norm());
   }
   CHECK(farthest > 1e-3);  // Proxy and hand are apart: else it would not matter where one reads.

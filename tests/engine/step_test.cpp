@@ -179,9 +179,9 @@ TEST_CASE("damping acts on the rate of the spring's length", "[step][eq3]") {
   Bench bench{
       makeSphere(Vec3::Zero(), kRadius), {mode(ModeKind::kIsosurface, "it", 9.0)}, {500.0, 2.0}};
   bench.go({0, 0, 1.02 * kRadius}, {0, 0, kRadius - 1e-3});
-  bench.step({0, 0, kRadius - 1e-3});
+  for (int i = 0; i < 3; ++i) bench.step({0, 0, kRadius - 1e-3});
   const StepReport r = bench.step({0, 0, kRadius - 1.1e-3});
-  CHECK(r.force.z() == Approx(500.0 * 1.1e-3 + 2.0 * 1e-4 / kDt));
+  CHECK(r.force.z() == Approx(500.0 * 1.1e-3 + 2.0 * 1e-4 / kRateTime));
 }
 
 TEST_CASE("viscosity drags with a constant force", "[step][eq9]") {
