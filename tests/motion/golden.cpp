@@ -1,0 +1,548 @@
+/// Golden ticks: what hapticStep answers in scenes of every kind, bit for bit.
+///
+///     palpate_golden_ticks FILE            compares with the file's hashes; 1: others, 77: another
+///                                          compiler or machine, whose last bits may be others
+///     palpate_golden_ticks FILE --write    makes the file
+///     palpate_golden_ticks --ticks NAME    every tick of a scene, to be compared line by line
+///
+/// A move of code changes no hash; a change of behaviour says in its commit which, and why. No
+/// function of the C library that rounds as the processor likes (sine, exponential) is used here.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <Eigen/Geometry>
+
+#include "bench/motion_problems.h"
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::bench::kVoxel;
+using palpate::test::Random;
+
+namespace {
+
+constexpr int kTicks = 2000;
+constexpr int kSide = 48;                                // [voxels], of a grid
+const Vec3 kMiddle = Vec3::Constant(0.5 * (kSide - 1));  // [voxels]
+constexpr double kMetres = 0.05;                         // half a room of formulas
+using Fields = std::map<std::string, FieldPtr>;
+
+ModeSpec mode(ModeKind kind, const std::string& of, double strength, double friction = 0.0,
+              double viscosity = 0.0) {
+  ModeSpec spec;
+  spec.kind = kind;
+  spec.of = of;
+  spec.strength = strength;
+  spec.solid = Solid::kBelow;
+  spec.friction = friction;
+  spec.viscosity = viscosity;
+  return spec;
+}
+
+/// Smoothly through random places of a box about a middle, one every so many ticks.
+class Wander {
+ public:
+  Wander(const Vec3& middle, const Vec3& half, int ticks_a_leg, std::uint64_t seed)
+      : ticks_(ticks_a_leg) {
+    Random random(seed);
+    for (int i = 0; i < kTicks / ticks_ + 5; ++i) {
+      const Vec3 p = random.inCube(1.0);
+      places_.emplace_back(middle + half.cwiseProduct(p));
+    }
+  }
+  Vec3 operator()(int tick) const {
+    const auto i = static_cast<std::size_t>(tick / ticks_);
+    const double t = static_cast<double>(tick % ticks_) / ticks_;
+    const Vec3& a = places_[i];
+    const Vec3& b = places_[i + 1];
+    const Vec3& c = places_[i + 2];
+    const Vec3& d = places_[i + 3];  // Catmull and Rom's
+    return b + 0.5 * t *
+                   ((c - a) + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)));
+  }
+
+ private:
+  int ticks_;
+  std::vector<Vec3> places_;
+};
+
+/// What happens before a tick; may change hand, state, scene and dt.
+struct Moment {
+  int tick;
+  HandState& hand;
+  ProxyState& state;
+  std::size_t& scene;  ///< Index into Take::scenes.
+  double& dt;          ///< [s]
+};
+
+/// A scene, and a hand that feels it.
+struct Take {
+  std::string name;
+  std::vector<std::unique_ptr<const Scene>> scenes;
+  std::function<Vec3(int)> hand;  ///< [m]
+  std::function<void(Moment&)> event;
+  ForceLimits limits{1e3, 1e12};
+};
+
+std::unique_ptr<const Scene> sceneOf(std::vector<ModeSpec> modes, const Fields& fields,
+                                     const std::map<std::string, MotionPtr>& motions = {},
+                                     const CouplingParams& coupling = {500.0, 0.0}) {
+  GraphSpec spec;
+  spec.modes = std::move(modes);
+  spec.motions = motions;
+  for (ModeSpec& m : spec.modes) {
+    if (m.kind == ModeKind::kGuide && !motions.empty()) m.in = motions.begin()->first;
+  }
+  return makeScene(spec, fields, coupling);
+}
+
+template <class... Scenes>
+Take take(std::string name, std::function<Vec3(int)> hand, Scenes... scenes) {
+  Take out;
+  out.name = std::move(name);
+  out.hand = std::move(hand);
+  (out.scenes.push_back(std::move(scenes)), ...);
+  return out;
+}
+
+// Formulas, in metres about the origin.
+
+FieldPtr dentedBall() {
+  const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 1.0};
+  return makeScalarField(frame, [](const Vec3& p) {
+    const double r = p.norm();
+    const Vec3 outwards = r > 0.0 ? Vec3(p / r) : Vec3(Vec3::Zero());
+    const Vec3 slope = 10.0 * Vec3(p.y() * p.z(), p.x() * p.z(), p.x() * p.y()) / kMetres;
+    const double dent = 10.0 * p.x() * p.y() * p.z() / kMetres;
+    return ScalarSample{r - 0.8 * kMetres + dent, outwards + slope, r < 2.0 * kMetres};
+  });
+}
+
+FieldPtr slantedFlow() {
+  const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10), Vec3::Constant(10)}, 0.0};
+  Mat3 jacobian;
+  jacobian << 0.3, -2.0, 0.4, 2.2, -0.1, -0.5, -0.3, 0.7, -0.2;
+  return makeVectorField(frame, [jacobian](const Vec3& p) {
+    return VectorSample{jacobian * p + Vec3(0.02, 0.01, 0.1), jacobian, p.norm() < 2.0 * kMetres};
+  });
+}
+
+Fields formulas() {
+  return {{"ball", dentedBall()}, {"flow", slantedFlow()}};
+}
+
+/// Every mode, in the variants that place different primitives.
+std::vector<std::pair<const char*, ModeSpec>> allModes() {
+  std::vector<std::pair<const char*, ModeSpec>> modes{
+      {"force", mode(ModeKind::kForce, "flow", 0.4)},
+      {"viscosity", mode(ModeKind::kViscosity, "ball", 0.3)},
+      {"surface", mode(ModeKind::kSurface, "ball", 1.5)},
+      {"surface-friction", mode(ModeKind::kSurface, "ball", 1.5, 0.5, 0.1)},
+      {"isosurface", mode(ModeKind::kIsosurface, "ball", 2.0)},
+      {"isosurface-friction", mode(ModeKind::kIsosurface, "ball", 2.0, 0.4, 0.2)},
+      {"follow", mode(ModeKind::kFollow, "flow", 0.8)},
+      {"transverse-damping", mode(ModeKind::kTransverseDamping, "flow", 0.2)},
+      {"front", mode(ModeKind::kFrontShape, "flow", 0.9)},
+      {"front-one-sided", mode(ModeKind::kFrontShape, "flow", 0.9)},
+      {"snap-drag", mode(ModeKind::kFrontShape, "flow", 0.9)},
+      {"vortex-tube", mode(ModeKind::kVortexTube, "flow", 0.7)},
+      {"guide-point", mode(ModeKind::kGuide, "", 1.0)},
+      {"guide-line", mode(ModeKind::kGuide, "", 1.0)},
+      {"guide-plane", mode(ModeKind::kGuide, "", 1.2)}};
+  modes[9].second.two_sided = false;
+  modes[10].second.snap_voxels = 3.0;
+  modes[12].second.guide.position = Vec3(0.03, 0.01, 0.0);
+  modes[12].second.guide.snap = 0.02;
+  modes[13].second.guide = {PrimitiveKind::kLine, Vec3(0.02, 0.0, 0.01), Vec3(0.0, 0.6, 0.8), 0.02};
+  modes[13].second.strength = TransferFunction::piecewise({{0, 0}, {0.01, 2}});
+  modes[14].second.guide = {PrimitiveKind::kPlane, Vec3(0.0, 0.0, 0.02), Vec3(0.6, 0.0, 0.8), 0.03};
+  return modes;
+}
+
+/// To and fro, with turns by rational quaternions.
+MotionPtr tumbling(const Vec3& middle, double size) {
+  std::vector<Keyframe> keys(5);
+  const std::array<Vec3, 3> turns{Vec3(0.1, 0.05, -0.08), Vec3(0.05, 0.15, 0.05),
+                                  Vec3(-0.05, 0.05, 0.1)};
+  const std::array<Vec3, 3> ways{Vec3(1, 0, 0), Vec3(1, -1, 0), Vec3(0, 0, 1)};
+  for (std::size_t i = 0; i < 5; ++i) {
+    keys[i].time = 0.1 * static_cast<double>(i);
+    if (i == 0 || i == 4) continue;
+    const Eigen::Quaterniond q =
+        Eigen::Quaterniond(1.0, turns[i - 1].x(), turns[i - 1].y(), turns[i - 1].z()).normalized();
+    keys[i].rotation_wxyz = {q.w(), q.x(), q.y(), q.z()};
+    keys[i].translate = size * ways[i - 1] + middle - q * middle;
+  }
+  return std::make_shared<const Motion>(keys, true);
+}
+
+// Grids, in voxels.
+
+const Mat3& anyFrame() {
+  static const Mat3 turn = Eigen::Quaterniond(0.8, 0.3, -0.4, 0.2).normalized().toRotationMatrix();
+  return turn;
+}
+
+FieldPtr ballGrid(double radius, const char* interpolation = "trilinear", double ramp = 3.0) {
+  return bench::scalarGrid(
+      kSide, [=](const Vec3& p) { return std::clamp((p - kMiddle).norm() - radius, -ramp, ramp); },
+      interpolation);
+}
+
+FieldPtr torusGrid() {
+  return bench::scalarGrid(kSide, [](const Vec3& p) {
+    const Vec3 q = anyFrame() * (p - kMiddle);
+    const double ring = std::sqrt(q.x() * q.x() + q.y() * q.y()) - 14.0;
+    return std::clamp(std::sqrt(ring * ring + q.z() * q.z()) - 6.0, -3.0, 3.0);
+  });
+}
+
+/// A groove whose walls are off its middle by an angle with this tangent of its half.
+FieldPtr grooveGrid(double half_tangent) {
+  const double sine = 2.0 * half_tangent / (1.0 + half_tangent * half_tangent);
+  const double cosine = std::sqrt(1.0 - sine * sine);
+  return bench::scalarGrid(kSide, [=](const Vec3& p) {
+    const Vec3 q = anyFrame() * (p - kMiddle);
+    const double along = sine * (q.z() + 8.0);
+    return std::clamp(std::min(along + cosine * q.x(), along - cosine * q.x()), -3.0, 3.0);
+  });
+}
+
+FieldPtr hollowCubeGrid(bool hollow) {
+  return bench::scalarGrid(kSide, [=](const Vec3& p) {
+    const double off = (anyFrame() * (p - kMiddle)).cwiseAbs().maxCoeff() - 13.0;
+    return std::clamp(hollow ? -off : off, -3.0, 3.0);
+  });
+}
+
+/// Random values at corners so far apart, linear between.
+FieldPtr roughGrid(double grain, std::uint64_t seed) {
+  Random random(seed);
+  std::vector<double> values(40 * 40 * 40);
+  for (double& value : values) value = random.uniform(-1.0, 1.0);
+  return bench::scalarGrid(kSide, [=](const Vec3& p) {
+    const Vec3 q = p / grain;
+    const Vec3 low = q.array().floor();
+    double sum = 0.0;
+    for (int corner = 0; corner < 8; ++corner) {
+      double weight = 1.0;
+      std::size_t index = 0;
+      for (int a = 0; a < 3; ++a) {
+        const bool up = (corner >> a & 1) != 0;
+        weight *= up ? q[a] - low[a] : 1.0 - q[a] + low[a];
+        index = index * 40 + static_cast<std::size_t>(low[a] + (up ? 1.0 : 0.0));
+      }
+      sum += weight * values[index];
+    }
+    return grain * sum;
+  });
+}
+
+FieldPtr shellGrid(double thickness) {
+  return bench::scalarGrid(kSide, [=](const Vec3& p) {
+    return std::clamp(std::abs((p - kMiddle).norm() - 15.0) - 0.5 * thickness, -3.0, 3.0);
+  });
+}
+
+FieldPtr flowGrid(const char* interpolation = "trilinear", bool axial = false) {
+  return bench::vectorGrid(
+      Vec3::Constant(kSide),
+      [](const Vec3& p) {
+        const Vec3 q = (p - kMiddle) / 20.0;
+        return Vec3(-q.y() + 0.3 * q.z() * q.z(), q.x() - 0.2 * q.x() * q.y(), 0.4 + 0.3 * q.x());
+      },
+      interpolation, axial);
+}
+
+std::function<Vec3(int)> inGrid(double half, int ticks_a_leg, std::uint64_t seed) {
+  return Wander(kVoxel * kMiddle, Vec3::Constant(kVoxel * half), ticks_a_leg, seed);
+}
+std::function<Vec3(int)> inRoom(int ticks_a_leg, std::uint64_t seed) {
+  return Wander(Vec3(0.6, 0.3, 0.4) * kMetres, Vec3::Constant(0.6 * kMetres), ticks_a_leg, seed);
+}
+
+/// A grid felt as an isosurface.
+Take skin(const char* name, const FieldPtr& field, double strength, int ticks_a_leg,
+          double half = 18.0, double friction = 0.0, double viscosity = 0.0) {
+  return take(
+      name, inGrid(half, ticks_a_leg, 5),
+      sceneOf({mode(ModeKind::kIsosurface, "it", strength, friction, viscosity)}, {{"it", field}}));
+}
+
+std::vector<Part> ballParts(int count, double room) {
+  Random random(21);
+  std::vector<Part> parts;
+  for (int i = 0; i < count; ++i) {
+    GraphSpec spec;
+    spec.modes = {mode(ModeKind::kIsosurface, "it", 1.0 + 0.1 * (i % 7), i % 3 == 0 ? 0.3 : 0.0)};
+    const double radius = random.uniform(0.005, 0.02);
+    const Vec3 centre = random.inCube(room);
+    FieldFrame frame;
+    const Vec3 size = Vec3::Constant(radius + 3e-3);
+    frame.bounds = {centre - size, centre + size};
+    frame.background = 3e-3;
+    const FieldPtr field = makeScalarField(frame, [=](const Vec3& p) noexcept -> ScalarSample {
+      const Vec3 d = p - centre;
+      return {d.norm() - radius, d.normalized(), true};
+    });
+    parts.push_back(makePart(spec, {{"it", field}}));
+  }
+  return parts;
+}
+
+std::vector<Take> takes() {
+  std::vector<Take> all;
+  std::vector<ModeSpec> modes;
+  for (const auto& [name, spec] : allModes()) {
+    modes.push_back(spec);
+    all.push_back(take(name, inRoom(100, 1), sceneOf({spec}, formulas())));
+  }
+  all.push_back(take("all-modes", inRoom(100, 2), sceneOf(modes, formulas())));
+  const MotionPtr tumble = tumbling(Vec3::Zero(), 0.01);
+  all.push_back(take("all-modes-moving", inRoom(100, 3),
+                     sceneOf(modes, formulas(), {{"ball", tumble}, {"flow", tumble}})));
+  all.push_back(take("ball-moves", inRoom(100, 4), sceneOf(modes, formulas(), {{"ball", tumble}})));
+
+  all.push_back(skin("ball-slow", ballGrid(14.0), 8.0, 400));
+  all.push_back(skin("ball-fast", ballGrid(14.0), 8.0, 15));
+  all.push_back(skin("ball-fog", ballGrid(14.0, "trilinear", 6.0), 3.0, 100));
+  all.push_back(skin("ball-quadratic", ballGrid(10.0, "quadratic"), 3.0, 100));
+  all.push_back(skin("ball-cubic", ballGrid(10.0, "cubic"), 3.0, 100));
+  all.push_back(skin("ball-friction", ballGrid(14.0), 3.0, 100, 18.0, 0.5, 0.2));
+  all.push_back(skin("ball-yields", ballGrid(14.0), 0.5, 100));
+  all.push_back(skin("torus", torusGrid(), 8.0, 100));
+  all.push_back(skin("cube", hollowCubeGrid(false), 8.0, 100));
+  all.push_back(skin("cube-hollow", hollowCubeGrid(true), 8.0, 100));
+  all.push_back(skin("groove-90", grooveGrid(0.41421), 20.0, 100, 14.0));
+  all.push_back(skin("groove-45", grooveGrid(0.19891), 20.0, 100, 14.0));
+  all.push_back(skin("groove-20", grooveGrid(0.08749), 20.0, 100, 14.0));
+  all.push_back(skin("groove-20-friction", grooveGrid(0.08749), 20.0, 100, 14.0, 0.4));
+  all.push_back(skin("rough-12", roughGrid(12.0, 3), 8.0, 100));
+  all.push_back(skin("rough-7", roughGrid(7.0, 4), 8.0, 100));
+  all.push_back(skin("rough-4", roughGrid(4.5, 5), 8.0, 200));
+  all.push_back(skin("rough-yields", roughGrid(4.5, 6), 0.5, 60));
+  all.push_back(skin("shell", shellGrid(1.5), 3.0, 30));
+  all.push_back(
+      take("surface-rough", inGrid(18.0, 100, 6),
+           sceneOf({mode(ModeKind::kSurface, "it", 2.0, 0.3, 0.1)}, {{"it", roughGrid(7.0, 7)}})));
+
+  const auto flowing = [&](const char* name, const FieldPtr& flow, const ModeSpec& spec, int leg) {
+    all.push_back(take(name, inGrid(16.0, leg, 8), sceneOf({spec}, {{"flow", flow}})));
+  };
+  flowing("stream", flowGrid(), mode(ModeKind::kFollow, "flow", 1.0), 100);
+  flowing("stream-fast", flowGrid(), mode(ModeKind::kFollow, "flow", 3.0), 15);
+  flowing("stream-axial", flowGrid("trilinear", true), mode(ModeKind::kFollow, "flow", 1.0), 100);
+  flowing("stream-cubic", flowGrid("cubic"), mode(ModeKind::kFollow, "flow", 1.0), 100);
+  flowing("tube-grid", flowGrid(), mode(ModeKind::kVortexTube, "flow", 1.0), 100);
+  flowing("front-grid", flowGrid(), mode(ModeKind::kFrontShape, "flow", 1.0), 100);
+  all.push_back(
+      take("stream-on-skin", inGrid(16.0, 100, 9),
+           sceneOf({mode(ModeKind::kIsosurface, "ball", 3.0, 0.3, 0.1),
+                    mode(ModeKind::kFollow, "flow", 1.0), mode(ModeKind::kViscosity, "ball", 0.2)},
+                   {{"ball", ballGrid(14.0)}, {"flow", flowGrid()}})));
+
+  const Vec3 middle = kVoxel * kMiddle;
+  all.push_back(take("ball-tumbles", inGrid(16.0, 200, 10),
+                     sceneOf({mode(ModeKind::kIsosurface, "it", 8.0, 0.3)},
+                             {{"it", ballGrid(14.0)}}, {{"it", tumbling(middle, 8.0 * kVoxel)}})));
+  all.push_back(take("groove-tumbles", inGrid(10.0, 200, 11),
+                     sceneOf({mode(ModeKind::kIsosurface, "it", 20.0)}, {{"it", grooveGrid(0.3)}},
+                             {{"it", tumbling(middle, 8.0 * kVoxel)}})));
+  all.push_back(take("slab-over-groove", inGrid(10.0, 200, 12),
+                     sceneOf({mode(ModeKind::kIsosurface, "groove", 20.0),
+                              mode(ModeKind::kIsosurface, "slab", 8.0)},
+                             {{"groove", grooveGrid(0.3)}, {"slab", hollowCubeGrid(false)}},
+                             {{"slab", tumbling(middle, 20.0 * kVoxel)}})));
+
+  const auto inParts = [&](const char* name, const GraphSpec& spec, const Fields& fields, int count,
+                           double room) {
+    all.push_back(take(name, Wander(Vec3::Zero(), Vec3::Constant(room), 60, 13),
+                       makeScene(spec, fields, {}, {}, ballParts(count, room))));
+  };
+  inParts("parts", {}, {}, 200, 0.1);
+  inParts("parts-crowded", {}, {}, 300, 0.02);
+  GraphSpec wind;
+  wind.modes = {mode(ModeKind::kForce, "flow", 0.4)};
+  inParts("parts-in-wind", wind, {{"flow", slantedFlow()}}, 200, 0.05);
+
+  Take faults = skin("faults", ballGrid(14.0), 3.0, 100);
+  faults.limits = {5.0, 2000.0};
+  faults.event = [](Moment& now) {
+    if (now.tick == 600) now.hand.position.x() = std::numeric_limits<double>::quiet_NaN();
+    if (now.tick == 700 || now.tick == 1300) now.state.clearFault();
+    if (now.tick == 1000) now.state.release();
+    if (now.tick == 1200) now.state.cut(Fault::kStale);
+  };
+  all.push_back(std::move(faults));
+  const FieldPtr ball = ballGrid(14.0);
+  Take swaps = take("swaps", inGrid(18.0, 100, 14),
+                    sceneOf({mode(ModeKind::kIsosurface, "it", 3.0)}, {{"it", ball}}),
+                    sceneOf({mode(ModeKind::kIsosurface, "it", 1.0)}, {{"it", ball}}),
+                    sceneOf({mode(ModeKind::kSurface, "it", 2.0, 0.3)}, {{"it", ball}}));
+  swaps.limits = {5.0, 2000.0};
+  swaps.event = [](Moment& now) { now.scene = static_cast<std::size_t>(now.tick / 250 % 3); };
+  all.push_back(std::move(swaps));
+  GraphSpec varying;
+  varying.modes = {mode(ModeKind::kIsosurface, "ball", 3.0, 0.2)};
+  varying.stiffness = TransferSpec(TransferFunction::piecewise({{-0.01, 900}, {0.01, 300}}));
+  varying.stiffness->factors[0].by = "ball";
+  all.push_back(
+      take("stiffness-varies", inRoom(100, 15), makeScene(varying, formulas(), {300.0, 1.0})));
+  Take uneven = skin("uneven-ticks", ballGrid(14.0), 3.0, 100, 18.0, 0.3);
+  uneven.limits = {5.0, 2000.0};
+  uneven.event = [](Moment& now) {
+    constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
+    now.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
+    now.hand.ready = now.tick % 500 < 450;
+    now.hand.fresh = now.tick % 3 != 1;
+    now.hand.too_fast = now.tick % 400 > 380;
+    now.hand.velocity = Vec3(0.5, 0.2, 0.0);
+    now.hand.max_speed = 0.3;
+  };
+  all.push_back(std::move(uneven));
+  return all;
+}
+
+/// Fowler, Noll and Vo's, of 64 bits.
+class Hash {
+ public:
+  template <class T>
+  void add(const T& value) {
+    std::array<unsigned char, sizeof(T)> bytes{};
+    std::memcpy(bytes.data(), &value, sizeof(T));
+    for (const unsigned char byte : bytes) hash_ = (hash_ ^ byte) * 1099511628211ULL;
+  }
+  void add(const Vec3& v) {
+    for (int a = 0; a < 3; ++a) add(v[a]);
+  }
+  [[nodiscard]] std::uint64_t value() const { return hash_; }
+
+ private:
+  std::uint64_t hash_ = 14695981039346656037ULL;
+};
+
+/// What is felt, and what that took.
+std::string feel(const Take& take, bool tell) {
+  Reader reader;
+  ProxyState state(take.limits);
+  Hash felt;
+  Hash taken;
+  long held = 0;
+  for (int i = 0; i < kTicks; ++i) {
+    HandState hand{take.hand(i)};
+    std::size_t scene = 0;
+    double dt = 1e-3;
+    Moment now{i, hand, state, scene, dt};
+    if (take.event) take.event(now);
+    const StepReport r = hapticStep(*take.scenes[scene], reader, hand, state, dt);
+    felt.add(r.force);
+    felt.add(r.wanted);
+    felt.add(r.proxy);
+    felt.add(r.status);
+    for (const int count : {r.iterations, r.substeps, r.samples, r.traced, r.walked, r.primitives,
+                            r.parts, r.left_out}) {
+      taken.add(count);
+    }
+    held += r.wanted.norm() > 0.0 ? 1 : 0;
+    if (!tell) continue;
+    std::printf(
+        "%d force %a %a %a proxy %a %a %a status %s iterations %d substeps %d samples %d "
+        "traced %d walked %d primitives %d parts %d\n",
+        i, r.force.x(), r.force.y(), r.force.z(), r.proxy.x(), r.proxy.y(), r.proxy.z(),
+        wordFor(r.status), r.iterations, r.substeps, r.samples, r.traced, r.walked, r.primitives,
+        r.parts);
+  }
+  std::array<char, 128> line{};
+  std::snprintf(line.data(), line.size(), "%016llx %016llx %ld",
+                static_cast<unsigned long long>(felt.value()),
+                static_cast<unsigned long long>(taken.value()), held);
+  return line.data();
+}
+
+/// Whose last bits they are.
+std::string builder() {
+#if defined(__x86_64__)
+  const char* const machine = "x86-64";
+#else
+  const char* const machine = "another";
+#endif
+#ifdef __clang__
+  const char* const compiler = "clang ";
+#else
+  const char* const compiler = "g++ ";
+#endif
+  return std::string("# ") + compiler + __VERSION__ + ", " + machine;
+}
+
+int compare(const std::string& file) {
+  std::ifstream in(file);
+  std::string line;
+  if (!std::getline(in, line)) {
+    std::fprintf(stderr, "%s: it cannot be read\n", file.c_str());
+    return 2;
+  }
+  if (line != builder()) {
+    std::printf("made by %s, this is by %s: not compared\n", line.c_str(), builder().c_str());
+    return 77;
+  }
+  std::map<std::string, std::string> known;
+  while (std::getline(in, line)) known[line.substr(0, line.find(' '))] = line;
+  int others = 0;
+  const std::vector<Take> all = takes();
+  for (const Take& one : all) {
+    const std::string found = one.name + " " + feel(one, false);
+    const auto at = known.find(one.name);
+    if (at != known.end() && at->second == found) continue;
+    ++others;
+    std::printf("%s\n  was %s\n", found.c_str(),
+                at == known.end() ? "not there" : at->second.c_str());
+  }
+  std::printf("%zu scenes of %d ticks, %d of them otherwise than in %s (felt, taken, ticks held)\n",
+              all.size(), kTicks, others, file.c_str());
+  return others == 0 && known.size() == all.size() ? 0 : 1;
+}
+
+int run(const std::vector<std::string>& arguments) {
+  if (arguments.size() == 2 && arguments[0] == "--ticks") {
+    for (const Take& one : takes()) {
+      if (one.name == arguments[1]) return feel(one, true).empty() ? 1 : 0;
+    }
+    std::fprintf(stderr, "no scene is called %s\n", arguments[1].c_str());
+    return 2;
+  }
+  if (arguments.size() == 2 && arguments[1] == "--write") {
+    std::ofstream out(arguments[0]);
+    out << builder() << '\n';
+    for (const Take& one : takes()) out << one.name << ' ' << feel(one, false) << '\n';
+    return out.flush() ? 0 : 2;
+  }
+  if (arguments.size() == 1) return compare(arguments[0]);
+  std::fprintf(stderr, "palpate_golden_ticks FILE [--write] | --ticks NAME\n");
+  return 2;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run({argv + 1, argv + argc});
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_golden_ticks: %s\n", e.what());
+    return 2;
+  }
+}
