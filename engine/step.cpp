@@ -35,8 +35,6 @@ class Tick {
         bodies_[i].pose = scene_.graph.motions[i]->poseAt(state_.time_);
       }
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
-      for (ProxyState::NearPart& slot : state_.slots_) slot.part = ProxyState::kNoPart;
-      state_.near_count_ = 0;
       state_.near_.forget();
       state_.known_ = false;
       state_.stuck_ = 0;
@@ -85,10 +83,6 @@ class Tick {
     state_.stiffness_ = nextStiffness(state_.stiffness_, wanted, offset, dissipated, dt);
   }
 
-  static void worsen(StepReport& report, StepStatus status) noexcept {
-    report.status = std::max(report.status, status);
-  }
-
  private:
   /// A way that the proxy may go.
   struct Way {
@@ -99,7 +93,6 @@ class Tick {
     Vec3 lift = Vec3::Zero();  ///< What met a surface went so far above the proxy's own way [m].
     bool swept = true;         ///< All of it, for the surfaces on it.
   };
-  using Felt = ProxyState::Felt;
   /// A line that holds the proxy while it goes along the curve that the line is a tangent of.
   struct Rail {
     bool laid = false;               ///< For the way from this proxy.
@@ -120,180 +113,29 @@ class Tick {
     state_.known_ = true;
   }
 
-  /// The parts that the proxy can come to on its way to the hand; stayNear() sees to it that it
-  /// comes to no others.
+  /// The parts that the proxy can come to on its way to the hand are felt from now on; stayNear()
+  /// sees to it that it comes to no others.
   void meetParts(StepReport& report) noexcept {
-    // A balance may take it aside, but seldom farther than to the hand.
-    const double length = (probe_ - state_.proxy_).norm();
-    const Vec3 about = Vec3::Constant(length);
-    const std::span<const std::uint32_t> near =
-        state_.near_.near(scene_.bounds, {state_.proxy_ - about, state_.proxy_ + about});
-    const double gone = (state_.proxy_ - state_.chosen_at_).norm();
-    if (state_.near_.asked() || state_.crowded_ || gone + length >= state_.chosen_for_) {
-      choose(near, length, report);
-    }
-    felt_count_ = 1;
-    for (const std::uint8_t slot : state_.nearOrder()) {
-      ProxyState::NearPart& part = state_.slots_[slot];
-      state_.felt_[felt_count_++] = {reader_.bind(scene_, part.part, slot), &part.properties,
-                                     part.memories.data()};
-    }
-    report.parts = static_cast<int>(state_.near_count_);
-  }
-
-  /// Of the parts that are near, those whose data a way of so many metres can meet, and that
-  /// another 2 mm of it could.
-  void choose(std::span<const std::uint32_t> near, double length, StepReport& report) noexcept {
-    auto& awake = state_.awake_;
-    std::size_t count = 0;
-    const auto take = [&](double reach) {
-      count = 0;
-      state_.chosen_for_ = std::numeric_limits<double>::infinity();
-      for (std::size_t i = 0; i < near.size(); ++i) {
-        if (state_.free_[i] > reach) {
-          state_.chosen_for_ = std::min(state_.chosen_for_, state_.free_[i]);
-        } else {
-          awake[count++] = near[i];
-        }
-      }
-    };
-    state_.chosen_at_ = state_.proxy_;
-    for (std::size_t i = 0; i < near.size(); ++i) {
-      state_.free_[i] = freeWithin(scene_.parts[near[i]], state_.proxy_, length + kAhead);
-    }
-    take(length + kAhead);
-    if (count > kMaxNearParts) take(length);
-    state_.crowded_ = count > kMaxNearParts || !state_.near_.complete();  // told in every tick
-    if (state_.crowded_) count = strongest({awake.data(), count}, report);
-    keep({awake.data(), count}, report);
-  }
-
-  /// Where there is no room for all parts that a way meets: puts those that can hold most first,
-  /// the first of equals, in the order of the scene. How many these are.
-  std::size_t strongest(std::span<std::uint32_t> parts, StepReport& report) noexcept {
-    const auto begin = parts.begin();
-    const auto room = begin + static_cast<std::ptrdiff_t>(std::min(kMaxNearParts, parts.size()));
-    std::nth_element(begin, room, parts.end(), [&](std::uint32_t a, std::uint32_t b) {
-      const double most = scene_.parts[a].most;
-      return most > scene_.parts[b].most || (most == scene_.parts[b].most && a < b);
-    });
-    const std::size_t unknown = state_.near_.leftOut();
-    double missing = static_cast<double>(unknown) * scene_.strongest_part;
-    for (auto left = room; left != parts.end(); ++left) missing += scene_.parts[*left].most;
-    report.missing = std::max(report.missing, missing);
-    report.left_out = std::max(
-        report.left_out, static_cast<int>(unknown + static_cast<std::size_t>(parts.end() - room)));
-    std::sort(begin, room);
-    return static_cast<std::size_t>(room - begin);
+    state_.near_.meet(scene_, reader_, state_.proxy_, probe_, state_.primitives_, report);
+    felt_count_ = 1 + state_.near_.bind(scene_, reader_, std::span(state_.felt_).subspan(1));
   }
 
   /// Cuts a way where it would come to parts that were not chosen: primitives that push, and
   /// volumes that move, take the proxy farther than to the hand.
   void stayNear(Way& way, const Vec3& from) noexcept {
-    strays_ = false;
-    const Vec3 line = way.end - from;
-    const Box& known = state_.near_.known();
-    double share = 1.0;
-    for (int a = 0; a < 3 && !known.empty(); ++a) {
-      if (way.end[a] > known.upper[a]) {
-        share = std::min(share, (known.upper[a] - from[a]) / line[a]);
-      } else if (way.end[a] < known.lower[a]) {
-        share = std::min(share, (known.lower[a] - from[a]) / line[a]);
-      }
-    }
-    if ((way.end - state_.chosen_at_).norm() >= state_.chosen_for_) {
-      const double gone = (from - state_.chosen_at_).norm();
-      share = std::min(share, (state_.chosen_for_ - gone) / line.norm());
-    }
-    if (share >= 1.0) return;
+    const double share = state_.near_.knownShare(from, way.end);
+    strays_ = share < 1.0;
+    if (!strays_) return;
     constexpr double kShort = 0.99;
-    way.end = from + kShort * std::max(share, 0.0) * line;
+    way.end = from + kShort * share * (way.end - from);
     way.clear = false;
     way.cut = true;
     way.near = false;
-    strays_ = true;
     ++strayed_;
-  }
-
-  /// No data of a part are nearer to p than this [m], as far as that is known; more than `enough`
-  /// is not told apart.
-  [[nodiscard]] static double freeWithin(const Part& part, const Vec3& p, double enough) noexcept {
-    const Box& box = part.bounds;
-    const double outside = (box.lower - p).cwiseMax(p - box.upper).cwiseMax(0.0).norm();
-    if (outside > enough) return outside;
-    double free = std::numeric_limits<double>::infinity();
-    for (const auto& field : part.graph.scalar_fields) free = std::min(free, field->freeWithin(p));
-    for (const auto& field : part.graph.vector_fields) free = std::min(free, field->freeWithin(p));
-    return std::max(outside, free);
-  }
-
-  /// Only these parts from now on; what is remembered of those that were there stays.
-  ///
-  /// @pre near ascends.
-  void keep(std::span<const std::uint32_t> near, StepReport& report) noexcept {
-    for (const std::uint8_t slot : state_.nearOrder()) {
-      std::size_t& part = state_.slots_[slot].part;
-      if (!std::binary_search(near.begin(), near.end(), part)) part = ProxyState::kNoPart;
-    }
-    const std::array<std::uint8_t, kMaxNearParts> before = state_.order_;
-    const std::size_t known = state_.near_count_;
-    state_.near_count_ = 0;
-    std::size_t old = 0;
-    std::uint8_t free = 0;
-    for (const std::uint32_t part : near) {
-      while (old < known && (state_.slots_[before[old]].part == ProxyState::kNoPart ||
-                             state_.slots_[before[old]].part < part)) {
-        ++old;
-      }
-      std::uint8_t& slot = state_.order_[state_.near_count_++];
-      if (old < known && state_.slots_[before[old]].part == part) {
-        slot = before[old];
-        continue;
-      }
-      while (state_.slots_[free].part != ProxyState::kNoPart) ++free;
-      slot = free;
-      meet(part, slot, report);
-    }
-  }
-
-  /// A part that is new here: properties where the proxy is.
-  void meet(std::size_t part, std::size_t slot, StepReport& report) noexcept {
-    ProxyState::NearPart& fresh = state_.slots_[slot];
-    fresh.part = part;
-    fresh.memories.fill({});
-    const BoundGraph bound = reader_.bind(scene_, part, slot);
-    fresh.modes = bound.graph->modes.size();
-    report.samples += bound.sample(state_.proxy_, fresh.properties);
-    const Stand stand{state_.proxy_, state_.proxy_, probe_, nullptr};
-    state_.primitives_.clear();
-    for (std::size_t i = 0; i < bound.graph->modes.size(); ++i) {
-      (void)addPrimitives(bound.graph->modes[i], fresh.properties, stand, fresh.memories[i],
-                          state_.primitives_);
-    }
   }
 
   [[nodiscard]] std::span<const Felt> felt() const noexcept {
     return {state_.felt_.data(), felt_count_};
-  }
-
-  /// Calls back with every mode that is felt, and what is remembered of it, until that returns
-  /// true. True if one has.
-  template <class Do>
-  bool anyMode(Do&& look) const noexcept {
-    for (const Felt& felt : this->felt()) {
-      const auto& modes = felt.graph().modes;
-      for (std::size_t i = 0; i < modes.size(); ++i) {
-        if (look(modes[i], felt.memories[i], felt, i)) return true;
-      }
-    }
-    return false;
-  }
-  template <class Do>
-  void eachMode(Do&& look) const noexcept {
-    (void)anyMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
-      look(mode, memory, felt, i);
-      return false;
-    });
   }
 
   /// The volumes stand; the proxy goes where the balance puts it. First by the primitives of the
@@ -362,9 +204,8 @@ class Tick {
   /// that stands so deep itself, in a thin wall that was seen from its other side, is let out where
   /// else it would come to the same place again and again.
   [[nodiscard]] bool behindAWall() const noexcept {
-    return anyMode([&](const Mode& mode, const ModeMemory& memory, const Felt& felt, std::size_t) {
-      return isBehind(mode, memory, felt);
-    });
+    return anyMode(felt(), [&](const Mode& mode, const ModeMemory& memory, const Felt& felt,
+                               std::size_t) { return isBehind(mode, memory, felt); });
   }
   [[nodiscard]] static bool isDeep(const IsosurfaceMode* mode, const ModeMemory& memory,
                                    const Felt& felt) noexcept {
@@ -395,7 +236,8 @@ class Tick {
   [[nodiscard]] Vec3 findStay(StepReport& report) const noexcept {
     const auto pressed = [&](const Vec3& x) {
       double sum = 0.0;
-      eachMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
+      eachMode(felt(), [&](const Mode& any, const ModeMemory& memory, const Felt& felt,
+                           std::size_t) {
         const auto* mode = std::get_if<IsosurfaceMode>(&any);
         if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
         const double strength = mode->strength.at(*felt.properties, mode->skin.value, mode->level);
@@ -414,7 +256,7 @@ class Tick {
     }
     if (at == state_.proxy_) return at;
     double share = 1.0;
-    eachMode([&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
+    eachMode(felt(), [&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
       const auto* mode = std::get_if<IsosurfaceMode>(&any);
       if (mode == nullptr || memory.placed || memory.contact != ModeMemory::Contact::kOutside) {
         return;
@@ -466,7 +308,7 @@ class Tick {
   void letThrough() noexcept {
     if ((state_.stiffness_.value * (probe_ - state_.proxy_) + pushed_).norm() <= 2.0 * most_)
       return;
-    eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
+    eachMode(felt(), [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
       if (isDeep(std::get_if<IsosurfaceMode>(&any), memory, felt)) letIn(memory);
     });
   }
@@ -504,7 +346,7 @@ class Tick {
     }
     target_ = solved.proxy;
     offset_of_balance_ = on_rail ? Vec3(solved.proxy - probe_) : solved.offset;
-    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
       weigh(mode, target_, memory);
     });
     return true;
@@ -536,13 +378,14 @@ class Tick {
   void layRail(Way& way, StepReport& report) noexcept {
     rail_.laid = true;
     std::size_t first = 0;
-    (void)anyMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t i) {
-      const std::size_t index = first;
-      first += static_cast<std::size_t>(memory.emitted);
-      const auto* mode = std::get_if<FollowMode>(&any);
-      if (mode == nullptr || mode->field < 0 || memory.emitted == 0) return false;
-      return layAlong(*mode, memory, felt, i, index, way, report);
-    });
+    (void)anyMode(felt(),
+                  [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t i) {
+                    const std::size_t index = first;
+                    first += static_cast<std::size_t>(memory.emitted);
+                    const auto* mode = std::get_if<FollowMode>(&any);
+                    if (mode == nullptr || mode->field < 0 || memory.emitted == 0) return false;
+                    return layAlong(*mode, memory, felt, i, index, way, report);
+                  });
   }
 
   /// Primitive `index` of mode i of what is felt. True if it holds.
@@ -603,7 +446,7 @@ class Tick {
     double share = 1.0;
     Vec3 end = way.end;
     ModeMemory* met = nullptr;
-    eachMode([&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
+    eachMode(felt(), [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
       const auto* mode = std::get_if<IsosurfaceMode>(&any);
       if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
       if (givesWay(*mode, target_, memory)) return;
@@ -663,14 +506,15 @@ class Tick {
 
   /// True while another reading would move the balance by more than the tolerance.
   [[nodiscard]] bool doubtful() const noexcept {
-    return anyMode([&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
-      return doubt(mode, target_, memory) > kSure * scene_.step.tolerance_voxels;
-    });
+    return anyMode(felt(),
+                   [&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
+                     return doubt(mode, target_, memory) > kSure * scene_.step.tolerance_voxels;
+                   });
   }
 
   void placePrimitives(bool foreseen, StepReport& report) noexcept {
     state_.primitives_.clear();
-    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
       if (&memory == rail_.of) {
         memory.emitted = 1;
         if (!state_.primitives_.tryAdd(rail_.line)) {
@@ -691,27 +535,13 @@ class Tick {
   }
 
   void settleModes() noexcept {
-    eachMode([&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
       settle(mode, state_.proxy_, target_, memory);
     });
   }
 
   [[nodiscard]] const Body* bodyOf(int motion) const noexcept {
     return motion < 0 ? nullptr : &bodies_[static_cast<std::size_t>(motion)];
-  }
-
-  /// Calls back with the frame and the motion of every field.
-  template <class Do>
-  void eachField(Do&& look) const noexcept {
-    for (const Felt& felt : this->felt()) {
-      const Graph& graph = felt.graph();
-      for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
-        look(graph.scalar_frames[i], graph.scalar_motions[i]);
-      }
-      for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
-        look(graph.vector_frames[i], graph.vector_motions[i]);
-      }
-    }
   }
 
   /// True if a box of a field's own frame comes near its data.
@@ -751,7 +581,7 @@ class Tick {
       }
       return reach;
     }
-    eachField([&](const FieldFrame& frame, int motion) {
+    eachField(felt(), [&](const FieldFrame& frame, int motion) {
       const Body* body = bodyOf(motion);
       if (body == nullptr) {
         if (meets(way, frame)) reach = std::min(reach, frame.voxel);
@@ -772,7 +602,7 @@ class Tick {
   [[nodiscard]] bool followBody(const Vec3& b, Vec3& end) noexcept {
     const Body* holder = nullptr;
     double share = 1.0;
-    eachField([&](const FieldFrame& frame, int motion) {
+    eachField(felt(), [&](const FieldFrame& frame, int motion) {
       const Body* body = bodyOf(motion);
       if (body == nullptr || !body->moved || !meets(*body, b, frame)) return;
       const double part = frame.voxel / (b - body->carried).norm();
@@ -783,7 +613,7 @@ class Tick {
     if (holder == nullptr) return false;
     const Vec3 to = holder->carried + share * (b - holder->carried);
     bool trusted = true;
-    eachField([&](const FieldFrame& frame, int motion) {
+    eachField(felt(), [&](const FieldFrame& frame, int motion) {
       const Body* body = bodyOf(motion);
       if (body == holder) return;
       const Vec3& from = body == nullptr ? state_.proxy_ : body->carried;
@@ -803,7 +633,7 @@ class Tick {
   /// at the proxy than of the curve.
   [[nodiscard]] int handParts() const noexcept {
     double voxel = std::numeric_limits<double>::infinity();
-    eachMode([&](const Mode& any, const ModeMemory& memory, const Felt&, std::size_t) {
+    eachMode(felt(), [&](const Mode& any, const ModeMemory& memory, const Felt&, std::size_t) {
       const auto* mode = std::get_if<FollowMode>(&any);
       if (mode != nullptr && memory.emitted > 0 && memory.holds) {
         voxel = std::min(voxel, mode->voxel);
@@ -822,7 +652,7 @@ class Tick {
       bodies_[i].target = scene_.graph.motions[i]->poseAt(state_.time_);
     }
     double parts = 1.0;
-    eachField([&](const FieldFrame& frame, int motion) {
+    eachField(felt(), [&](const FieldFrame& frame, int motion) {
       if (motion < 0) return;
       const Body& body = bodies_[static_cast<std::size_t>(motion)];
       const Vec3 seen = body.pose.toRest(p);
@@ -893,8 +723,6 @@ class Tick {
 
   /// So often in a tick parts are chosen anew: each time the proxy comes 2 mm on, or farther.
   static constexpr int kMostStrays = 16;
-  /// So much farther than needed a part is felt: there is less to choose [m].
-  static constexpr double kAhead = 2e-3;
   /// Farther behind a surface that holds no proxy goes [voxels].
   static constexpr double kDeep = 0.3;
   /// So many ticks in a row may end where they began.
@@ -968,24 +796,6 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   report.share = out.share;
   report.energy = state.limiter_.tank.energy();
   return report;
-}
-
-const char* wordFor(StepStatus status) noexcept {
-  switch (status) {
-    case StepStatus::kConverged:
-      return "converged";
-    case StepStatus::kHairpin:
-      return "hairpin";
-    case StepStatus::kSubstepLimit:
-      return "substep-limit";
-    case StepStatus::kIterationLimit:
-      return "iteration-limit";
-    case StepStatus::kDropped:
-      return "dropped";
-    case StepStatus::kFault:
-      return "fault";
-  }
-  return "";
 }
 
 }  // namespace palpate

@@ -128,8 +128,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
     addMode(mode, force.norm(), memory, last);
   };
   for (std::size_t i = 0; i < felt.own; ++i) add(felt.modes[i], state.memory(i), own_.of[i]);
-  for (const std::uint8_t slot : state.nearOrder()) {
-    const ProxyState::NearPart& near = state.nearPart(slot);
+  for (const std::uint8_t slot : state.near().order()) {
+    const NearPart& near = state.near()[slot];
     if (near.part >= felt.modes_of_part.size()) continue;
     Contacts& last = slots_[slot];
     if (last.part != near.part) last = {near.part, {}};

@@ -65,7 +65,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   using Contact = ModeMemory::Contact;
   /// The contacts of a graph's modes, as the last tick left them.
   struct Contacts {
-    std::size_t part = ProxyState::kNoPart;
+    std::size_t part = NearPart::kNone;
     std::array<Contact, kMaxModes> of{};
   };
   /// What was felt of one scene.

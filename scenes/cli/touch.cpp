@@ -130,7 +130,7 @@ Opened openFor(const std::string& scene, const Rehearsal& rehearse, const UserSp
 }
 
 void Near::add(const ProxyState& state, const StepReport& report) {
-  for (const std::uint8_t slot : state.nearOrder()) parts.insert(state.nearPart(slot).part);
+  for (const std::uint8_t slot : state.near().order()) parts.insert(state.near()[slot].part);
   missing = std::max(missing, report.missing);
 }
 

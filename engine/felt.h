@@ -1,0 +1,56 @@
+/// The graphs that a tick feels: the scene's own, and those of the parts that are near.
+#pragma once
+
+#include <cstddef>
+#include <span>
+
+#include "engine/mode.h"
+#include "engine/properties.h"
+#include "engine/scene.h"
+
+namespace palpate {
+
+/// A graph that is felt in a tick, and what is remembered of it.
+struct Felt {
+  BoundGraph bound;
+  Properties* properties = nullptr;
+  ModeMemory* memories = nullptr;
+
+  [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
+};
+
+/// Calls back with every mode that is felt, what is remembered of it, its graph and its index
+/// there, until that returns true. True if one has.
+template <class Do>
+bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
+  for (const Felt& felt : all) {
+    const auto& modes = felt.graph().modes;
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      if (look(modes[i], felt.memories[i], felt, i)) return true;
+    }
+  }
+  return false;
+}
+template <class Do>
+void eachMode(std::span<const Felt> all, Do&& look) noexcept {
+  (void)anyMode(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    look(mode, memory, felt, i);
+    return false;
+  });
+}
+
+/// Calls back with the frame and the motion of every field.
+template <class Do>
+void eachField(std::span<const Felt> all, Do&& look) noexcept {
+  for (const Felt& felt : all) {
+    const Graph& graph = felt.graph();
+    for (std::size_t i = 0; i < graph.scalar_frames.size(); ++i) {
+      look(graph.scalar_frames[i], graph.scalar_motions[i]);
+    }
+    for (std::size_t i = 0; i < graph.vector_frames.size(); ++i) {
+      look(graph.vector_frames[i], graph.vector_motions[i]);
+    }
+  }
+}
+
+}  // namespace palpate
