@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fstream>
 #include <hidapi/hidapi.h>
+#include <linux/hid.h>
 #include <mutex>
 #include <set>
 #include <sstream>
@@ -93,10 +94,24 @@ class HidPort final : public ReportPort {
   int guard_ = -1;
 };
 
+/// What the kernel says of the node's device in one of its files; nothing of none.
+std::ifstream sysFile(const std::string& path, const char* name) {
+  const std::string node = std::filesystem::path(path).filename();
+  return std::ifstream("/sys/class/hidraw/" + node + "/device/" + name, std::ios::binary);
+}
+
+/// hidapi asks for it since 0.14 only; the kernel shows it to everyone.
+std::vector<std::byte> descriptorOf(const std::string& path) {
+  std::array<char, HID_MAX_DESCRIPTOR_SIZE> bytes{};
+  std::ifstream in = sysFile(path, "report_descriptor");
+  in.read(bytes.data(), bytes.size());
+  const auto all = std::as_bytes(std::span(bytes)).first(static_cast<std::size_t>(in.gcount()));
+  return {all.begin(), all.end()};
+}
+
 /// HID_PHYS of the node's device.
 std::string portOf(const std::string& path) {
-  std::ifstream in("/sys/class/hidraw/" + std::filesystem::path(path).filename().string() +
-                   "/device/uevent");
+  std::ifstream in = sysFile(path, "uevent");
   const std::string key = "HID_PHYS=";
   for (std::string line; std::getline(in, line);) {
     if (line.rfind(key, 0) == 0) return line.substr(key.size());
@@ -146,7 +161,7 @@ std::vector<HidDeviceName> listHid() {
   for (const hid_device_info* one = all; one != nullptr; one = one->next) {
     devices.push_back({one->path, one->vendor_id, one->product_id, one->usage_page, one->usage,
                        narrow(one->serial_number), narrow(one->manufacturer_string),
-                       narrow(one->product_string), portOf(one->path)});
+                       narrow(one->product_string), portOf(one->path), descriptorOf(one->path)});
   }
   hid_free_enumeration(all);
   return devices;

@@ -54,6 +54,8 @@ struct HidDeviceName {
   std::string maker;   ///< Words.
   std::string product_name;
   std::string port;  ///< Where it is plugged in, as the kernel says; may be empty.
+  /// Its own report descriptor (parseHidDescriptor); empty where the system does not show it.
+  std::vector<std::byte> descriptor;
 };
 
 /// All that are plugged in. Slow (milliseconds); never in a tick.

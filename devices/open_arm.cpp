@@ -12,7 +12,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "engine/error.h"
+#include "devices/hid_descriptor.h"
 
 namespace palpate {
 namespace {
@@ -107,6 +107,13 @@ std::string FoundArm::serial() const {
 std::string FoundArm::identity() const {
   const std::string own = serial();
   return own.empty() ? device.port : own;
+}
+
+std::optional<DeviceError> FoundArm::against(const HidProfile& profile) const {
+  const auto described = parseHidDescriptor(device.descriptor);
+  const auto complaint = described ? complaintAbout(profile, *described) : std::nullopt;
+  if (!complaint) return std::nullopt;
+  return DeviceError(profile.source + ": " + complaint->path, complaint->what, complaint->remedy);
 }
 
 std::string FoundArm::nameAs(const HidProfile& profile) const {
@@ -226,6 +233,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   const std::string own = choices[0].first->identity();
   const bool numbered = !choices[0].first->serial().empty();
   const HidProfile profile = *choices[0].second;
+  if (const auto wrong = choices[0].first->against(profile)) throw *wrong;
   if (const auto others = whoHas(device.path); !others.empty() && host.say) {
     host.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
   }
@@ -235,7 +243,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&
                         arm.device.product == device.product && arm.identity() == own;
-      if (same && !isOpenHere(arm.device.path)) {
+      if (same && !isOpenHere(arm.device.path) && !arm.against(profile)) {
         return openHid(arm.device.path);
       }
     }

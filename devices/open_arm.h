@@ -11,6 +11,7 @@
 
 #include "devices/hid_device.h"
 #include "devices/self_test.h"
+#include "engine/error.h"
 
 namespace palpate {
 
@@ -26,6 +27,9 @@ struct FoundArm {
   /// By which it is named and remembered: its serial number, or where it is plugged in. Two arms of
   /// no number that are exchanged there are taken for each other. Empty where neither is known.
   [[nodiscard]] std::string identity() const;
+  /// What the device's own report descriptor has against a profile (complaintAbout); nothing also
+  /// where the system does not show it.
+  [[nodiscard]] std::optional<DeviceError> against(const HidProfile& profile) const;
   /// As openArm takes it: hid:PROFILE@IDENTITY.
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
@@ -57,7 +61,7 @@ struct OpenedArm {
 };
 
 /// Opens the arm of that name that this program does not have yet. Throws DeviceError: none or
-/// several are there, which ones, and what to write.
+/// several are there, which ones, and what to write; or that its reports are not the profile's.
 ///
 /// @param host  Its `find` is set here.
 [[nodiscard]] OpenedArm openArm(const std::string& name, HidHost host);

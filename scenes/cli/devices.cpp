@@ -150,7 +150,8 @@ int list(const Options& options) {
         json["description"] = profile.description;
         json["firmware"] = profile.firmware;
         json["tested"] = isTested(profile, arm.identity());
-        const std::string what = trouble(arm);
+        const auto wrong = arm.against(profile);
+        const std::string what = wrong ? wrong->what() : trouble(arm);
         json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
         json["limits"] = limitsOf(profile);
         json["sources"] = profile.sources;
@@ -201,6 +202,7 @@ int list(const Options& options) {
       for (const auto& [pointer, source] : profile.sources) {
         fmt::print("    {}: {}\n", pointer, source);
       }
+      if (const auto wrong = arm.against(profile)) fmt::print("  {}\n", wrong->what());
     }
     if (const std::string what = trouble(arm); !what.empty()) fmt::print("  {}\n", what);
   }

@@ -10,6 +10,7 @@
 #include <fcntl.h>
 #include <fstream>
 #include <functional>
+#include <iterator>
 #include <memory>
 #include <string>
 #include <sys/wait.h>
@@ -140,6 +141,15 @@ void checkNames(const HidProfile& profile, const std::string& file) {
   check(contains(refusal([&] { (void)openArm("hid:" + file + "@OTHER", {}); }),
                  "there is hid:virtual@ARM0001"),
         "another serial number is refused, and told which is there");
+  {
+    std::ifstream in(file);
+    std::string words((std::istreambuf_iterator<char>(in)), {});
+    for (const char* id : {"\"id\": 1, ", "\"id\": 2, "}) words.erase(words.find(id), 9);
+    std::ofstream("/tmp/forgetful.json") << words;
+  }
+  check(contains(refusal([] { (void)openArm("hid:/tmp/forgetful.json", {}); }),
+                 "input report 1 of 40 bytes, and this has no number: write \"id\": 1"),
+        "a profile that forgets a report's number is refused, by the device's own descriptor");
   const std::string path = pathOfArm();
   const pid_t child = fork();
   if (child == 0) {

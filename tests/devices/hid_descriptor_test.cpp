@@ -1,0 +1,196 @@
+/// What devices say of their reports, and profiles that say otherwise.
+#include "devices/hid_descriptor.h"
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "tests/devices/vm/vm_arm.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using Catch::Contains;
+using Way = DescribedReport::Way;
+
+namespace {
+
+std::vector<std::byte> bytes(const std::vector<int>& values) {
+  std::vector<std::byte> out;
+  for (const int v : values) out.push_back(static_cast<std::byte>(v));
+  return out;
+}
+
+std::string text(const std::vector<std::byte>& descriptor) {
+  const auto read = parseHidDescriptor(descriptor);
+  if (!read) return "none";
+  std::string out = read->numbered ? "#" : "";
+  for (const DescribedReport& r : read->reports) {
+    out += (r.way == Way::kInput    ? " in"
+            : r.way == Way::kOutput ? " out"
+                                    : " feature") +
+           std::to_string(r.id) + ":" + std::to_string(r.size);
+  }
+  return out;
+}
+
+std::vector<std::byte> virtualArm() {
+  const auto all = std::as_bytes(std::span(vm::kDescriptor));
+  return {all.begin(), all.end()};
+}
+
+/// PJRC's RawHID: 64 bytes each way, no numbers.
+const std::vector<int> kRawHid{0x06, 0xAB, 0xFF, 0x0A, 0x00, 0x02, 0xA1, 0x01, 0x75, 0x08,
+                               0x15, 0x00, 0x26, 0xFF, 0x00, 0x95, 64,   0x09, 0x01, 0x81,
+                               0x02, 0x95, 64,   0x09, 0x02, 0x91, 0x02, 0xC0};
+
+HidReportSpec report(std::optional<std::uint8_t> id, std::size_t size) {
+  HidReportSpec out;
+  out.id = id;
+  out.size = size;
+  return out;
+}
+
+HidStep feature(std::vector<std::byte> what) {
+  HidStep step;
+  step.kind = HidStep::Kind::kFeature;
+  step.bytes = std::move(what);
+  return step;
+}
+
+std::string complaint(const HidProfile& profile, const std::vector<std::byte>& device) {
+  const auto read = parseHidDescriptor(device);
+  REQUIRE(read);
+  const auto said = complaintAbout(profile, *read);
+  return said ? said->path + ": " + said->what + ": " + said->remedy : "none";
+}
+
+}  // namespace
+
+TEST_CASE("a descriptor's reports are known by way, number and size", "[hid]") {
+  CHECK(text(virtualArm()) == "# in1:40 out2:24 feature3:8");
+  CHECK(text(bytes(kRawHid)) == " in0:64 out0:64");
+  // A keyboard's lights: 5 bits and 3 of padding; a report in two parts; a size that is pushed.
+  CHECK(text(bytes({0x75, 1, 0x95, 5, 0x91, 2, 0x75, 3, 0x95, 1, 0x91, 1})) == " out0:1");
+  CHECK(text(bytes({0x75, 1, 0x95, 9, 0x81, 2})) == " in0:2");
+  CHECK(text(bytes({0x75, 8, 0x95, 2, 0xA4, 0x95, 4, 0x81, 2, 0xB4, 0x81, 2})) == " in0:6");
+  CHECK(text(bytes({0x85, 9, 0x75, 8, 0x95, 1, 0x81, 2, 0x85, 7, 0x81, 2, 0x85, 9, 0x81, 2})) ==
+        "# in9:2 in7:1");
+  // Numbers of four bytes; a long item is passed over; what is not numbered cannot be asked for.
+  CHECK(text(bytes({0x77, 8, 0, 0, 0, 0x96, 0x2C, 0x01, 0x81, 2})) == " in0:300");
+  CHECK(text(bytes({0xFE, 2, 0x10, 0x85, 0, 0x75, 8, 0x95, 1, 0xB1, 2})) == " feature0:1");
+  CHECK(text(bytes({0x75, 8, 0x95, 1, 0x81, 2, 0x85, 4, 0x81, 2})) == "# in4:1");
+}
+
+TEST_CASE("what is no descriptor says nothing", "[hid]") {
+  for (const std::vector<int>& none : std::vector<std::vector<int>>{
+           {},
+           {0x75},                                               // cut off
+           {0x77, 8, 0},                                         // likewise
+           {0xFE, 5, 0, 1},                                      // a long item, likewise
+           {0xFE},                                               //
+           {0x06, 0, 0xFF, 0xC0},                                // no report
+           {0x75, 8, 0x95, 0, 0x81, 2},                          // of nothing
+           {0xB4, 0x75, 8, 0x95, 1, 0x81, 2},                    // popped, never pushed
+           {0x85, 0, 0x75, 8, 0x95, 1, 0x81, 2},                 // the number 0
+           {0x86, 0, 1, 0x75, 8, 0x95, 1, 0x81, 2},              // and 256
+           {0x77, 255, 255, 255, 255, 0x97, 255, 255, 255, 255,  //
+            0x81, 2},                                            // of 2 EB
+           {0x75, 8, 0x96, 0, 0x40, 0x81, 2, 0x95, 1, 0x81, 2},  // 16 kB and one
+       }) {
+    CAPTURE(none);
+    CHECK(text(bytes(none)) == "none");
+  }
+  CHECK(text(bytes({0x75, 8, 0x96, 0, 0x40, 0x81, 2})) == " in0:16384");
+}
+
+TEST_CASE("any bytes are a descriptor or none, never worse", "[hid]") {
+  test::Random random(7);
+  const std::vector<std::vector<std::byte>> seeds{virtualArm(), bytes(kRawHid)};
+  long read = 0;
+  const long cases = test::cases(200000);
+  const auto any = [&](std::size_t count) {
+    return static_cast<std::size_t>(random.integer(static_cast<int>(count)));
+  };
+  for (long i = 0; i < cases; ++i) {
+    std::vector<std::byte> all = seeds[any(seeds.size())];
+    for (std::size_t k = 1 + any(6); k > 0; --k) {
+      all[any(all.size())] = static_cast<std::byte>(any(256));
+    }
+    if (any(4) == 0) all.resize(any(all.size()));
+    if (any(8) == 0) all.insert(all.end(), any(300), static_cast<std::byte>(any(256)));
+    const auto descriptor = parseHidDescriptor(all);
+    if (!descriptor) continue;
+    ++read;
+    for (const DescribedReport& r : descriptor->reports) {
+      if (r.size > 0 && r.size <= 16384 && (r.id == 0) != descriptor->numbered) continue;
+      CAPTURE(i, r.size, r.id, descriptor->numbered);
+      FAIL("a report that none has");
+    }
+  }
+  CHECK(20 * read > cases - 100);
+}
+
+TEST_CASE("a profile is told what the device has otherwise, and what to write", "[hid]") {
+  HidProfile arm;
+  arm.input = {report(1, 40)};
+  arm.output = report(2, 24);
+  CHECK(complaint(arm, virtualArm()) == "none");
+  arm.open = {feature(bytes({3, 0, 1})), feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8}))};
+  CHECK(complaint(arm, virtualArm()) == "none");
+
+  // A number that is forgotten shifts every field by a byte.
+  arm.input[0].id.reset();
+  CHECK(complaint(arm, virtualArm()) ==
+        "/input/0: the device has input report 1 of 40 bytes, and this has no number: write "
+        "\"id\": 1");
+  arm.input[0] = report(4, 40);
+  CHECK(complaint(arm, virtualArm()) ==
+        "/input/0: the device has input report 1 of 40 bytes, and none 4: write \"id\": 1");
+  arm.input[0] = report(1, 41);
+  CHECK(complaint(arm, virtualArm()) ==
+        "/input/0: the device's input report 1 has 40 bytes after its number, not 41: write "
+        "\"size\": 40, and see whether its fields are where they are");
+  arm.input[0] = report(1, 40);
+  arm.output->size = 25;
+  CHECK_THAT(complaint(arm, virtualArm()), Contains("/output: ") && Contains("\"size\": 24"));
+  arm.output = report(1, 24);
+  CHECK_THAT(complaint(arm, virtualArm()),
+             Contains("output report 2 of 24 bytes, and none 1: write \"id\": 2"));
+  arm.output = report(2, 24);
+  arm.open = {feature(bytes({5, 0, 1}))};
+  CHECK_THAT(complaint(arm, virtualArm()),
+             Contains("/open/0/feature: the device has feature report 3 of 8 bytes, and none 5"));
+  arm.open = {feature(bytes({3, 1, 2, 3, 4, 5, 6, 7, 8, 9}))};
+  CHECK_THAT(complaint(arm, virtualArm()), Contains("8 bytes after its number, not 9: send no"));
+
+  // One too many.
+  arm.open.clear();
+  CHECK(complaint(arm, bytes(kRawHid)) ==
+        "/input/0: the device does not number its reports: remove every \"id\"");
+  arm.input = {report(std::nullopt, 64)};
+  arm.output = report(std::nullopt, 64);
+  CHECK(complaint(arm, bytes(kRawHid)) == "none");
+  arm.output->size = 14;
+  CHECK_THAT(complaint(arm, bytes(kRawHid)), Contains("/output: the device's output report has 64 "
+                                                      "bytes, not 14: write \"size\": 64"));
+  arm.close = {feature(bytes({0, 1}))};
+  arm.output->size = 64;
+  CHECK_THAT(complaint(arm, bytes(kRawHid)),
+             Contains("/close/0/feature: the device has no feature report"));
+
+  // Of a device that drives nothing the end of a report may be left unread, no more.
+  HidProfile puck;
+  puck.input = {report(1, 12)};
+  CHECK(complaint(puck, virtualArm()) == "none");
+  puck.input = {report(1, 41)};
+  CHECK(complaint(puck, virtualArm()) != "none");
+  // Of many the first few are said.
+  std::vector<int> many{0x75, 8, 0x95, 1};
+  for (int id = 1; id <= 200; ++id) many.insert(many.end(), {0x85, id, 0x81, 2});
+  puck.input = {report(std::nullopt, 1)};
+  const std::string said = complaint(puck, bytes(many));
+  CHECK_THAT(said, Contains("8 of 1 byte, ..., and this has no number: write the number of"));
+  CHECK(said.size() < 250);
+}
