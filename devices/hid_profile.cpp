@@ -38,6 +38,7 @@ constexpr double kMostDamping = 500.0;  // [N s/m]
 constexpr double kMostStep = 5e-3;      // [m], of the tip by one count
 constexpr double kMostAsked = 20.0;     // of what its field lets a motor have
 constexpr double kLeastAsked = 1e-3;
+constexpr double kSame = 1e-4;  // [m]: so far apart two places are one
 
 double positiveUpTo(const Node& node, double most, const char* unit) {
   (void)node.positive();
@@ -57,7 +58,7 @@ std::uint16_t readHex(const Node& node) {
   std::uint16_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value, 16);
   if (error != std::errc() || end != text.data() + text.size() || text.empty()) {
-    node.fail("\"" + node.text() + "\" is not a hexadecimal number of 16 bits",
+    node.fail(fmt::format("\"{}\" is not a hexadecimal number of 16 bits", node.text()),
               "write it as lsusb does, as \"16C0\"");
   }
   return value;
@@ -477,6 +478,60 @@ void checkOutput(const Node& fields, const HidProfile& profile) {
   }
 }
 
+/// What counts reports is one that the firmware raises with each; what stands still while the arm
+/// does would make old reports of new ones.
+void checkSequences(const Node& input, const HidProfile& profile) {
+  for (std::size_t r = 0; r < profile.input.size(); ++r) {
+    if (!profile.input[r].sequence) continue;
+    const ReportField& counter = profile.input[r].fields[*profile.input[r].sequence];
+    const auto shares = [&](const FieldRef& other) {
+      const ReportField& field = profile.input[r].fields[other.field];
+      return other.report == r && counter.bit < field.bit + field.bits &&
+             field.bit < counter.bit + counter.bits;
+    };
+    const bool joint = std::any_of(profile.joints.begin(), profile.joints.end(),
+                                   [&](const HidJoint& j) { return shares(j.from); });
+    const bool flag = std::any_of(profile.flags.begin(), profile.flags.end(),
+                                  [&](const HidFlag& f) { return shares(f.field); });
+    if (!joint && !flag) continue;
+    input.element(r)
+        .child("sequence")
+        .fail(fmt::format("{}'s bits are a {}'s, which does not change with every report",
+                          counter.name, joint ? "joint" : "flag"),
+              "name a field that counts reports, or remove it");
+  }
+}
+
+/// A counter of an arm that says by itself that it is homed is taken for the one nearest to the
+/// middle of the hand's world: no other of its ranges may bring the tip into that world.
+void checkRanges(const Node& root, const HidProfile& profile, const ProfileFacts& facts) {
+  if (profile.home_at_open || !profile.home.empty()) return;  // there it is known
+  const ArmPose middle = profile.kinematics->at(facts.middle);
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    const HidJoint& joint = profile.joints[i];
+    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
+    if (!field.wraps) continue;
+    const double range =
+        std::ldexp(std::abs(field.scale / joint.ratio), static_cast<int>(field.bits));
+    const double way = range * middle.jacobian[i].norm();
+    // Whole turns bring it to the same place.
+    Joints turned = facts.middle;
+    turned[i] += range;
+    const bool same =
+        (profile.kinematics->at(turned).position_D - middle.position_D).norm() < kSame;
+    if (same || way >= 2.0 * profile.limits.workspace_radius) continue;
+    root.child("kinematics")
+        .child("joints")
+        .element(i)
+        .child("from")
+        .fail(fmt::format(
+                  "{} begins anew every {:.3g} m of the tip, and the workspace is {:.3g} m wide: a "
+                  "flag that means homed does not say in which of them the arm is",
+                  field.name, way, 2.0 * profile.limits.workspace_radius),
+              "add \"home\" steps, home_at_open or bits, or mend workspace_radius");
+  }
+}
+
 /// Numbers that fit together: in other units than they are meant they do not.
 void checkFacts(const Node& root, const HidProfile& profile) {
   const ProfileFacts facts = factsOf(profile);
@@ -498,6 +553,7 @@ void checkFacts(const Node& root, const HidProfile& profile) {
         .fail(fmt::format("a count of every joint moves the tip {:.3g} m", facts.step),
               "mend the inputs' scale (radians a count) or the ratio");
   }
+  checkRanges(root, profile, facts);
   const char* const remedy = "mend torque_constant, ratio, or its field's scale, least and most";
   const MotorFact* strongest = nullptr;
   for (const MotorFact& motor : facts.motors) {
@@ -583,6 +639,7 @@ HidProfile readProfile(const Node& root) {
   const Fields fields(profile);
   if (root.has("flags")) readFlags(root.child("flags"), fields, profile);
   readKinematics(root.need("kinematics"), fields, profile);
+  checkSequences(input, profile);
   if (root.has("mount")) {
     const Node mount = root.child("mount").object({"origin", "rotation_wxyz"});
     if (mount.has("origin")) profile.origin_D = readPlace(mount.child("origin"));

@@ -110,6 +110,8 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", false},
       {"/input/0/sequence", "tick", "/input/0/sequence: this report has no field \"tick\"", false},
       {"/input/0/sequence", 3, "/input/0/sequence: ", true},
+      {"/input/0/sequence", "a", "/input/0/sequence: a's bits are a joint's, which", false},
+      {"/input/0/sequence", "state", "/input/0/sequence: state's bits are a flag's, which", false},
       {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
       {"/input/0/stale", 3, "/input/0/stale: ", true},
       {"/output/stale", 0.1, "/output/stale: unknown key", false},
@@ -208,17 +210,62 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
 
 TEST_CASE("a report's own number and age are read", "[profile]") {
   Json json = full();
-  json["input"][0]["sequence"] = "state";
+  json["input"][0]["sequence"] = "d";
   json["input"][0]["stale"] = 0.25;
   REQUIRE(schemaAccepts(json));
   const HidProfile profile = parseHidProfile(json.dump(), "p.json");
   const HidReportSpec& report = profile.input[0];
   REQUIRE(report.sequence);
-  CHECK(report.fields[*report.sequence].name == "state");
+  CHECK(report.fields[*report.sequence].name == "d");
   CHECK(report.stale == 0.25);
   const HidProfile plain = parseHidProfile(full().dump(), "p.json");
   CHECK_FALSE(plain.input[0].sequence);
   CHECK(plain.input[0].stale == 0.0);
+}
+
+TEST_CASE("a counter that only a flag homes has a range as wide as the workspace", "[profile]") {
+  Json json = full();
+  json.erase("home");
+  REQUIRE(trouble(json) == "none");  // 32 bits of 1 um
+  // 16 bits of 1 um: 66 mm, in a workspace of 200 mm. Of four places that the counter may mean one
+  // was guessed.
+  json["input"][0]["fields"]["a"]["bits"] = 16;
+  CHECK_THAT(trouble(json),
+             Contains("/kinematics/joints/0/from: a begins anew every 0.0655 m of the "
+                      "tip, and the workspace is 0.2 m wide"));
+  json["limits"]["workspace_radius"] = 0.03;
+  CHECK(trouble(json) == "none");
+  json["limits"]["workspace_radius"] = 0.1;
+  Json wide = json;
+  wide["input"][0]["fields"]["a"]["scale"] = 4e-6;
+  CHECK(trouble(wide) == "none");
+  Json steps = json;
+  steps["home"] = full()["home"];
+  CHECK(trouble(steps) == "none");
+  Json at_open = json;
+  at_open["kinematics"]["home_at_open"] = true;
+  at_open["kinematics"]["home_words"] = "in the middle";
+  CHECK(trouble(at_open) == "none");
+
+  // A wrist that turns on the spot, and one of whole turns, are where they are all the same.
+  Json chain = full();
+  chain.erase("home");
+  chain["kinematics"] = Json::parse(R"({"model": "chain", "tip": [0.01, 0, 0],
+    "links": [{"along": 0.1, "twist": 1.5708}, {"across": 0.2}, {"across": 0.15}, {}],
+    "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.05},
+               {"from": "b", "motor": "fb", "torque_constant": 0.05},
+               {"from": "c", "motor": "fc", "torque_constant": 0.05}, {"from": "d"}]})");
+  chain["mount"]["origin"] = {0.2, 0.1, 0.2};
+  chain["input"][0]["fields"]["d"] = {{"bit", 192},
+                                      {"bits", 12},
+                                      {"type", "unsigned"},
+                                      {"scale", 2.0 * M_PI / 4096},
+                                      {"wraps", true}};
+  CHECK(trouble(chain) == "none");
+  chain["input"][0]["fields"]["d"]["scale"] = 0.5 * M_PI / 4096;
+  CHECK_THAT(trouble(chain), Contains("/kinematics/joints/3/from: d begins anew every 0.0157 m"));
+  chain["kinematics"]["tip"] = {0, 0, 0.01};
+  CHECK(trouble(chain) == "none");
 }
 
 TEST_CASE("a device is one program's", "[profile]") {
