@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <cwchar>
@@ -17,6 +18,7 @@
 #include <sys/stat.h>
 #include <sys/sysmacros.h>
 #include <system_error>
+#include <thread>
 #include <unistd.h>
 
 #include "engine/error.h"
@@ -41,11 +43,11 @@ std::multiset<std::string>& openHere() {
 /// hidapi frees its error text on every failure: a handle is one thread's, so there are two.
 class HidPort final : public ReportPort {
  public:
-  explicit HidPort(const std::string& path) : path_(path) {
+  HidPort(const std::string& path, const Say& say) : path_(path) {
     const std::lock_guard lock(turn());
     try {
       guard_ = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK);
-      if (guard_ >= 0) claim(guard_, path);
+      if (guard_ >= 0) claim(guard_, path, say);
       in_ = guard_ >= 0 ? hid_open_path(path.c_str()) : nullptr;
       out_ = in_ != nullptr ? hid_open_path(path.c_str()) : nullptr;
       if (out_ == nullptr) {
@@ -134,7 +136,18 @@ std::string processOf(const std::string& pid) {
   return name.append(" (").append(pid).append(")");
 }
 
-/// Whose lock is on the file of a descriptor; empty where the system does not say.
+/// False for one that has ended, also where its parent has not asked for that yet.
+bool isAlive(const std::string& pid) {
+  std::ifstream status("/proc/" + pid + "/status");
+  for (std::string line; std::getline(status, line);) {
+    if (line.rfind("State:", 0) != 0) continue;
+    return line.find_first_of("ZX", 6) == std::string::npos;  // State:	Z (zombie)
+  }
+  return false;
+}
+
+/// The number of the process that has locked the file of a descriptor; empty where the system does
+/// not say.
 std::string whoLocks(int descriptor) {
   struct stat status {};
   if (fstat(descriptor, &status) != 0) return {};
@@ -147,7 +160,7 @@ std::string whoLocks(int descriptor) {
     std::istringstream words(line);
     std::string number, kind, advisory, access, pid, of;
     words >> number >> kind >> advisory >> access >> pid >> of;
-    if (kind == "FLOCK" && of == file.data() && pid != "0") return processOf(pid);
+    if (kind == "FLOCK" && of == file.data() && pid != "0") return pid;
   }
   return {};
 }
@@ -167,7 +180,7 @@ std::vector<HidDeviceName> listHid() {
   return devices;
 }
 
-std::unique_ptr<ReportPort> openHid(const std::string& path) {
+std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say) {
   // hidapi 0.13.1 falls over what is no hidraw node.
   struct stat status {};
   if (stat(path.c_str(), &status) != 0) {
@@ -188,7 +201,7 @@ std::unique_ptr<ReportPort> openHid(const std::string& path) {
     throw DeviceError(path, std::strerror(error), "plug it in again");
   }
   close(probe);
-  return std::make_unique<HidPort>(path);
+  return std::make_unique<HidPort>(path, say);
 }
 
 bool isOpenHere(const std::string& path) {
@@ -196,15 +209,32 @@ bool isOpenHere(const std::string& path) {
   return openHere().count(path) > 0;
 }
 
-void claim(int descriptor, const std::string& path) {
-  if (flock(descriptor, LOCK_EX | LOCK_NB) == 0) return;
-  if (errno != EWOULDBLOCK) {
-    throw DeviceError(path, std::string("it cannot be locked: ") + std::strerror(errno),
-                      "use a system whose devices can be");
+void claim(int descriptor, const std::string& path, const Say& say) {
+  using Clock = std::chrono::steady_clock;
+  constexpr auto kDying = std::chrono::milliseconds(50);  // a program that is being killed
+  const auto begin = Clock::now();
+  for (bool said = false; flock(descriptor, LOCK_EX | LOCK_NB) != 0;) {
+    if (errno != EWOULDBLOCK) {
+      throw DeviceError(path, std::string("it cannot be locked: ") + std::strerror(errno),
+                        "use a system whose devices can be");
+    }
+    const std::string pid = whoLocks(descriptor);
+    const bool orphaned = !pid.empty() && !isAlive(pid);
+    const auto waited = Clock::now() - begin;
+    if (waited < kDying || (orphaned && waited < std::chrono::duration<double>(kLongestClaim))) {
+      if (orphaned && say && !said) {
+        say(path + ": the program that had it, " + pid + ", has ended: waiting for its guardian");
+      }
+      said = said || orphaned;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      continue;
+    }
+    const std::string who = pid.empty() ? "another program"
+                            : orphaned  ? "the guardian of a program that has ended (" + pid + ")"
+                                        : processOf(pid);
+    throw DeviceError(path, who + " has it",
+                      "end that first: two programs on one arm would each send a force");
   }
-  const std::string who = whoLocks(descriptor);
-  throw DeviceError(path, (who.empty() ? "another program" : who) + " has it",
-                    "end that first: two programs on one arm would each send a force");
 }
 
 std::vector<std::string> whoHas(const std::string& path) {

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -61,9 +62,12 @@ struct HidDeviceName {
 /// All that are plugged in. Slow (milliseconds); never in a tick.
 [[nodiscard]] std::vector<HidDeviceName> listHid();
 
+/// Told a line for people; may be empty.
+using Say = std::function<void(const std::string&)>;
+
 /// Opens one by its path, for this program alone: two would each send a force of their own. Throws
-/// DeviceError, in words: no such file, not a HID device, no permission, who has it.
-[[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path);
+/// DeviceError, in words: no such file, not a HID device, no permission, who has it (claim).
+[[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say = {});
 
 /// True while this process has it open.
 [[nodiscard]] bool isOpenHere(const std::string& path);
@@ -71,7 +75,11 @@ struct HidDeviceName {
 /// Makes a device this process' own as long as the descriptor, or one that is its copy, is open and
 /// nobody unlocks it; a child that has one as well, as a guardian has, keeps it. Throws
 /// DeviceError: who has it. Only those that ask by this are seen.
-void claim(int descriptor, const std::string& path);
+///
+/// A program that was killed leaves it to its guardian, which takes the force off and ends within
+/// the second: that is waited for, up to kLongestClaim, and said.
+void claim(int descriptor, const std::string& path, const Say& say = {});
+inline constexpr double kLongestClaim = 2.0;  ///< [s]
 
 /// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);

@@ -251,8 +251,8 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   };
   const bool good = isTested(profile, own);
   host.measured = measuredArm(profile, own);
-  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path), good, host), own,
-                numbered};
+  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path, host.say), good, host),
+                own, numbered};
   if (host.say && !good && profile.output) {
     host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
                          arm.device->info().name, kUntestedForce, kUntestedStiffness,

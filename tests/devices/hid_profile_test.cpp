@@ -2,11 +2,14 @@
 #include "devices/hid_profile.h"
 
 #include <array>
+#include <csignal>
 #include <cstdlib>
 #include <fcntl.h>
 #include <fstream>
 #include <set>
 #include <string>
+#include <sys/file.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <vector>
 
@@ -285,6 +288,55 @@ TEST_CASE("a device is one program's", "[profile]") {
   close(guard);
   CHECK_NOTHROW(claim(second, file));
   close(second);
+}
+
+TEST_CASE("what a killed program leaves to its guardian is waited for, and said", "[profile]") {
+  const test::TemporaryFolder folder;
+  const std::string file = (folder / "hidraw0").string();
+  std::ofstream(file) << "x";
+  // A program with a guardian, which keeps the device for so long after the program was killed; a
+  // zombie until it is waited for.
+  const auto killed = [&](unsigned keeps_ms) {
+    std::array<int, 2> ready{};
+    REQUIRE(pipe(ready.data()) == 0);
+    const pid_t program = fork();
+    if (program == 0) {
+      const int own = open(file.c_str(), O_RDWR | O_CLOEXEC);
+      claim(own, file);
+      const pid_t parent = getpid();
+      if (fork() == 0) {
+        while (getppid() == parent) usleep(1000);
+        usleep(1000 * keeps_ms);
+        _exit(0);
+      }
+      (void)!write(ready[1], "x", 1);
+      for (;;) pause();
+    }
+    close(ready[1]);
+    char byte = 0;
+    REQUIRE(read(ready[0], &byte, 1) == 1);
+    close(ready[0]);
+    REQUIRE(kill(program, SIGKILL) == 0);
+    return program;
+  };
+  const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
+  REQUIRE(ours >= 0);
+  std::vector<std::string> said;
+  const Say say = [&](const std::string& words) { said.push_back(words); };
+  const pid_t short_one = killed(300);
+  CHECK_NOTHROW(claim(ours, file, say));
+  REQUIRE(said.size() == 1);
+  CHECK(said[0] == file + ": the program that had it, " + std::to_string(short_one) +
+                       ", has ended: waiting for its guardian");
+  CHECK(waitpid(short_one, nullptr, 0) == short_one);
+  REQUIRE(flock(ours, LOCK_UN) == 0);
+
+  // Not for ever; and no name of a program that is none any more.
+  const pid_t long_one = killed(static_cast<unsigned>(1000.0 * kLongestClaim) + 2000);
+  CHECK(waitpid(long_one, nullptr, 0) == long_one);
+  CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
+                                                     std::to_string(long_one) + ") has it"));
+  close(ours);
 }
 
 TEST_CASE("every geometry is read from a profile", "[profile]") {
