@@ -92,6 +92,14 @@ const HidProfile& oneNamed(const std::string& name, const std::vector<HidProfile
   if (refused) {
     throw DeviceError("hid:" + name, "its file cannot be used as that", "mend what was said of it");
   }
+  std::string editions;
+  for (const std::string& one : names) {
+    if (one.rfind(name + "-", 0) == 0) editions += (editions.empty() ? "" : " or ") + one;
+  }
+  if (!editions.empty()) {
+    throw DeviceError("hid:" + name, "it may be " + editions + ", whose numbers differ",
+                      "name the one that is yours; palpate devices NAME says what it is");
+  }
   const std::string near = nearestName(name, names);
   throw DeviceError("hid:" + name, "there is no profile \"" + name + "\"",
                     near.empty() ? "palpate devices lists them; a file ends in .json"

@@ -512,6 +512,22 @@ TEST_CASE("an arm's name is taken apart", "[profile]") {
   CHECK_THROWS_WITH(openArm("hid@S1", {}), Contains("hid:PROFILE@SERIAL"));
 }
 
+TEST_CASE("a name that several editions share names none of them", "[profile]") {
+  // Their motors differ twelvefold: one taken for the other is driven with so many times its force.
+  const std::string editions =
+      "hid:woodenhaptics: it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers "
+      "differ";
+  CHECK_THROWS_WITH(namedProfile({"woodenhaptics", ""}, nullptr), Contains(editions));
+  CHECK_THROWS_WITH(openArm("hid:woodenhaptics", {}), Contains(editions));
+  CHECK_THROWS_WITH(namedProfile({"woodenhaptic", ""}, nullptr), Contains("there is no profile"));
+  const HidProfile old = namedProfile({"woodenhaptics-v2015", ""}, nullptr);
+  const HidProfile young = namedProfile({"woodenhaptics-v2019", ""}, nullptr);
+  CHECK(young.joints[0].torque_constant / old.joints[0].torque_constant ==
+        Approx(12.394).epsilon(1e-4));
+  for (std::size_t i = 0; i < 3; ++i) CHECK(young.joints[i].ratio == old.joints[i].ratio);
+  CHECK(young.joints[1].torque_constant == 0.0603);
+}
+
 TEST_CASE("an arm that drives motors has limits", "[profile]") {
   Json json = full();
   json.erase("limits");
@@ -524,7 +540,8 @@ TEST_CASE("the shipped profiles are good, and say where every number comes from"
   CHECK(notes.empty());
   std::set<std::string> names;
   for (const HidProfile& arm : arms) names.insert(arm.name);
-  CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics"});
+  CHECK(names == std::set<std::string>{"polhem", "spacemouse", "teensy-arm", "woodenhaptics-v2015",
+                                       "woodenhaptics-v2019"});
   for (const std::string& name : names) {
     std::ifstream in(test::sourceDir() + "/devices/profiles/" + name + ".json");
     const Json json = Json::parse(in);
@@ -563,7 +580,7 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   // Who has numbers of his own for an arm does not want others instead.
   std::ofstream(folder / "teensy-arm.json") << "{";
   Json broken = full();
-  broken["name"] = "woodenhaptics";
+  broken["name"] = "woodenhaptics-v2015";
   broken["limits"]["force"] = 0;
   std::string text = broken.dump();
   text.insert(1, ",");
@@ -571,9 +588,10 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   std::ofstream(folder / "c.txt") << "no profile";
   std::vector<std::string> notes;
   const auto arms = hidProfiles(folder.path(), notes);
-  CHECK(arms.size() == 2);
+  CHECK(arms.size() == 3);
   CHECK(arms[0].name == "polhem");
   CHECK(arms[1].name == "spacemouse");
+  CHECK(arms[2].name == "woodenhaptics-v2019");
   CHECK(arms[0].match[0].vendor == 0x1209);
   CHECK(notes.size() == 4);
   CHECK_THAT(notes[0], Contains("a.json: /name: it calls itself polhem, as one of palpate's own"));
@@ -581,7 +599,7 @@ TEST_CASE("a user's own profiles win, and a broken one is a note", "[profile]") 
   // Two of one name.
   std::ofstream(folder / "b.json") << mine.dump();
   notes.clear();
-  CHECK(hidProfiles(folder.path(), notes).size() == 2);
+  CHECK(hidProfiles(folder.path(), notes).size() == 3);
   CHECK_THAT(notes[1], Contains("b.json: /name: another file here calls itself polhem"));
 }
 

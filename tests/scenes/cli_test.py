@@ -865,7 +865,7 @@ class Devices(Case):
     """Where no arm is plugged in; tests/devices/vm has one."""
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
-        for name in ("woodenhaptics", "polhem", "teensy-arm", "spacemouse", "Novint Falcon", "HAPI"):
+        for name in ("woodenhaptics-v2015", "woodenhaptics-v2019", "polhem", "teensy-arm", "spacemouse", "Novint Falcon", "HAPI"):
             self.assertIn(name, words)
         listed = json.loads(run("devices", "--json").stdout)
         for profile in listed["profiles"]:
@@ -898,6 +898,8 @@ class Devices(Case):
             file.write_text(json.dumps(mine))
             self.refused("devices", file, says="mend torque_constant")
         self.refused("devices", "polhm", says='did you mean "polhem"?')
+        self.refused("devices", "woodenhaptics",
+                     says="it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers differ")
         self.refused("devices", "polhem", "--test", "hid", says="--test names its own arm")
 
     def test_a_broken_profile_of_ones_own_is_told(self):
