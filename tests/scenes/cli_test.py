@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pty
+import re
 import shutil
 import signal
 import subprocess
@@ -901,6 +902,31 @@ class Devices(Case):
         self.refused("devices", "woodenhaptics",
                      says="it may be woodenhaptics-v2015 or woodenhaptics-v2019, whose numbers differ")
         self.refused("devices", "polhem", "--test", "hid", says="--test names its own arm")
+
+    def test_the_documented_figures_are_the_program_s(self):
+        """docs/devices.md: blocks of what it prints, and its table of the shipped profiles."""
+        text = (Path(__file__).resolve().parents[2] / "docs/devices.md").read_text(encoding="utf-8")
+        blocks = re.findall(r"^    \$ palpate (.*)\n((?:    .*\n)+)", text, flags=re.M)
+        self.assertTrue(blocks)
+        for command, shown in blocks:
+            printed = iter(line.strip() for line in run(*command.split()).stdout.splitlines())
+            for line in shown.splitlines():
+                if line.strip() != "...":
+                    self.assertIn(line.strip(), printed, command)  # in this order
+        rows = re.search(r"^\| shipped profile .*\n\|[-|]*\n((?:\|.*\n)+)", text, flags=re.M)[1]
+        told = {}
+        for row in rows.splitlines():
+            name, _, asked, step, _ = (cell.strip() for cell in row.strip("|").split("|"))
+            told[name.strip("`")] = (asked, step)
+        listed = json.loads(run("devices", "--json").stdout)["profiles"]
+        self.assertEqual(sorted(told), sorted(profile["name"] for profile in listed))
+        for profile in listed:
+            facts = profile["facts"]
+            motors = facts["motors"]
+            asked = ", ".join(f"{motor['asked']:.4g}" for motor in motors)
+            asked = f"{asked} of {motors[0]['most']:g}" if motors else "-"
+            step = f"{1e3 * facts['step']:.4g}" if motors else "-"
+            self.assertEqual(told[profile["name"]], (asked, step), profile["name"])
 
     def test_a_broken_profile_of_ones_own_is_told(self):
         with tempfile.TemporaryDirectory() as folder:
