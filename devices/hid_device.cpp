@@ -153,13 +153,7 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   flags_in_.assign(profile_.input.size(), false);
   for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
   flags_at_.assign(profile_.input.size(), kNever);
-  about_.assign(profile_.joints.size(), 0.0);
-  const ProfileFacts facts = factsOf(profile_);
-  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
-    const HidJoint& joint = profile_.joints[i];
-    const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
-    about_[i] = ((facts.middle[i] - joint.home) * joint.ratio - field.offset) / field.scale;
-  }
+  about_ = rawInMiddle(profile_, factsOf(profile_));
   numbered_ =
       std::all_of(profile_.joints.begin(), profile_.joints.end(), [&](const HidJoint& joint) {
         return profile_.input[joint.from.report].sequence.has_value();
@@ -365,10 +359,7 @@ void HidDevice::follow(double dt) noexcept {
     const ReportField& field = profile_.input[joint.from.report].fields[joint.from.field];
     double raw = input_.raw(joint.from);
     if (field.wraps) raw = counters_[i].follow(raw, field.bits, about_[i]);
-    // At home a joint is at its home, whatever its field says there.
-    const double value = profile_.home_at_open ? field.scale * (raw - home_raw_[i])
-                                               : field.scale * raw + field.offset;
-    joints_[i] = value / joint.ratio + joint.home;
+    joints_[i] = jointAt(profile_, i, raw, home_raw_[i]);
   }
   pose_ = profile_.kinematics->at(joints_);
   const Vec3 position_W = profile_.world_from_device * (pose_.position_D - profile_.origin_D);

@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <cwchar>
 #include <fcntl.h>
@@ -165,6 +166,58 @@ std::string whoLocks(int descriptor) {
   return {};
 }
 
+/// Of a descriptor's /proc/PID/fdinfo.
+bool isReadOnly(const std::filesystem::path& info) {
+  std::ifstream in(info);
+  for (std::string key, value; in >> key >> value;) {
+    if (key == "flags:") return (std::strtoul(value.c_str(), nullptr, 8) & O_ACCMODE) == O_RDONLY;
+  }
+  return false;
+}
+
+/// A descriptor of a hidraw node. Throws DeviceError.
+int openNode(const std::string& path, int access) {
+  struct stat status {};
+  if (stat(path.c_str(), &status) != 0) {
+    throw DeviceError(path, "there is no such device", "plug it in; palpate devices lists them");
+  }
+  if (!S_ISCHR(status.st_mode) || path.rfind("/dev/hidraw", 0) != 0) {
+    throw DeviceError(path, "it is not a HID device", "name one as /dev/hidraw0");
+  }
+  const int node = open(path.c_str(), access | O_CLOEXEC | O_NONBLOCK);
+  if (node >= 0) return node;
+  const int error = errno;
+  if (error == EACCES || error == EPERM) {
+    throw DeviceError(
+        path, "you may not open it",
+        "install palpate's udev rules, with a line for this arm (palpate devices writes it out), "
+        "and plug it in again");
+  }
+  throw DeviceError(path, std::strerror(error), "plug it in again");
+}
+
+/// The kernel's own ring of one more reader.
+class ReadPort final : public ReportPort {
+ public:
+  explicit ReadPort(int node) : node_(node) {}
+  ~ReadPort() override { close(node_); }
+  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    const ssize_t n = ::read(node_, to.data(), to.size());
+    size = n > 0 ? static_cast<std::size_t>(n) : 0;
+    if (n > 0) return Got::kReport;
+    return n < 0 && (errno == EAGAIN || errno == EINTR) ? Got::kNothing : Got::kGone;
+  }
+  [[nodiscard]] bool write(std::span<const std::byte> /*report*/) noexcept override {
+    return false;
+  }
+  [[nodiscard]] bool sendFeature(std::span<const std::byte> /*report*/) noexcept override {
+    return false;
+  }
+
+ private:
+  int node_;
+};
+
 }  // namespace
 
 std::vector<HidDeviceName> listHid() {
@@ -181,27 +234,12 @@ std::vector<HidDeviceName> listHid() {
 }
 
 std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say) {
-  // hidapi 0.13.1 falls over what is no hidraw node.
-  struct stat status {};
-  if (stat(path.c_str(), &status) != 0) {
-    throw DeviceError(path, "there is no such device", "plug it in; palpate devices lists them");
-  }
-  if (!S_ISCHR(status.st_mode) || path.rfind("/dev/hidraw", 0) != 0) {
-    throw DeviceError(path, "it is not a HID device", "name one as /dev/hidraw0");
-  }
-  const int probe = open(path.c_str(), O_RDWR | O_CLOEXEC | O_NONBLOCK);
-  if (probe < 0) {
-    const int error = errno;
-    if (error == EACCES || error == EPERM) {
-      throw DeviceError(
-          path, "you may not open it",
-          "install palpate's udev rules, with a line for this arm (palpate devices writes it out), "
-          "and plug it in again");
-    }
-    throw DeviceError(path, std::strerror(error), "plug it in again");
-  }
-  close(probe);
+  close(openNode(path, O_RDWR));  // hidapi 0.13.1 falls over what is no hidraw node
   return std::make_unique<HidPort>(path, say);
+}
+
+std::unique_ptr<ReportPort> openHidToRead(const std::string& path) {
+  return std::make_unique<ReadPort>(openNode(path, O_RDONLY));
 }
 
 bool isOpenHere(const std::string& path) {
@@ -249,6 +287,7 @@ std::vector<std::string> whoHas(const std::string& path) {
     for (const auto& descriptor : fs::directory_iterator(process.path() / "fd", hidden)) {
       std::error_code gone;
       if (fs::read_symlink(descriptor.path(), gone) != path || gone) continue;
+      if (isReadOnly(process.path() / "fdinfo" / descriptor.path().filename())) continue;
       programs.push_back(processOf(pid));
       break;
     }

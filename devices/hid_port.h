@@ -69,6 +69,10 @@ using Say = std::function<void(const std::string&)>;
 /// DeviceError, in words: no such file, not a HID device, no permission, who has it (claim).
 [[nodiscard]] std::unique_ptr<ReportPort> openHid(const std::string& path, const Say& say = {});
 
+/// Opens one to read, whoever else has it: each reader gets every report. Nothing can be sent by
+/// it. Throws DeviceError as openHid.
+[[nodiscard]] std::unique_ptr<ReportPort> openHidToRead(const std::string& path);
+
 /// True while this process has it open.
 [[nodiscard]] bool isOpenHere(const std::string& path);
 
@@ -81,7 +85,8 @@ using Say = std::function<void(const std::string&)>;
 void claim(int descriptor, const std::string& path, const Say& say = {});
 inline constexpr double kLongestClaim = 2.0;  ///< [s]
 
-/// Programs of this user that have a path open, as "name (pid)"; those of others cannot be seen.
+/// Programs of this user that have a path open to write, as "name (pid)"; those of others cannot be
+/// seen.
 [[nodiscard]] std::vector<std::string> whoHas(const std::string& path);
 
 }  // namespace palpate

@@ -188,7 +188,7 @@ HidProfile namedProfile(const ArmName& name, const std::function<void(const std:
   return oneNamed(name.profile, profiles, notes);
 }
 
-OpenedArm openArm(const std::string& name, HidHost host) {
+ChosenArm findArm(const std::string& name, const std::function<void(const std::string&)>& say) {
   const std::optional<ArmName> parsed = parseArmName(name);
   if (!parsed) {
     throw DeviceError(name, "it is no arm", "write hid, hid:PROFILE or hid:PROFILE@SERIAL");
@@ -202,8 +202,8 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   } else {
     std::vector<std::string> notes;
     profiles = hidProfiles(hidProfileFolder(), notes);
-    if (host.say) {
-      for (const std::string& note : notes) host.say(note);
+    if (say) {
+      for (const std::string& note : notes) say(note);
     }
     if (!wanted.empty()) (void)oneNamed(wanted, profiles, notes);
   }
@@ -237,11 +237,16 @@ OpenedArm openArm(const std::string& name, HidHost host) {
       which += (which.empty() ? "" : ", ") + arm->nameAs(*profile);
     throw DeviceError(name, "that may be several", "name one of " + which);
   }
-  const HidDeviceName device = choices[0].first->device;
-  const std::string own = choices[0].first->identity();
-  const bool numbered = !choices[0].first->serial().empty();
-  const HidProfile profile = *choices[0].second;
-  if (const auto wrong = choices[0].first->against(profile)) throw *wrong;
+  return {*choices[0].first, *choices[0].second};
+}
+
+OpenedArm openArm(const std::string& name, HidHost host) {
+  const ChosenArm chosen = findArm(name, host.say);
+  const HidProfile& profile = chosen.profile;
+  if (const auto wrong = chosen.arm.against(profile)) throw *wrong;
+  const HidDeviceName device = chosen.arm.device;
+  const std::string own = chosen.arm.identity();
+  const bool numbered = !chosen.arm.serial().empty();
   if (const auto others = whoHas(device.path); !others.empty() && host.say) {
     host.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
   }
@@ -264,7 +269,7 @@ OpenedArm openArm(const std::string& name, HidHost host) {
   if (host.say && !good && profile.output) {
     host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
                          arm.device->info().name, kUntestedForce, kUntestedStiffness,
-                         choices[0].first->nameAs(profile)));
+                         chosen.arm.nameAs(profile)));
   }
   if (host.say && good && !numbered) {
     host.say(

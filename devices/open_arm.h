@@ -54,14 +54,25 @@ struct ArmName {
 [[nodiscard]] HidProfile namedProfile(const ArmName& name,
                                       const std::function<void(const std::string&)>& say);
 
+/// An arm that is plugged in, as it was named.
+struct ChosenArm {
+  FoundArm arm;
+  HidProfile profile;
+};
+
+/// The arm of that name that this program does not have yet. Throws DeviceError: none or several
+/// are there, which ones, and what to write.
+[[nodiscard]] ChosenArm findArm(const std::string& name,
+                                const std::function<void(const std::string&)>& say);
+
 struct OpenedArm {
   std::unique_ptr<HidDevice> device;
   std::string identity;  ///< As FoundArm::identity.
   bool numbered = true;  ///< It has a serial number.
 };
 
-/// Opens the arm of that name that this program does not have yet. Throws DeviceError: none or
-/// several are there, which ones, and what to write; or that its reports are not the profile's.
+/// Finds an arm (findArm) and opens it. Throws DeviceError, also where its reports are not the
+/// profile's.
 ///
 /// @param host  Its `find` is set here.
 [[nodiscard]] OpenedArm openArm(const std::string& name, HidHost host);

@@ -96,4 +96,23 @@ ProfileFacts factsOf(const HidProfile& profile) {
   return facts;
 }
 
+std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& facts) {
+  std::vector<double> raw;
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    const HidJoint& joint = profile.joints[i];
+    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
+    raw.push_back(((facts.middle[i] - joint.home) * joint.ratio - field.offset) / field.scale);
+  }
+  return raw;
+}
+
+double jointAt(const HidProfile& profile, std::size_t joint, double raw, double home_raw) noexcept {
+  const HidJoint& of = profile.joints[joint];
+  const ReportField& field = profile.input[of.from.report].fields[of.from.field];
+  // At home a joint is at its home, whatever its field says there.
+  const double value =
+      profile.home_at_open ? field.scale * (raw - home_raw) : field.scale * raw + field.offset;
+  return value / of.ratio + of.home;
+}
+
 }  // namespace palpate

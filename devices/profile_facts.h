@@ -34,4 +34,14 @@ struct ProfileFacts {
 /// @pre profile.kinematics, and a joint for each of its.
 [[nodiscard]] ProfileFacts factsOf(const HidProfile& profile);
 
+/// The raw number of each joint's field there: a counter that wraps is taken for the one nearest to
+/// it.
+[[nodiscard]] std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& facts);
+
+/// A joint where its field, followed beyond its ends, has this raw number [rad], of a slide [m].
+///
+/// @param home_raw  Its raw number in the home pose, where that is how the arm is opened.
+[[nodiscard]] double jointAt(const HidProfile& profile, std::size_t joint, double raw,
+                             double home_raw) noexcept PALPATE_NONBLOCKING;
+
 }  // namespace palpate

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <cmath>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
 #include <optional>
 #include <poll.h>
@@ -11,6 +12,7 @@
 
 #include <fmt/format.h>
 
+#include "devices/arm_watch.h"
 #include "devices/guardian.h"
 #include "devices/open_arm.h"
 #include "devices/profile_facts.h"
@@ -37,6 +39,8 @@ constexpr std::uint16_t kTeensyBoot = 0x0478;
 struct Options {
   std::string profile;
   std::string test;
+  std::string watch;
+  double seconds = 0.0;
   double force = 0.5;
   double ruler = 0.1;
   bool json = false;
@@ -510,6 +514,51 @@ int test(const Options& options) {
   return kDone;
 }
 
+/// What an arm says, again and again; nothing is sent, so that another program may drive it
+/// meanwhile.
+int watch(const Options& options) {
+  struct sigaction action {};
+  action.sa_handler = [](int signal) { interrupted = signal; };
+  sigemptyset(&action.sa_mask);
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  const bool arm = parseArmName(options.watch).has_value();
+  const ChosenArm chosen = findArm(arm ? options.watch : "hid:" + options.watch,
+                                   [](const std::string& words) { complain("devices: " + words); });
+  const auto wrong = chosen.arm.against(chosen.profile);
+  const auto port = openHidToRead(chosen.arm.device.path);
+  ArmWatch watch(chosen.profile);
+  const bool terminal = isatty(STDOUT_FILENO) == 1;
+  const double often = terminal ? 0.25 : 0.5;  // [s]
+  constexpr std::int64_t kLook = 5000000;      // [ns]: a few reports; the kernel keeps 63
+  const std::int64_t begin = nowNs();
+  const auto since = [&] { return 1e-9 * static_cast<double>(nowNs() - begin); };
+  for (double next = often; interrupted == 0;) {
+    const bool gone = watch.take(*port, nowNs()) == Got::kGone;
+    const bool over = options.seconds > 0.0 && since() >= options.seconds;
+    if (since() >= next || gone || over) {
+      next += often;
+      std::string text = fmt::format("{:.1f} s, {} on {}; nothing is sent\n", since(),
+                                     chosen.arm.nameAs(chosen.profile), chosen.arm.device.path);
+      if (wrong) text += std::string(wrong->what()) + "\n";
+      if (chosen.profile.home_at_open) {
+        text += "its home pose is how it was first seen: " + chosen.profile.home_words + "\n";
+      } else if (!chosen.profile.home.empty()) {
+        text += "joints are true if it has been homed since it was switched on\n";
+      }
+      text += watch.picture(nowNs());
+      fmt::print("{}{}\n", terminal ? "\x1b[H\x1b[J" : "", text);
+      if (std::fflush(stdout) != 0) return kEndedEarly;
+    }
+    if (gone) {
+      complain("devices: it was unplugged: plug it in again, and watch it again");
+      return kEndedEarly;
+    }
+    if (over) return kDone;
+    sleepUntil(nowNs() + kLook);
+  }
+  return kInterrupted;
+}
+
 }  // namespace
 
 void addDevices(CLI::App& app, std::function<int()>& body) {
@@ -520,16 +569,31 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
                    "What a profile's numbers come to: a name, or a file");
   verb->add_option("--test", options->test,
                    "Tests an arm, as hid:polhem: rates, steps, friction, motors' signs");
+  CLI::Option* watched = verb->add_option(
+      "--watch", options->watch,
+      "Shows what an arm says, live: reports, fields, joints, tip, flags; sends nothing");
+  verb->add_option("--seconds", options->seconds, "How long to watch [s] (default: till Ctrl-C)")
+      ->check(CLI::PositiveNumber)
+      ->needs(watched);
   verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
   verb->add_option("--ruler", options->ruler,
                    "How far you move the tip so that the test knows its scale [m] (default 0.1; 0: "
                    "leave it out, and the arm stays held)");
   verb->add_flag("--json", options->json, "Print JSON");
-  verb->footer("Example:\n  palpate devices mine.json\n  palpate devices --test hid:polhem");
+  verb->footer(
+      "Example:\n  palpate devices mine.json\n  palpate devices --watch hid:mine\n"
+      "  palpate devices --test hid:polhem");
   verb->callback([=, &body] {
     body = [=] {
       if (!options->test.empty() && !options->profile.empty()) {
         throw Error(options->profile, "--test names its own arm", "leave one of them out");
+      }
+      if (!options->watch.empty()) {
+        if (!options->test.empty() || !options->profile.empty() || options->json) {
+          throw Error("--watch", "it names its own arm, and writes for eyes",
+                      "leave --test, --json and the profile out");
+        }
+        return watch(*options);
       }
       if (!options->profile.empty()) return show(*options);
       return options->test.empty() ? list(*options) : test(*options);

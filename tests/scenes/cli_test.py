@@ -885,6 +885,13 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", "--force", 9, says="at most 3")
         self.refused("devices", "--test", "hid:polhem", says="no such arm is plugged in")
 
+    def test_what_cannot_be_watched_is_refused(self):
+        for arm in ("hid:polhem", "polhem"):
+            self.refused("devices", "--watch", arm, says="no such arm is plugged in")
+        self.refused("devices", "--watch", "woodenhaptics", says="woodenhaptics-v2015 or")
+        self.refused("devices", "--watch", "hid:polhem", "--json", says="it names its own arm")
+        self.refused("devices", "polhem", "--watch", "hid:polhem", says="it names its own arm")
+
     def test_what_a_profile_comes_to(self):
         words = run("devices", "polhem").stdout
         self.assertIn("current_b, which gives at most 3", words)
