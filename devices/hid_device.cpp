@@ -153,7 +153,12 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   flags_in_.assign(profile_.input.size(), false);
   for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
   flags_at_.assign(profile_.input.size(), kNever);
-  about_ = rawInMiddle(profile_, factsOf(profile_));
+  const ProfileFacts facts = factsOf(profile_);
+  about_ = rawInMiddle(profile_, facts);
+  if (profile_.output) drives_W_ = facts.drives;
+  for (std::size_t i = 0; i < std::min(kMotors, profile_.joints.size()); ++i) {
+    if (profile_.output && !profile_.joints[i].to) undriven_.push_back(i);
+  }
   numbered_ =
       std::all_of(profile_.joints.begin(), profile_.joints.end(), [&](const HidJoint& joint) {
         return profile_.input[joint.from.report].sequence.has_value();
@@ -430,6 +435,7 @@ HandState HidDevice::read() noexcept {
     if (got == Got::kReport || (got == Got::kNothing && silent())) follow(dt);
   }
   hand.position = position_W_;
+  hand.drives = drivesHere();
   hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
   hand.ready = pose_.reachable && (heard_ || silent());
   if (profile_.output && !numbered_) hand.still = 1e-9 * static_cast<double>(now - moved_at_);
@@ -478,9 +484,20 @@ void HidDevice::lookForMotion(std::int64_t now) noexcept {
   }
 }
 
+Mat3 HidDevice::drivesHere() const noexcept {
+  Mat3 onto = drives_W_;
+  // A joint that turns freely holds nothing: across it no force can be given.
+  for (const std::size_t i : undriven_) {
+    const Vec3 free = onto * (profile_.world_from_device * pose_.jacobian[i]);
+    constexpr double kNone = 1e-6;  // [m/rad]
+    if (free.norm() > kNone) onto -= free * free.transpose() / free.squaredNorm();
+  }
+  return onto;
+}
+
 void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
   std::copy(zero_.begin(), zero_.end(), report.begin());
-  const Vec3 force_D = profile_.world_from_device.transpose() * force_W;
+  const Vec3 force_D = profile_.world_from_device.transpose() * (drivesHere() * force_W);
   // All motors less by the same share where one would be asked for more than it may give: the
   // direction is kept.
   std::array<double, kMostJoints> raw{};
@@ -604,6 +621,8 @@ void HidDevice::mendLoop() noexcept {
 
 ArmDissipation HidDevice::dissipation() const noexcept {
   ArmDissipation arm;
+  // Nothing is known of the friction of a joint that no motor has pushed.
+  if (!undriven_.empty()) return arm;
   // In another pose a lever may be so much longer: a count's way and, at the tip, friction by it.
   constexpr double kElsewhere = 2.0;
   arm.viscous = host_.measured.viscous / (kElsewhere * kElsewhere);

@@ -72,7 +72,7 @@ class HidInput {
 
 /// What `palpate devices --test` has found of an arm, from the safe side; zeros: nothing.
 struct MeasuredArm {
-  double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis.
+  double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis that it has motors for.
   double coulomb = 0.0;  ///< [N], likewise.
   double delay = 0.0;    ///< From a reading to the force that follows from it [s], the middle of
   double doubt = 0.0;    ///< what the test leaves possible, and half its width [s].
@@ -195,6 +195,8 @@ class HidDevice final : public Device {
   [[nodiscard]] bool countedOn(double pause) const noexcept;
   void follow(double dt) noexcept;
   void lookForMotion(std::int64_t now) noexcept;
+  /// HandState::drives, in the pose that it is in.
+  [[nodiscard]] Mat3 drivesHere() const noexcept;
   /// True for devices that say nothing while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
@@ -241,6 +243,8 @@ class HidDevice final : public Device {
   std::int64_t moved_at_ = 0;    ///< and when any of them changed last [ns].
   Joints joints_{};
   ArmPose pose_;
+  Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives.
+  std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
   Vec3 position_W_ = Vec3::Zero();
   double given_ = 1.0;
 

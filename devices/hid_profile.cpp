@@ -350,7 +350,8 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
       at.fail("a motor and its torque constant belong together", "give both or none");
     }
     if (at.has("motor")) {
-      if (i >= 3) at.child("motor").fail("only the first three joints have motors", "remove it");
+      if (i >= kMotors)
+        at.child("motor").fail("only the first three joints have motors", "remove it");
       joint.to = fields.output(at.child("motor"), at.child("motor").name(), true);
       joint.torque_constant = at.need("torque_constant").positive();
       const ReportField& motor = profile.output->fields[*joint.to];
@@ -372,13 +373,6 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
       }
     }
     profile.joints.push_back(joint);
-  }
-  const std::size_t driven = std::min<std::size_t>(3, count);
-  for (std::size_t i = 0; i < driven; ++i) {
-    if (profile.joints[i].to.has_value() != profile.joints[0].to.has_value()) {
-      joints.fail("some of the first joints have motors and some have none",
-                  fmt::format("give the first {} one each, or none", driven));
-    }
   }
   if (node.has("home_at_open")) profile.home_at_open = node.child("home_at_open").flag();
   if (node.has("home_words")) profile.home_words = node.child("home_words").text();

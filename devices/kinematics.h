@@ -13,6 +13,7 @@
 namespace palpate {
 
 inline constexpr std::size_t kMostJoints = 6;
+inline constexpr std::size_t kMotors = 3;  ///< Of the first joints; others are only sensed.
 /// Of a model's joints the first ones; the others mean nothing.
 using Joints = std::array<double, kMostJoints>;
 

@@ -48,7 +48,9 @@ Json recordOf(const HidProfile& profile, const std::string& identity) {
   if (arm == json.end() || !arm->is_object()) return nullptr;
   const auto print = arm->find("profile");
   const bool same = print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
-  return same && arm->contains("scale") ? *arm : Json();
+  // Tests that measured one way had a number here.
+  const auto scale = arm->find("scale");
+  return same && scale != arm->end() && scale->is_array() ? *arm : Json();
 }
 
 constexpr double kMostDelay = 0.02;  // [s]
@@ -321,7 +323,7 @@ MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity) 
   const auto delay_error = numbers("delay_error");
   const auto mass = numbers("mass");
   for (const auto* list : {&viscous, &coulomb, &delay, &delay_error, &mass}) {
-    if (list->size() != 3) return measured;
+    if (list->empty() || list->size() != mass.size()) return measured;
   }
   measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
   measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
@@ -358,7 +360,9 @@ void rememberTest(const HidProfile& profile, const std::string& identity,
        {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay", "delay_error"}) {
     arm[key] = Json::array();
   }
+  // Along what it has no motor for nothing was measured.
   for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
     arm["viscous"].push_back(axis.viscous);
     arm["coulomb"].push_back(axis.coulomb);
     arm["viscous_least"].push_back(axis.viscous - kSure * axis.viscous_error);

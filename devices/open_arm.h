@@ -80,8 +80,8 @@ struct OpenedArm {
 /// Where `palpate devices --test` keeps what it found: $XDG_STATE_HOME/palpate/arms.json or
 /// ~/.local/state/palpate/arms.json.
 [[nodiscard]] std::filesystem::path testedArmsFile();
-/// True where the arm of this identity has passed with this very profile, its scale measured. One
-/// of none never has.
+/// True where the arm of this identity has passed with this very profile, its scale measured along
+/// every axis. One of none never has.
 [[nodiscard]] bool isTested(const HidProfile& profile, const std::string& identity);
 /// What was measured then; zeros where it is not tested. What is uncertain is taken from it.
 [[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity);
@@ -89,7 +89,7 @@ struct OpenedArm {
 [[nodiscard]] std::vector<std::string> testedArms(const HidProfile& profile);
 /// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
 ///
-/// @pre result.scale is measured.
+/// @pre result.scale is measured along every axis that it moves along.
 void rememberTest(const HidProfile& profile, const std::string& identity,
                   const SelfTestResult& result);
 /// It has failed: it is not tested any more. Throws DeviceError where that cannot be written.

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 namespace palpate {
 
@@ -46,6 +47,40 @@ double reach(const Kinematics& arm, const Vec3& place, Joints& joints) {
     }
   }
   return off;
+}
+
+/// Onto what levers about some poses reach, by the sum of their squares.
+Mat3 within(const Mat3& squares) {
+  constexpr double kNone = 0.01;  // of the longest lever: what is shorter moves nothing there
+  const Eigen::SelfAdjointEigenSolver<Mat3> solver(squares);
+  Mat3 onto = Mat3::Zero();
+  for (int i = 0; i < 3; ++i) {
+    if (!(solver.eigenvalues()[i] > kNone * kNone * solver.eigenvalues()[2])) continue;
+    onto += solver.eigenvectors().col(i) * solver.eigenvectors().col(i).transpose();
+  }
+  return onto;
+}
+
+/// ProfileFacts::moves and drives.
+void lookAbout(const HidProfile& profile, ProfileFacts& facts) {
+  constexpr double kAside = 0.3;  // [rad]; [m] of a slide, whose levers are the same everywhere
+  constexpr int kPoses = 27;
+  Mat3 moves = Mat3::Zero();
+  Mat3 drives = Mat3::Zero();
+  for (int at = 0; at < kPoses; ++at) {
+    Joints joints = facts.middle;
+    int rest = at;
+    for (std::size_t j = 0; j < 3; ++j, rest /= 3) joints[j] += kAside * (rest % 3 - 1);
+    const ArmPose pose = profile.kinematics->at(joints);
+    for (std::size_t j = 0; pose.reachable && j < profile.joints.size(); ++j) {
+      const Mat3 square = pose.jacobian[j] * pose.jacobian[j].transpose();
+      moves += square;
+      if (profile.joints[j].to) drives += square;
+    }
+  }
+  const Mat3& turn = profile.world_from_device;
+  facts.moves = turn * within(moves) * turn.transpose();
+  facts.drives = turn * within(drives) * turn.transpose();
 }
 
 }  // namespace
@@ -93,6 +128,7 @@ ProfileFacts factsOf(const HidProfile& profile) {
         {i, to.name, profile.limits.force * way / std::abs(joint.ratio * joint.torque_constant),
          room / std::abs(to.scale)});
   }
+  lookAbout(profile, facts);
   return facts;
 }
 

@@ -26,10 +26,15 @@ struct ProfileFacts {
   double step = 0.0;  ///< What a position there may be off by, twice: the way of the tip by a
                       ///< count of every joint that counts [m].
   std::vector<MotorFact> motors;
+  /// Project onto the directions of the hand's world that its joints move the tip in, and its
+  /// motors push it in, at some pose about the middle: for most arms all, for a planar one those of
+  /// a plane.
+  Mat3 moves = Mat3::Identity();
+  Mat3 drives = Mat3::Identity();
 };
 
 /// Searches the joints that bring the tip to the middle of the hand's world, by damped Gauss-Newton
-/// from many poses. Milliseconds.
+/// from many poses; looks about there for where it can go. Milliseconds.
 ///
 /// @pre profile.kinematics, and a joint for each of its.
 [[nodiscard]] ProfileFacts factsOf(const HidProfile& profile);

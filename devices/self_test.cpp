@@ -7,8 +7,9 @@
 #include <limits>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 
-#include "engine/types.h"
 namespace palpate {
 
 namespace {
@@ -27,8 +28,9 @@ constexpr double kSmooth = 0.01;    // [s]
 constexpr double kStraight = 0.9;   // cosine: a spring that is turned farther gives energy
 constexpr double kLightest = 0.02;  // [kg]
 constexpr double kHeaviest = 2.0;
-constexpr double kAlike = 5.0;  // of masses along the axes
-constexpr double kRuler = 0.1;  // a hand with a ruler errs by less
+constexpr double kAlike = 5.0;   // of masses along the axes
+constexpr double kRuler = 0.1;   // a hand with a ruler errs by less
+constexpr double kAxis = 0.999;  // cosine: an axis that is turned by less is none other
 constexpr int kRuns = 6;
 constexpr int kLatest = 20;  // samples, of a force
 constexpr std::size_t kMostSamples = 60000;
@@ -40,14 +42,47 @@ std::string text(double value) {
   return out.data();
 }
 
+std::string text(const Vec3& v) {
+  std::string words;
+  for (int a = 0; a < 3; ++a) {
+    words += (a == 0 ? "(" : ", ") + text(std::abs(v[a]) < 5e-4 ? 0.0 : v[a]);
+  }
+  return words + ")";
+}
+
 }  // namespace
+
+std::string ArmAxes::name(int axis) const {
+  const std::string letter(1, kAxes[axis]);
+  if (along(axis, axis) > kAxis) return letter;
+  return letter + " " + text(along.col(axis));
+}
+
+ArmAxes axesWithin(const Mat3& projector) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> solver(projector);  // ascending: 0s, then 1s
+  const auto rank = (solver.eigenvalues().array() > 0.5).count();
+  ArmAxes axes;
+  if (rank == 3) return axes;
+  // A plane is known by what is across it, a line by itself: the axis next to that becomes it.
+  Vec3 one = solver.eigenvectors().col(rank == 2 ? 0 : 2);
+  Eigen::Index next = 0;
+  one.cwiseAbs().maxCoeff(&next);
+  if (one[next] < 0.0) one = -one;
+  if (rank > 0) {
+    axes.along = Eigen::Quaterniond::FromTwoVectors(Vec3::Unit(next), one).toRotationMatrix();
+  }
+  for (int a = 0; a < 3; ++a) {
+    axes.has[static_cast<std::size_t>(a)] = rank == 2 ? a != next : rank == 1 && a == next;
+  }
+  return axes;
+}
 
 SelfTest::SelfTest(const SelfTestParams& params) : params_(params) {
   samples_.reserve(kMostSamples);
 }
 
 Vec3 SelfTest::axis() const noexcept {
-  return (run_ % 2 == 0 ? 1.0 : -1.0) * Vec3::Unit(run_ / 2);
+  return (run_ % 2 == 0 ? 1.0 : -1.0) * params_.axes.along.col(run_ / 2);
 }
 
 void SelfTest::enter(Phase phase, double now) noexcept {
@@ -56,7 +91,9 @@ void SelfTest::enter(Phase phase, double now) noexcept {
 }
 
 void SelfTest::nextRun(double now) noexcept {
-  ++run_;
+  do {
+    ++run_;
+  } while (run_ < kRuns && !params_.axes.has[static_cast<std::size_t>(run_ / 2)]);
   enter(run_ < kRuns ? Phase::kRamp : Phase::kDone, now);
   from_ = before_;
   level_ = 0.0;
@@ -85,8 +122,7 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
 
   if ((phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
       samples_.size() < kMostSamples) {
-    samples_.push_back({now - began_, (hand.position - home_)[run_ / 2], sent[run_ / 2],
-                        static_cast<std::int8_t>(run_)});
+    samples_.push_back({now - began_, hand.position - home_, sent, static_cast<std::int8_t>(run_)});
   }
   const double since = now - entered_;
   const Vec3 ahead = axis();
@@ -99,8 +135,8 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
       sum2_ += (hand.position - home_).squaredNorm();
       ++rest_;
       if (since > kRest) {
-        enter(Phase::kRamp, now);
-        from_ = hand.position;
+        run_ = -1;
+        nextRun(now);
       }
       break;
     case Phase::kRamp:
@@ -139,7 +175,8 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
       // Along what is known to go where it is pushed.
       for (int a = 0; a < 3; ++a) {
         if (!went_[2 * static_cast<std::size_t>(a)]) continue;
-        force[a] = -kSpring * (hand.position - home_)[a] - kDamper * velocity_[a];
+        const Vec3 back = params_.axes.along.col(a);
+        force -= (kSpring * (hand.position - home_) + kDamper * velocity_).dot(back) * back;
       }
       if (force.norm() > params_.force) force *= params_.force / force.norm();
       if (since > kBack) nextRun(now);
@@ -169,9 +206,13 @@ SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
   for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
     const auto slot = static_cast<std::size_t>(run);
     if (breakaway_[slot] == 0.0) continue;
-    std::vector<Sample> path;
+    struct Point {
+      double time, position, force;
+    };
+    std::vector<Point> path;
+    const Vec3 along = params_.axes.along.col(axis);
     for (const Sample& s : samples_) {
-      if (s.run == run) path.push_back(s);
+      if (s.run == run) path.push_back({s.time, s.position.dot(along), s.force.dot(along)});
     }
     if (path.size() < 8 * kHalf) continue;
     const auto speed = [&](std::size_t i) {
@@ -292,20 +333,23 @@ SelfTestResult SelfTest::result() const {
   }
   for (int a = 0; a < 3; ++a) {
     AxisResult& axis = result.axes[static_cast<std::size_t>(a)];
+    axis.driven = params_.axes.has[static_cast<std::size_t>(a)];
+    if (!axis.driven) continue;
+    const std::string name = params_.axes.name(a);
     const std::size_t plus = 2 * static_cast<std::size_t>(a);
     axis.moved = went_[plus] && went_[plus + 1];
     axis.breakaway = 0.5 * (breakaway_[plus] + breakaway_[plus + 1]);
     axis.along = std::min(along_[plus], along_[plus + 1]);
     if (!axis.moved) {
       if (!far_ && trusted_) {
-        say(std::string(1, kAxes[a]) + ": " + text(params_.force) +
+        say(name + ": " + text(params_.force) +
             " N did not move it: let go of it, switch its motors on, or it has more friction "
             "(--force)");
       }
     }
     for (const std::size_t run : {plus, plus + 1}) {
       if (!went_[run] || along_[run] > kStraight) continue;
-      const std::string where = std::string(run == plus ? "+" : "-") + kAxes[a];
+      const std::string where = (run == plus ? "+" : "-") + name;
       if (along_[run] < -kStraight) {
         say("pushed to " + where +
             " it went the other way: exchange the sign of its motors' scale, or of its encoders'");
@@ -317,7 +361,6 @@ SelfTestResult SelfTest::result() const {
     if (!axis.moved || axis.along <= kStraight) continue;
     fitDelay(a, axis);
     // What no arm is: scales, of encoders or motors, are others than the profile's.
-    const std::string name(1, kAxes[a]);
     if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
       say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");
     } else if (axis.delay > (kLatest - 1) * period()) {
@@ -328,20 +371,36 @@ SelfTestResult SelfTest::result() const {
           " kg: the scale of its encoders or motors is another one");
     }
   }
-  const auto [light, heavy] =
-      std::minmax_element(result.axes.begin(), result.axes.end(),
-                          [](const AxisResult& a, const AxisResult& b) { return a.mass < b.mass; });
-  if (result.problems.empty() && heavy->mass > kAlike * light->mass) {
-    say("one way it moves like " + text(light->mass) + " kg, another like " + text(heavy->mass) +
-        ": the scale of a motor or an encoder is another one");
+  double light = std::numeric_limits<double>::infinity();
+  double heavy = 0.0;
+  for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
+    light = std::min(light, axis.mass);
+    heavy = std::max(heavy, axis.mass);
+  }
+  if (result.problems.empty() && heavy > kAlike * light) {
+    say("one way it moves like " + text(light) + " kg, another like " + text(heavy) +
+        ": the scale of a motor is another one");
   }
   return result;
 }
 
-std::string scaleTrouble(double scale) {
-  if (std::abs(scale - 1.0) <= kRuler) return {};  // false for NaN
-  return "what is 1 by the ruler is " + text(scale) +
-         " by the arm: the scale of its encoders, its gears or its lengths are others";
+std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes, int axis) {
+  const double gone = way.norm();
+  const std::string moved = "what was moved to +" + axes.name(axis);
+  if (!(std::abs(gone / length - 1.0) <= kRuler)) {  // true for NaN
+    return moved + " by 1 by the ruler is " + text(gone / length) +
+           " by the arm: the scale of its encoders, its gears or its lengths are others";
+  }
+  const double straight = way.dot(axes.along.col(axis)) / gone;
+  if (straight > kStraight) return {};
+  if (straight < -kStraight) {
+    return moved +
+           " went the other way by the arm: exchange the sign of an encoder's ratio, and of "
+           "its motor's scale, or mend mount";
+  }
+  return moved + " went to " + text(Vec3(way / gone)) +
+         " by the arm: encoders are exchanged, or the mount or the geometry is another one";
 }
 
 }  // namespace palpate

@@ -11,15 +11,27 @@
 
 namespace palpate {
 
+/// The axes of the hand's world, turned by as little as brings them into what an arm can do.
+struct ArmAxes {
+  Mat3 along = Mat3::Identity();              ///< Columns: x, y, z; orthonormal.
+  std::array<bool, 3> has{true, true, true};  ///< What it cannot do is not there.
+  /// As "x", or with its direction where it is turned.
+  [[nodiscard]] std::string name(int axis) const;
+};
+/// Of what a projector lets through (ProfileFacts::moves, HandState::drives).
+[[nodiscard]] ArmAxes axesWithin(const Mat3& projector);
+
 struct SelfTestParams {
+  ArmAxes axes;             ///< Those that it is pushed along.
   double force = 0.5;       ///< The largest [N].
   double travel = 0.04;     ///< The farthest from where it begins [m]; farther ends the test.
   double input_rate = 0.0;  ///< Positions a second that it is to have; 0: not judged.
   double stale = 0.0;       ///< The longest pause between two of them [s]; 0: not judged.
 };
 
-/// What was found along one axis of the hand's world.
+/// What was found along one of ArmAxes.
 struct AxisResult {
+  bool driven = false;     ///< It has a motor there; else all below is nothing.
   bool moved = false;      ///< Within the largest force.
   double breakaway = 0.0;  ///< [N], the mean of both ways: the force at which it began to move.
   double along = 0.0;      ///< Where it went: the cosine to where it was pushed, the worse of both
@@ -38,9 +50,9 @@ struct AxisResult {
 
 struct SelfTestResult {
   std::array<AxisResult, 3> axes;
-  double scale = 0.0;  ///< What the arm says of a way that the user has measured, over that; 0: not
-                       ///< measured.
-  double noise = 0.0;  ///< Of the position at rest, rms [m].
+  /// What the arm says of a way that the user has measured along it, over that; 0: not measured.
+  std::array<double, 3> scale{};
+  double noise = 0.0;                 ///< Of the position at rest, rms [m].
   double slowest = 0.0;               ///< The longest pause between new positions [s].
   std::int64_t positions = 0;         ///< New ones, over
   double seconds = 0.0;               ///< [s].
@@ -49,11 +61,11 @@ struct SelfTestResult {
 
 /// A test that is asked every tick what force it wants. Pure: no clock, no device.
 ///
-/// At rest for a second; then along +x, -x, +y, ... in turn: a force that grows by 0.4 N/s until
-/// the arm moves by 2 mm, is held for 12 mm, then opposed until it stands; then, where it is known
-/// to go where it is pushed, a weak spring brings it back. The friction is a least-squares fit of
-/// m v' = F - b v - c sign(v) + bias, integrated twice, to all that moved, for the delay of F that
-/// fits best. RT: next() takes no memory.
+/// At rest for a second; then along +x, -x, +y, ... in turn, where it has motors: a force that
+/// grows by 0.4 N/s until the arm moves by 2 mm, is held for 12 mm, then opposed until it stands;
+/// then, where it is known to go where it is pushed, a weak spring brings it back. The friction is
+/// a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all that moved,
+/// for the delay of F that fits best. RT: next() takes no memory.
 class SelfTest {
  public:
   explicit SelfTest(const SelfTestParams& params = {});
@@ -70,7 +82,8 @@ class SelfTest {
  private:
   enum class Phase : std::uint8_t { kRest, kRamp, kPush, kOppose, kSettle, kReturn, kDone };
   struct Sample {
-    double time, position, force;
+    double time;
+    Vec3 position, force;
     std::int8_t run;  ///< Which push it is of.
   };
   [[nodiscard]] Vec3 axis() const noexcept;
@@ -118,9 +131,12 @@ class SelfTest {
   std::int64_t positions_ = 0;
 };
 
-/// What is wrong with an arm of this SelfTestResult::scale, in words; empty: a hand with a ruler
-/// would not find it. An arm whose every encoder or geometry is as wrong goes where it is pushed,
-/// and feels that many times stiffer than it should.
-[[nodiscard]] std::string scaleTrouble(double scale);
+/// What is wrong with an arm whose tip has gone `way` [m] by its own account where a hand has moved
+/// it by `length` along the axis, in words; empty: a hand with a ruler would not find it. An arm
+/// whose encoders or geometry are wrong goes where it is pushed all the same, and feels as many
+/// times stiffer than it should; one whose signs are wrong twice, of encoders and motors, shows a
+/// mirrored world.
+[[nodiscard]] std::string rulerTrouble(const Vec3& way, double length, const ArmAxes& axes,
+                                       int axis);
 
 }  // namespace palpate

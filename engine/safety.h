@@ -55,6 +55,9 @@ struct HandState {
   double still = 0.0;  ///< So long have its counters stood still, to the last count [s]; 0 where
                        ///< the device does not look. See StillFade.
   Fault fault = Fault::kNone;  ///< What the device reports.
+  /// Projects a force onto those that its motors can give where it is: a planar arm gives none
+  /// across its plane. What is counted and limited is what is left.
+  Mat3 drives = Mat3::Identity();
   /// Filled in by HandWatch.
   Vec3 velocity = Vec3::Zero();  ///< [m/s]
   bool too_fast = false;         ///< To be braked: faster than

@@ -763,7 +763,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     report.injected = std::max(report.injected, at_once);
     state.offset_ = offset;
     if (good) {
-      report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
+      report.wanted = hand.drives * couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || report.wanted.isZero(0.0));  // nothing there, nothing felt
       if (!hand.ready) report.wanted.setZero();
       report.moving =
@@ -771,7 +771,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                             hand.still, state.limits_.friction, dt);
       report.wanted *= report.moving;
       if (hand.too_fast && hand.ready)
-        report.wanted = brake(report.wanted, hand.velocity, hand.max_speed);
+        report.wanted = hand.drives * brake(report.wanted, hand.velocity, hand.max_speed);
       tick.stiffen(offset, k * offset.dot(before - offset), dt);
     }
   }

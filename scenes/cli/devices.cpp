@@ -32,6 +32,7 @@ constexpr double kRate = 1000.0;
 constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
 constexpr double kSlew = 100.0;    // [N/s]: nothing of a test is sudden
 constexpr double kPatience = 5.0;  // [s] for the arm to be ready
+constexpr const char* kNoMotor = "it has no motor there, and gives no force";
 // A Teensy that waits for its program.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
@@ -42,7 +43,7 @@ struct Options {
   std::string watch;
   double seconds = 0.0;
   double force = 0.5;
-  double ruler = 0.1;
+  std::optional<double> ruler;
   bool json = false;
 };
 
@@ -80,11 +81,22 @@ std::string trouble(const FoundArm& arm) {
   return {};
 }
 
+/// Those that are there.
+OrderedJson namesOf(const ArmAxes& axes) {
+  OrderedJson names = OrderedJson::array();
+  for (int a = 0; a < 3; ++a) {
+    if (axes.has[static_cast<std::size_t>(a)]) names.push_back(axes.name(a));
+  }
+  return names;
+}
+
 OrderedJson factsIn(const HidProfile& profile) {
   const ProfileFacts facts = factsOf(profile);
   OrderedJson json;
   json["home"] = {facts.home_W.x(), facts.home_W.y(), facts.home_W.z()};
   json["step"] = facts.step;
+  json["moves"] = namesOf(axesWithin(facts.moves));
+  json["drives"] = namesOf(axesWithin(facts.drives));
   json["motors"] = OrderedJson::array();
   for (const MotorFact& motor : facts.motors) {
     json["motors"].push_back(
@@ -118,6 +130,15 @@ int show(const Options& options) {
   if (facts.step > 0.0 && profile.rate_control == 0.0) {
     fmt::print("  in the middle a count of every joint moves the tip by {} mm at most\n",
                rounded(1e3 * facts.step));
+  }
+  const ArmAxes moves = axesWithin(facts.moves);
+  const ArmAxes drives = axesWithin(facts.drives);
+  for (int a = 0; a < 3 && profile.output; ++a) {
+    if (!moves.has[static_cast<std::size_t>(a)]) {
+      fmt::print("  {}: it does not move there, and gives no force\n", moves.name(a));
+    } else if (!drives.has[static_cast<std::size_t>(a)]) {
+      fmt::print("  {}: {}\n", drives.name(a), kNoMotor);
+    }
   }
   for (const MotorFact& motor : facts.motors) {
     fmt::print("  {} N in the middle ask at most {} of {}, which gives at most {}{}\n",
@@ -224,6 +245,7 @@ int list(const Options& options) {
 }
 
 struct Tested {
+  ArmAxes axes;  ///< That it was pushed along.
   SelfTestResult result;
   Fault fault = Fault::kNone;
   std::string not_ready;  ///< Why the arm was not, where it was not.
@@ -255,18 +277,48 @@ std::optional<Vec3> atEnter(HidDevice& arm) {
   return std::nullopt;
 }
 
-/// A way that the user has measured, as the arm measures it, over it; nothing: it was left out.
-std::optional<double> measureScale(HidDevice& arm, double ruler) {
+/// What the user has measured.
+struct Ruled {
+  std::array<double, 3> scale{};  ///< SelfTestResult::scale.
+  std::string trouble;            ///< rulerTrouble, the first; empty: none.
+};
+
+/// Has the user move the tip along each axis that it can be moved along, one way after the other,
+/// so that each ends where the next begins; nothing: it was left out.
+std::optional<Ruled> measureWays(HidDevice& arm, double ruler) {
   if (ruler == 0.0) return std::nullopt;
-  complain("devices: hold the tip still at one end of a ruler and press Enter");
-  const std::optional<Vec3> from = atEnter(arm);
+  const ArmAxes axes = axesWithin(factsOf(arm.profile()).moves);
+  Ruled ruled;
+  std::string ways;
+  for (int a = 0; a < 3; ++a) {
+    if (axes.has[static_cast<std::size_t>(a)]) ways += (ways.empty() ? "+" : ", +") + axes.name(a);
+  }
+  complain(fmt::format(
+      "devices: hold the tip still where it has {} m of way to {} (the profile's mount says which "
+      "way these are) and press Enter",
+      ruler, ways));
+  std::optional<Vec3> from = atEnter(arm);
+  for (int a = 0; a < 3 && from; ++a) {
+    if (!axes.has[static_cast<std::size_t>(a)]) continue;
+    complain(fmt::format("devices: from there move it along a ruler {} m to +{} and press Enter",
+                         ruler, axes.name(a)));
+    const std::optional<Vec3> to = atEnter(arm);
+    if (!to) return std::nullopt;
+    ruled.scale[static_cast<std::size_t>(a)] = (*to - *from).norm() / ruler;
+    ruled.trouble = rulerTrouble(*to - *from, ruler, axes, a);
+    if (!ruled.trouble.empty()) return ruled;
+    from = to;
+  }
   if (!from) return std::nullopt;
-  complain(fmt::format("devices: move the tip {} m along it, any way, and press Enter", ruler));
-  const std::optional<Vec3> to = atEnter(arm);
-  if (!to) return std::nullopt;
   complain("devices: bring the tip to the middle, let go of it and press Enter");
   if (!atEnter(arm)) return std::nullopt;
-  return (*to - *from).norm() / ruler;
+  return ruled;
+}
+
+/// Three ways of it fit into the arm's space, one after the other [m].
+double rulerFor(const HidProfile& profile) {
+  const double most = 2.0 / std::sqrt(3.0) * profile.limits.workspace_radius;
+  return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
 /// What the guardian says of this loop; the loop goes on while it is nothing.
@@ -298,6 +350,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
   const StayAwake awake(true);
   (void)becomeRealtime({}, awake);
   SelfTestParams params;
+  params.axes = axesWithin(arm.read().drives);
   params.force = force;
   params.input_rate = arm.profile().input_rate;
   params.stale = arm.info().watch.stale;
@@ -309,6 +362,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
   LimiterState limiter;
   HandWatch hand_watch(arm.info().watch);
   Tested out;
+  out.axes = params.axes;
   const std::int64_t begin = nowNs();
   std::int64_t last = begin - kPeriod;
   for (std::int64_t i = 0; !test.done() && interrupted == 0; ++i) {
@@ -352,6 +406,7 @@ OrderedJson roomOf(const SelfTestResult& result, const HidDevice& arm) {
   known = {};
   bool first = true;
   for (const AxisResult& axis : result.axes) {
+    if (!axis.driven) continue;
     if (!axis.fitted) return nullptr;
     const auto least = [&](double& value, double another) {
       value = first ? std::max(0.0, another) : std::min(value, std::max(0.0, another));
@@ -374,7 +429,10 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   json["problems"] = r.problems;
   json["fault"] = wordFor(tested.fault);
   json["not_ready"] = tested.not_ready;
-  json["scale"] = r.scale > 0.0 ? OrderedJson(r.scale) : OrderedJson();
+  json["scale"] = OrderedJson::array();
+  for (const double scale : r.scale) {
+    json["scale"].push_back(scale > 0.0 ? OrderedJson(scale) : OrderedJson());
+  }
   json["input_rate"] = r.seconds > 0.0 ? static_cast<double>(r.positions) / r.seconds : 0.0;
   json["longest_pause"] = r.slowest;
   json["reports_dropped"] = arm.reads().dropped;
@@ -389,6 +447,7 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   json["axes"] = OrderedJson::array();
   for (const AxisResult& axis : r.axes) {
     OrderedJson one;
+    one["driven"] = axis.driven;
     one["moved"] = axis.moved;
     one["breakaway"] = axis.breakaway;
     one["along"] = axis.along;
@@ -413,9 +472,8 @@ int test(const Options& options) {
     throw Error("--force", fmt::format("{} N is not above 0 and at most 3", options.force),
                 "0.5 suffices for most arms");
   }
-  if (options.ruler != 0.0 && !(options.ruler >= 0.02 && options.ruler <= 0.5)) {
-    throw Error("--ruler", fmt::format("{} m is not 0.02 to 0.5", options.ruler),
-                "use 0.1; 0 leaves it out");
+  if (const double r = options.ruler.value_or(0.0); r != 0.0 && !(r >= 0.02 && r <= 0.5)) {
+    throw Error("--ruler", fmt::format("{} m is not 0.02 to 0.5", r), "use 0.1; 0 leaves it out");
   }
   Guardian guardian;
   guardian.catchSignals(&interrupted);
@@ -425,10 +483,11 @@ int test(const Options& options) {
   if (!arm->profile().output) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
-  const std::optional<double> scale = measureScale(*arm, options.ruler);
+  const std::optional<Ruled> ruled =
+      measureWays(*arm, options.ruler.value_or(rulerFor(arm->profile())));
   if (interrupted != 0) return kInterrupted;
-  if (const std::string wrong = scale ? scaleTrouble(*scale) : ""; !wrong.empty()) {
-    complain("devices: " + wrong);
+  if (ruled && !ruled->trouble.empty()) {
+    complain("devices: " + ruled->trouble);
     forgetTest(arm->profile(), identity);
     return kEndedEarly;
   }
@@ -441,10 +500,12 @@ int test(const Options& options) {
                   "centimetres, for 25 s; Ctrl-C ends it",
                   force));
   Tested tested = run(*arm, guardian, force);
-  tested.result.scale = scale.value_or(0.0);
+  if (ruled) tested.result.scale = ruled->scale;
   const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
                       tested.result.problems.empty() && interrupted == 0;
   const SelfTestResult& r = tested.result;
+  const ArmAxes moves = axesWithin(factsOf(arm->profile()).moves);
+  const ArmAxes& drives = tested.axes;
   if (options.json) {
     fmt::print("{}\n", dump(describe(tested, *arm, passed), 2));
   } else {
@@ -459,17 +520,22 @@ int test(const Options& options) {
       fmt::print("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
     }
     fmt::print(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
-    if (scale) fmt::print("ruler      what is 1 m is {} m\n", rounded(*scale));
+    for (std::size_t a = 0; a < 3; ++a) {
+      if (r.scale[a] == 0.0) continue;
+      fmt::print("ruler      what is 1 m to {} is {} m\n", moves.name(static_cast<int>(a)),
+                 rounded(r.scale[a]));
+    }
     for (std::size_t a = 0; a < 3; ++a) {
       const AxisResult& axis = r.axes[a];
+      const std::string name = drives.name(static_cast<int>(a));
       if (!axis.fitted) {
-        fmt::print("{}          not measured\n", "xyz"[a]);
+        fmt::print("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
         continue;
       }
       fmt::print(
-          "{}          goes where it is pushed (cosine {}); begins to move at {} N; friction "
+          "{:<10} goes where it is pushed (cosine {}); begins to move at {} N; friction "
           "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself; force {} +- {} ms late\n",
-          "xyz"[a], rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
+          name, rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
           rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
           rounded(axis.mass), rounded(axis.bias), rounded(1e3 * axis.delay),
           rounded(1e3 * axis.delay_error));
@@ -491,7 +557,7 @@ int test(const Options& options) {
     forgetTest(arm->profile(), identity);
     return kEndedEarly;
   }
-  if (!scale) {
+  if (!ruled) {
     complain(
         fmt::format("devices: it has passed, but its scale was not measured: it stays held to {} N "
                     "and {} N/m: run it again with a ruler at hand",
@@ -577,8 +643,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
       ->needs(watched);
   verb->add_option("--force", options->force, "The most that a test may push [N] (default 0.5)");
   verb->add_option("--ruler", options->ruler,
-                   "How far you move the tip so that the test knows its scale [m] (default 0.1; 0: "
-                   "leave it out, and the arm stays held)");
+                   "How far you move the tip along each axis so that the test knows its scale [m] "
+                   "(default 0.1, of a small arm less; 0: leave it out, and the arm stays held)");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
       "Example:\n  palpate devices mine.json\n  palpate devices --watch hid:mine\n"

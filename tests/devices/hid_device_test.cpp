@@ -385,6 +385,71 @@ TEST_CASE("beyond its reach an arm is not ready and drives nothing", "[hid]") {
   await([&] { return arm.driven() == std::array<int, 3>{0, 0, 0}; });
 }
 
+TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
+  HidHost host;
+  host.measured.viscous = 0.5;
+  host.measured.coulomb = 0.5;
+  const FieldPtr ball = test::ballField();
+  for (const bool planar : {true, false}) {
+    CAPTURE(planar);
+    HidProfile profile = slides();
+    if (planar) {
+      profile.joints.resize(2);
+      profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
+      profile.joints[0].home = M_PI / 2 - 0.3;
+      profile.joints[1].home = M_PI / 2 + 0.3;
+      profile.origin_D = profile.kinematics->at({M_PI / 2 - 0.3, M_PI / 2 + 0.3}).position_D;
+    } else {
+      profile.joints[2].to.reset();
+    }
+    FakeArm arm;
+    const auto device = open(arm, profile, true, host);
+    arm.giveCounts(0, 0, 0);
+    const HandState hand = device->read();
+    CHECK((hand.drives - Vec3(1, 1, 0).asDiagonal().toDenseMatrix()).norm() < 1e-9);
+    // A tank cannot rely on friction that no motor has measured.
+    CHECK((device->info().limits.tank.use != TankUse::kOff) == planar);
+    device->write({1, 0, 0});
+    await([&] { return arm.driven()[0] != 0; });
+    const auto without = arm.driven();
+    device->write({1, 0, 7});
+    device->write({1, 0, 4});
+    await([&] { return device->writes().count >= 2 && arm.driven() == without; });
+    CHECK(device->given() == 1.0);
+    // The loop counts, limits and tells what is given. The ball's surface lies across z.
+    struct Held final : public Device {
+      HidDevice& inner;
+      DeviceInfo about;
+      double at = 0.0;
+      explicit Held(HidDevice& d) : inner(d), about(d.info()) { about.watch.late = 1e3; }
+      [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
+      [[nodiscard]] HandState read() noexcept override {
+        HandState hand = inner.read();
+        hand.position = {0.005, 0, at};
+        return hand;
+      }
+      void write(const Vec3& force) noexcept override { inner.write(force); }
+    } held(*device);
+    HapticLoop loop(held, 1000.0);
+    loop.publish(test::ballScene(ball));
+    TickTime time;
+    time.dt = 1e-3;
+    double along = 0.0;
+    for (int i = 0; i < 2000; ++i) {
+      arm.giveCounts(i % 2, 0, 0);
+      pass(1e-3);
+      time.now += 1e-3;
+      held.at = std::max(test::kBallRadius + 0.01 - 1e-5 * i, test::kBallRadius - 0.004);
+      loop.tick(time);
+      REQUIRE(loop.latest().fault == Fault::kNone);
+      const Vec3 force = loop.latest().report.force;
+      REQUIRE(force.z() == Approx(0.0).margin(1e-12));
+      along = std::max(along, force.x());
+    }
+    CHECK(along > 0.05);
+  }
+}
+
 TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);

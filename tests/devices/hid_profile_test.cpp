@@ -150,8 +150,8 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/kinematics/joints/1/home", 90, "90 is more than 6.2832 radians", true},
       {"/kinematics/joints/1/torque_constant", 0.01, "5 N would ask 500 of fb", false},
       {"/kinematics/joints",
-       {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}, {"motor", "fc"}, {"torque_constant", 1}}},
-       "some of the first joints have motors",
+       {{{"from", "a"}}, {{"from", "b"}}, {{"from", "c"}}},
+       "no joint has a motor",
        false},
       {"/input/0/fields/b/scale", 0.01, "a count of every joint moves the tip 0.01 m", false},
       {"/mount/origin", {0, 0, 100}, "/mount/origin/2: 100 is more than 2 metres", true},
@@ -386,6 +386,53 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
             .norm() == 0.0);
 }
 
+TEST_CASE("where an arm moves, and where its motors push it, is found", "[profile]") {
+  const auto axes = [](const Json& json) {
+    const ProfileFacts facts = factsOf(parseHidProfile(json.dump(), "arm.json"));
+    std::string words;
+    for (const Mat3& onto : {facts.moves, facts.drives}) {
+      const ArmAxes there = axesWithin(onto);
+      for (int a = 0; a < 3; ++a) {
+        if (there.has[static_cast<std::size_t>(a)]) words += there.name(a);
+      }
+      words += "|";
+    }
+    return words;
+  };
+  CHECK(axes(full()) == "xyz|xyz|");
+  // A slide that is only sensed; the mount makes the arm's x the world's y.
+  Json sensed = full();
+  sensed["kinematics"]["joints"][0].erase("motor");
+  sensed["kinematics"]["joints"][0].erase("torque_constant");
+  sensed["output"]["fields"].erase("fa");
+  CHECK(schemaAccepts(sensed));
+  CHECK(axes(sensed) == "xyz|xz|");
+  const auto with = [](const char* kinematics, const Json& mount) {
+    Json json = full();
+    json["kinematics"] = Json::parse(kinematics);
+    json["mount"] = mount;
+    json["output"]["fields"].erase("fc");
+    return json;
+  };
+  const char* const panto =
+      R"({"model": "pantograph", "lengths": [0.08, 0.1, 0.1, 0.08], "base": 0.05, "joints": [
+          {"from": "a", "motor": "fa", "torque_constant": 0.1},
+          {"from": "b", "motor": "fb", "torque_constant": 0.1}]})";
+  CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}})) == "xy|xy|");
+  // Upright; leaning by 30 degrees.
+  CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}}, {"rotation_wxyz", {1, 1, 0, 0}}})) ==
+        "xz|xz|");
+  CHECK(axes(with(panto, {{"origin", {-0.02, 0.12, 0}},
+                          {"rotation_wxyz", {0.9659258, 0.258819, 0, 0}}})) ==
+        "xy (0, 0.866, 0.5)|xy (0, 0.866, 0.5)|");
+  // Three turning joints, all about the same way.
+  CHECK(
+      axes(with(R"({"model": "chain", "links": [{"across": 0.2}, {"across": 0.2}, {"across": 0.1}],
+          "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.1},
+                     {"from": "b", "motor": "fb", "torque_constant": 0.1}, {"from": "c"}]})",
+                {{"origin", {0.3, 0.2, 0}}})) == "xy|xy|");
+}
+
 TEST_CASE("what a profile's numbers come to", "[profile]") {
   const ProfileFacts facts = factsOf(parseHidProfile(full().dump(), "arm.json"));
   CHECK(facts.off < 1e-6);
@@ -414,8 +461,9 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
   CHECK_FALSE(isTested(arm, "S1"));
   SelfTestResult measured;
-  measured.scale = 0.99;
+  measured.scale = {0.99, 1.0, 1.01};
   for (AxisResult& axis : measured.axes) {
+    axis.driven = true;
     axis.viscous = 0.5;
     axis.viscous_error = 0.01;
     axis.coulomb = 0.04;
@@ -457,14 +505,21 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   CHECK_FALSE(isTested(arm, "S1"));
   rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
-  // One of a test that measured no scale.
-  {
+  // One of a test that measured no scale, or along one way only.
+  for (const Json& scale : {Json(), Json(1.0)}) {
     std::ifstream in(testedArmsFile());
     Json json = Json::parse(in);
-    json["mine@S1"].erase("scale");
+    json["mine@S1"]["scale"] = scale;
     std::ofstream(testedArmsFile()) << json;
+    CHECK_FALSE(isTested(arm, "S1"));
   }
-  CHECK_FALSE(isTested(arm, "S1"));
+  // What a planar arm has no motor for was not measured, and is not relied on.
+  rememberTest(arm, "S1", measured);
+  CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
+  measured.axes[1] = {};
+  rememberTest(arm, "S1", measured);
+  CHECK(measuredArm(arm, "S1").viscous == Approx(0.47));
+  CHECK(measuredArm(arm, "S1").delay > 0.0);
   rememberTest(arm, "S1", measured);
   CHECK(isTested(arm, "S1"));
   forgetTest(arm, "S1");

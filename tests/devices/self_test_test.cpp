@@ -189,13 +189,62 @@ TEST_CASE("a little weight is told apart from friction", "[hid]") {
   CHECK(run.result.axes[0].bias == Approx(0.0).margin(0.01));
 }
 
-TEST_CASE("a scale that only a ruler finds is said", "[hid]") {
-  CHECK(scaleTrouble(1.0).empty());
-  CHECK(scaleTrouble(0.93).empty());
-  CHECK_THAT(scaleTrouble(10.0), Contains("what is 1 by the ruler is 10 by the arm"));
-  for (const double wrong : {0.5, 0.0, std::nan("")}) {
-    CHECK_THAT(scaleTrouble(wrong), Contains("scale"));
+TEST_CASE("a scale that only a ruler finds is said, of any one axis", "[hid]") {
+  const ArmAxes axes;
+  const auto trouble = [&](const Vec3& way, int axis = 0) {
+    return rulerTrouble(way, 0.1, axes, axis);
+  };
+  CHECK(trouble({0.1, 0, 0}).empty());
+  CHECK(trouble({0.093, 0, 0}).empty());
+  // A hand does not go quite along it.
+  CHECK(trouble({0.095, 0.03, -0.02}).empty());
+  CHECK_THAT(trouble({1.0, 0, 0}), Contains("to +x by 1 by the ruler is 10 by the arm"));
+  for (const double scale : {0.25, 0.67, 1.5, 4.0, 0.0, std::nan("")}) {
+    for (int axis = 0; axis < 3; ++axis) {
+      CAPTURE(scale, axis);
+      CHECK_THAT(trouble(0.1 * scale * Vec3::Unit(axis), axis), Contains("the scale of its"));
+    }
   }
+  CHECK_THAT(trouble({0, 0, -0.1}, 2), Contains("+z went the other way by the arm"));
+  CHECK_THAT(trouble({0, 0.1, 0}, 2), Contains("+z went to (0, 1, 0) by the arm"));
+}
+
+TEST_CASE("an arm that pushes in a plane is tested there", "[hid]") {
+  const ArmParams good = arm(0.1, 0.5, 0.05);
+  for (const double lean : {0.0, 0.5}) {  // [rad], about x
+    const Vec3 across(0, -std::sin(lean), std::cos(lean));
+    const Mat3 plane = Mat3::Identity() - across * across.transpose();
+    const auto motors = [&](const Vec3& f) { return Vec3(plane * f); };
+    // Who does not know it takes it for a motor that is off.
+    CHECK_FALSE(tried(good, {0, 0}, motors).result.problems.empty());
+    SelfTestParams params;
+    params.axes = axesWithin(plane);
+    const Run run = tried(good, {0, 0}, motors, Vec3::Zero(), params);
+    for (const std::string& problem : run.result.problems) UNSCOPED_INFO(problem);
+    REQUIRE(run.result.problems.empty());
+    CHECK_FALSE(run.result.axes[2].driven);
+    CHECK_FALSE(run.result.axes[2].fitted);
+    for (const std::size_t a : {0U, 1U}) {
+      CHECK(run.result.axes[a].driven);
+      CHECK(run.result.axes[a].along > 0.99);
+      CHECK(run.result.axes[a].viscous == Approx(0.5).margin(0.05));
+      CHECK(run.result.axes[a].coulomb == Approx(0.05).margin(0.01));
+    }
+    // Within the plane it is judged as ever.
+    const Run turned = tried(
+        good, {0, 0}, [&](const Vec3& f) { return Vec3(f.x(), -motors(f).y(), -motors(f).z()); },
+        Vec3::Zero(), params);
+    expectWords(turned, "pushed to +y" + std::string(lean > 0.0 ? " (0, 0.878, 0.479)" : "") +
+                            " it went the other way");
+  }
+  // One way only.
+  SelfTestParams params;
+  params.axes = axesWithin(Vec3::UnitY() * Vec3::UnitY().transpose());
+  const Run run = tried(
+      good, {0, 0}, [](const Vec3& f) { return Vec3(0, f.y(), 0); }, Vec3::Zero(), params);
+  CHECK(run.result.problems.empty());
+  CHECK(run.result.axes[1].fitted);
+  CHECK(run.result.seconds < 10.0);
 }
 
 TEST_CASE("positions that come too rarely, and pauses that are too long, are said", "[hid]") {

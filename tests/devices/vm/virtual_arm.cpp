@@ -304,14 +304,17 @@ class Arm {
     }
     if (out.command == kRuler) {
       const auto measured = [](double t) -> Vec3 {
-        return start() + kRulerWay * Vec3(std::clamp(7.0 - t, 0.0, 1.0), 0.0, 0.0);
+        const auto gone = [&](double from) {
+          return kRulerWay * (std::clamp(t - from, 0.0, 1.0) - std::clamp(t - 20.0, 0.0, 1.0));
+        };
+        return start() + Vec3(gone(6.0), gone(11.0), gone(16.0));
       };
       device_ = std::make_unique<SimulatedDevice>(armParams(), GripParams{},
                                                   HandTarget{measured, 1e9}, 1000.0);
       moves_ = true;
       logged_ = false;
       force_ = {};
-      free_in_ = 10000;
+      free_in_ = 24000;
     }
   }
   void reset() { report_.count = 0; }

@@ -29,8 +29,8 @@ enum Command : std::uint32_t {
   kUnplug = 1,  ///< It leaves, and comes back after 200 ms.
   kGo = 2,      ///< The hand begins its path; every step is logged.
   kEnd = 3,     ///< It leaves for good.
-  kRuler = 4,   ///< The hand holds it for 6 s kRulerWay from where it brings it then, and lets go 3
-                ///< s later.
+  kRuler = 4,   ///< The hand moves it kRulerWay to +x after 6 s, to +y and +z each 5 s later, back
+                ///< after 20 s, and lets go after 24.
 };
 
 #pragma pack(push, 1)
