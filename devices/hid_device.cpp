@@ -20,6 +20,7 @@ constexpr std::int64_t kWriteTime = 20000000;  // [ns]: longer is blocked
 constexpr auto kFirstReport = std::chrono::seconds(1);
 constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware answers only
 constexpr auto kMend = std::chrono::milliseconds(50);
+constexpr std::int64_t kLongestSleep = 10000000;  // [ns] of the writer, which may be told to end
 constexpr double kLongestStep = 0.02;  // [s] that a puck's velocity lasts without being looked at
 using Clock = std::chrono::steady_clock;
 
@@ -32,6 +33,7 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   DeviceInfo info;
   info.name = "hid:" + profile.name;
   info.hand = profile.output.has_value();
+  info.output_rate = profile.output_rate;
   const bool held = info.hand && !tested;
   info.limits.peak = held ? std::min(limits.force, kUntestedForce) : limits.force;
   info.limits.slew = limits.slew;
@@ -407,7 +409,8 @@ HandState HidDevice::read() noexcept {
     const bool paused = dt > profile_.limits.stale;
     if (paused) {
       heard_ = false;
-      heard_at_ = moved_at_ = now;
+      if (!silent()) heard_at_ = now;
+      moved_at_ = now;
       std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
     Got got = port ? input_.takeNewest(*port) : Got::kGone;
@@ -432,7 +435,11 @@ HandState HidDevice::read() noexcept {
     for (std::size_t r = 0; r < flags_at_.size(); ++r) {
       if (input_.came(r) && !paused) flags_at_[r] = now;
     }
-    if (got == Got::kReport || (got == Got::kNothing && silent())) follow(dt);
+    // A puck that is held off its rest says so again and again; one that has stopped to is believed
+    // until its last word is stale.
+    const double since = 1e-9 * static_cast<double>(now - heard_at_);
+    const double moves = std::clamp(profile_.limits.stale - (since - dt), 0.0, dt);
+    if (got == Got::kReport || (got == Got::kNothing && silent())) follow(moves);
   }
   hand.position = position_W_;
   hand.drives = drivesHere();
@@ -553,8 +560,16 @@ void HidDevice::writeLoop() noexcept {
   request.lock_memory = false;
   request.awake = false;
   (void)becomeRealtime(request, StayAwake(false));
+  // The next write is due, by the machine's clock, at an even pace; half a period sooner is soon
+  // enough, so that a loop of the same rate is not held up by its unevenness.
+  const auto period = static_cast<std::int64_t>(1e9 / profile_.output_rate);
+  std::int64_t due = nowNs();
   for (std::uint32_t seen = 0;;) {
     sent_.wait(seen, std::memory_order_acquire);
+    while (!quit_ && nowNs() < due - period / 2) {
+      sleepUntil(std::min(due - period / 2, nowNs() + kLongestSleep));
+    }
+    due = std::max(due, nowNs()) + period;
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();

@@ -108,8 +108,8 @@ struct HidWrites {
 };
 
 /// Reads and drives an arm. The haptic thread has read() and write(); a thread of its own sends the
-/// newest force, one report a tick, since sending waits for the wire; another finds the device
-/// again when it has been unplugged.
+/// newest force, one report a tick, since sending waits for the wire, and no more a second than the
+/// profile's output_rate; another finds the device again when it has been unplugged.
 ///
 /// The kernel keeps the OLDEST 63 reports: where so many wait, all are old, and thrown away. Where
 /// nobody has read for longer than HidLimits::stale the arm is not ready until a fresh one comes.

@@ -87,7 +87,7 @@ struct HidLimits {
   double stiffness = 0.0;         ///< [N/m]
   double damping = 0.0;           ///< [N s/m]
   double workspace_radius = 0.0;  ///< [m]
-  double stale = 0.05;            ///< [s]
+  double stale = 0.05;            ///< [s]; so long does a puck move on that says nothing more.
   double speed = 3.0;             ///< [m/s]
   double continuous = 0.0;        ///< [N]; 0: the peak.
   double heating = 0.0;           ///< [s]
@@ -104,7 +104,8 @@ struct HidProfile {
   std::uint64_t fingerprint = 0;  ///< Of all that is in it: what was tested is what is used.
   std::vector<HidMatch> match;
   double input_rate = 1000.0;   ///< [Hz], as the maker says.
-  double output_rate = 1000.0;  ///< [Hz]; 0: there is no output.
+  double output_rate = 1000.0;  ///< [Hz], the most reports a second that it is sent; 0: there is
+                                ///< no output.
   std::vector<HidReportSpec> input;
   std::optional<HidReportSpec> output;  ///< None: input only.
   std::vector<HidFlag> flags;

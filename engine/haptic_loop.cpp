@@ -16,10 +16,22 @@ constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blo
 
 constexpr double kClock = 1.2;  ///< No tick of a clock comes later, in periods, but late ones.
 
-/// At a hand a force comes in gently, whatever the device's maker says.
-ForceLimits gently(ForceLimits limits, bool hand, double rate) noexcept {
-  if (hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
-  if (limits.tank.arm.period == 0.0) limits.tank.arm.period = kClock / rate;
+/// What holds of a device in a loop of this rate. At a hand a force comes in gently, whatever the
+/// device's maker says.
+ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
+  ForceLimits limits = info.limits;
+  if (info.hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
+  ArmDissipation& arm = limits.tank.arm;
+  if (arm.period == 0.0) arm.period = kClock / rate;
+  // A force waits until the device takes the next one, or never goes out. Whether what is known of
+  // the delay had such waits in it nobody says.
+  if (info.output_rate > 0.0 && info.output_rate < rate) {
+    const double waits = 1.0 / info.output_rate - 1.0 / rate;
+    const double early = std::max(0.0, arm.delay - arm.doubt - waits);
+    const double late = arm.delay + arm.doubt + waits;
+    arm.delay = 0.5 * (early + late);
+    arm.doubt = 0.5 * (late - early);
+  }
   return limits;
 }
 
@@ -33,7 +45,10 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
   require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
   require(positive(info.watch.max_speed), "the highest speed", info.watch.max_speed);
   require(positive(info.watch.late), "what is late", info.watch.late);
-  const ForceLimits& limits = info.limits;
+  const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
+  require(no_less(info.output_rate), "the rate of its forces", info.output_rate,
+          "give Hz, or 0 for any");
+  const ForceLimits limits = limitsAt(info, rate);
   require(positive(limits.peak), "the peak force", limits.peak);
   require(positive(limits.slew), "the slew", limits.slew);
   const bool cool = limits.continuous == 0.0;
@@ -41,7 +56,6 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
   require(cool || positive(limits.heating), "the heating time", limits.heating);
   if (limits.tank.use != TankUse::kOff) {
     const ArmDissipation& arm = limits.tank.arm;
-    const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
     require(positive(arm.viscous), "the friction that the tank relies on", arm.viscous);
     require(positive(limits.tank.soft), "the stiffness of the tank's spring", limits.tank.soft);
     const std::pair<const char*, double> numbers[] = {{"the tank's Coulomb friction", arm.coulomb},
@@ -81,7 +95,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
-      state_(gently(device.info().limits, device.info().hand, rate)) {}
+      state_(limitsAt(device.info(), rate)) {}
 
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);

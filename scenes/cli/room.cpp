@@ -1,5 +1,6 @@
 #include "scenes/cli/room.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -24,6 +25,7 @@ OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams&
   arm.encoder = known.step / std::sqrt(3.0);
   arm.delay = known.delay + known.doubt;
   arm.lag = known.lag;
+  if (device.output_rate > 0.0) rate = std::min(rate, device.output_rate);
   const CouplingRoom room =
       palpate::roomFor(arm, kRelaxed, rate, coupling.stiffness, coupling.damping);
   OrderedJson json;

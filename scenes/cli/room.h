@@ -10,6 +10,7 @@
 namespace palpate::cli {
 
 /// Null where the arm's mass or friction is not known. `coupling`: the stiffest that is asked for.
+/// `rate`: the loop's; a force lasts until the device takes the next one.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
 /// In words, of JSON that is not null; one line, without its end.

@@ -470,6 +470,32 @@ TEST_CASE("one report a tick, and a slow wire holds nobody up", "[hid]") {
   CHECK(arm.sent().size() == before + 52);
 }
 
+TEST_CASE("an arm is sent no more forces a second than it takes, and the newest", "[hid]") {
+  HidProfile profile = slides();
+  profile.output_rate = 100.0;
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  CHECK(device->info().output_rate == 100.0);
+  const auto began = std::chrono::steady_clock::now();
+  for (int i = 1; i <= 500; ++i) {
+    device->write({0.001 * i, 0, 0});
+    std::this_thread::sleep_for(200us);
+  }
+  await([&] { return arm.driven()[0] == 500; });
+  const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
+  CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
+  // Its end does not wait for that.
+  profile.output_rate = 0.01;
+  FakeArm slow;
+  auto slower = open(slow, profile);
+  slower->write({1, 0, 0});
+  slower->write({2, 0, 0});
+  const auto ends = std::chrono::steady_clock::now();
+  slower.reset();
+  CHECK(std::chrono::steady_clock::now() - ends < 30s);
+  CHECK(slow.driven() == std::array<int, 3>{0, 0, 0});
+}
+
 TEST_CASE("a write that does not come back is a fault", "[hid]") {
   FakeArm arm;
   const auto device = open(arm);
@@ -1135,6 +1161,7 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   const Vec3 before = device.read().position;
   for (int i = 0; i < 10; ++i) {
     pass(0.005);
+    arm.giveCounts(350, 0, -350);
     (void)device.read();
   }
   const HandState hand = device.read();
@@ -1145,6 +1172,7 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   CHECK(arm.sent().empty());
   for (int i = 0; i < 90; ++i) {
     pass(0.02);
+    arm.giveCounts(350, 0, -350);
     REQUIRE(device.read().position.norm() < 0.1 + 1e-12);
   }
   CHECK(device.read().position.norm() == Approx(0.1));
@@ -1154,6 +1182,23 @@ TEST_CASE("a puck that gives velocities moves the hand and stays within reach", 
   const Vec3 looked = device.read().position;
   pass(0.3);
   CHECK((device.read().position - looked).norm() < 0.1 * 2 * 0.021);
+  // It says nothing more, but not that it rests: it moves on until that is stale, and stays there.
+  arm.giveCounts(0, 350, 0);
+  const Vec3 last = device.read().position;
+  for (int i = 0; i < 200; ++i) {
+    pass(0.004);
+    const HandState quiet = device.read();
+    CHECK(quiet.ready);
+    CHECK((quiet.position - last).norm() <= 0.1 * 0.05 + 1e-12);
+  }
+  CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
+  pass(0.3);
+  CHECK((device.read().position - last).norm() == Approx(0.1 * 0.05));
+  // Its next word counts from then on.
+  arm.giveCounts(0, -350, 0);
+  CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.05));
+  pass(0.01);
+  CHECK(device.read().position.y() == Approx(last.y() + 0.1 * 0.04));
   // Unplugged it stays.
   arm.there = false;
   const Vec3 left = device.read().position;

@@ -318,6 +318,42 @@ TEST_CASE("clearing lets nothing out while nobody guards", "[loop][safety]") {
   CHECK(rig.loop.latest().fault == Fault::kNone);
 }
 
+TEST_CASE("a device that takes fewer forces than there are ticks has them later", "[loop]") {
+  struct Sink final : public TickSink {
+    void take(const Telemetry&, const ProxyState& state) noexcept override {
+      arm = state.limits().tank.arm;
+    }
+    ArmDissipation arm;
+  };
+  TestDevice device;
+  device.about.limits.tank.use = TankUse::kAct;
+  ArmDissipation& known = device.about.limits.tank.arm;
+  known.viscous = 0.5;
+  known.delay = 2e-3;
+  known.doubt = 0.5e-3;
+  const auto at = [&](double takes, double rate) {
+    device.about.output_rate = takes;
+    Sink sink;
+    HapticLoop loop(device, rate, &sink);
+    loop.tick({});
+    return sink.arm;
+  };
+  for (const double takes : {0.0, 1000.0, 2000.0}) {
+    CHECK(at(takes, 1000.0).delay == 2e-3);
+    CHECK(at(takes, 1000.0).doubt == 0.5e-3);
+  }
+  // Waits of 1 ms: 0.5 to 3.5 ms; of 4 ms: 0 to 6.5.
+  CHECK(at(500.0, 1000.0).delay == Approx(2e-3));
+  CHECK(at(500.0, 1000.0).doubt == Approx(1.5e-3));
+  CHECK(at(200.0, 1000.0).delay == Approx(3.25e-3));
+  CHECK(at(200.0, 1000.0).doubt == Approx(3.25e-3));
+  // So more forces may be on their way at once than the tank remembers.
+  CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
+  for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
+    CHECK_THROWS_AS(at(bad, 1000.0), DeviceError);
+  }
+}
+
 TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
   for (const double bad : {0.0, -1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     for (double WatchLimits::*limit :
