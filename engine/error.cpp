@@ -6,10 +6,14 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // Levenshtein's distance; near means at most a third of the letters differ.
+  // Levenshtein's distance; near means at most a third of the letters differ. It takes the product
+  // of two lengths: what is longer than anybody spells is near nothing.
+  constexpr std::size_t kLongest = 200;
+  if (name.size() > kLongest) return {};
   std::string best;
   std::size_t best_distance = name.size() / 3 + 1;
   for (const std::string& candidate : candidates) {
+    if (candidate.size() > 2 * kLongest) continue;
     std::vector<std::size_t> row(candidate.size() + 1);
     std::iota(row.begin(), row.end(), std::size_t{0});
     for (std::size_t i = 1; i <= name.size(); ++i) {

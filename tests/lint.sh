@@ -8,6 +8,12 @@ cd "$(dirname "$0")/.."
 
 mapfile -t files < <(git ls-files '*.h' '*.cpp')
 clang-format --dry-run -Werror "${files[@]}"
+# Text for a terminal goes by scenes/cli/say.h, which makes it fit for one.
+if git grep -nE 'fmt::print|std::c(out|err) *<<|\b(f?printf|f?puts)\(|fwrite\(.*std(out|err)' -- \
+    scenes/cli scenes/import ':!scenes/cli/say.*'; then
+    echo "lint: print by scenes/cli/say.h" >&2
+    exit 1
+fi
 
 mkdir -p build/lint
 cmake -S . -B build/lint -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER= -DPALPATE_TESTS=OFF \

@@ -250,86 +250,84 @@ std::string remark(const OrderedJson& thickness) {
 }
 
 void print(const OrderedJson& json) {
-  fmt::print("scene     {}: valid\n", json["scene"].get<std::string>());
+  say("scene     {}: valid\n", json["scene"].get<std::string>());
   const OrderedJson& bounds = json["bounds"];
   const auto corner = [&](std::size_t i) {
     return fmt::format("{}, {}, {}", rounded(bounds[i][0].get<double>()),
                        rounded(bounds[i][1].get<double>()), rounded(bounds[i][2].get<double>()));
   };
-  fmt::print("bounds    {} to {} m", corner(0), corner(1));
-  if (const auto parts = json["parts"].get<std::size_t>(); parts > 0)
-    fmt::print(", {} parts", parts);
-  fmt::print("\n");
+  say("bounds    {} to {} m", corner(0), corner(1));
+  if (const auto parts = json["parts"].get<std::size_t>(); parts > 0) say(", {} parts", parts);
+  say("\n");
   const OrderedJson& coupling = json["coupling"];
-  fmt::print("coupling  {}, {} N s/m; motion to {} voxel, at most {} sub-steps a tick\n",
-             coupling.contains("stiffness_by")
-                 ? coupling["stiffness_by"].get<std::string>()
-                 : number(coupling["stiffness"].get<double>()) + " N/m",
-             number(json["coupling"]["damping"].get<double>()),
-             number(json["tolerance_voxels"].get<double>()), json["max_substeps"].get<int>());
-  fmt::print("room      {}\n", roomWords(coupling["room"]));
+  say("coupling  {}, {} N s/m; motion to {} voxel, at most {} sub-steps a tick\n",
+      coupling.contains("stiffness_by")
+          ? sentence(coupling["stiffness_by"].get<std::string>())
+          : sentence(number(coupling["stiffness"].get<double>()) + " N/m"),
+      number(json["coupling"]["damping"].get<double>()),
+      number(json["tolerance_voxels"].get<double>()), json["max_substeps"].get<int>());
+  say("room      {}\n", sentence(roomWords(coupling["room"])));
   for (const auto& [name, volume] : json["volumes"].items()) {
-    fmt::print("volume    {}: ", name);
+    say("volume    {}: ", name);
     if (volume.contains("file")) {
-      fmt::print("grid \"{}\" of {}", volume["grid"].get<std::string>(),
-                 volume["file"].get<std::string>());
+      say("grid \"{}\" of {}", volume["grid"].get<std::string>(),
+          volume["file"].get<std::string>());
     } else if (volume.contains("computed")) {
-      fmt::print("{}, computed once at load because {}", volume["computed"].get<std::string>(),
-                 volume["because"].get<std::string>());
+      say("{}, computed once at load because {}", volume["computed"].get<std::string>(),
+          sentence(volume["because"].get<std::string>()));
     }
     if (volume.contains("type")) {
-      fmt::print(", {}, {} active voxels, {} MB; ", volume["type"].get<std::string>(),
-                 volume["active_voxels"].get<std::uint64_t>(),
-                 rounded(volume["memory_bytes"].get<double>() / 1e6));
+      say(", {}, {} active voxels, {} MB; ", volume["type"].get<std::string>(),
+          volume["active_voxels"].get<std::uint64_t>(),
+          rounded(volume["memory_bytes"].get<double>() / 1e6));
     }
-    fmt::print("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
-               rounded(1e3 * volume["metres_per_unit"].get<double>()));
+    say("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
+        rounded(1e3 * volume["metres_per_unit"].get<double>()));
     if (volume.contains("instances")) {
-      fmt::print("; the first of {}", volume["instances"].get<std::size_t>());
+      say("; the first of {}", volume["instances"].get<std::size_t>());
     }
-    fmt::print("\n");
+    say("\n");
     if (!volume.contains("motion")) continue;
     const OrderedJson& motion = volume["motion"];
-    fmt::print("moves     {}: {} keyframes, {} to {} s{}, at most {} m/s\n", name,
-               motion["keyframes"].get<std::size_t>(), rounded(motion["from"].get<double>()),
-               rounded(motion["to"].get<double>()),
-               motion["repeat"].get<bool>() ? ", repeated" : "",
-               rounded(motion["top_speed"].get<double>()));
+    say("moves     {}: {} keyframes, {} to {} s{}, at most {} m/s\n", name,
+        motion["keyframes"].get<std::size_t>(), rounded(motion["from"].get<double>()),
+        rounded(motion["to"].get<double>()), motion["repeat"].get<bool>() ? ", repeated" : "",
+        rounded(motion["top_speed"].get<double>()));
   }
   for (const auto& sampled : json["sampled"]) {
     const auto list = [](const OrderedJson& names) {
       std::string text;
       for (const auto& name : names) text += (text.empty() ? "" : ", ") + name.get<std::string>();
-      return text;
+      return sentence(text);
     };
-    fmt::print("samples   {}: {}; for {}\n", sampled["field"].get<std::string>(),
-               list(sampled["properties"]), list(sampled["for"]));
+    say("samples   {}: {}; for {}\n", sampled["field"].get<std::string>(),
+        list(sampled["properties"]), list(sampled["for"]));
   }
   for (const auto& derived : json["derived"]) {
-    fmt::print("derives   {}\n", derived.get<std::string>());
+    say("derives   {}\n", derived.get<std::string>());
   }
   for (const auto& mode : json["modes"]) {
-    fmt::print("mode      {}: {}", mode["name"].get<std::string>(),
-               mode["does"].get<std::string>());
+    say("mode      {}: {}", mode["name"].get<std::string>(),
+        sentence(mode["does"].get<std::string>()));
     if (mode.contains("places")) {
-      fmt::print("; in {} places, felt where the hand is", mode["places"].get<std::size_t>());
+      say("; in {} places, felt where the hand is", mode["places"].get<std::size_t>());
     }
-    fmt::print("\n");
+    say("\n");
     if (!mode.contains("thickness")) continue;
     const std::string thickness = remark(mode["thickness"]);
     if (thickness.empty()) continue;
-    fmt::print("thickness {}: {}\n", mode["name"].get<std::string>(), thickness);
+    say("thickness {}: {}\n", mode["name"].get<std::string>(), sentence(thickness));
   }
   for (const auto& silent : json["silent"]) {
-    fmt::print("left out  mode {}: its strength is zero everywhere\n", silent.get<std::string>());
+    say("left out  mode {}: its strength is zero everywhere\n", silent.get<std::string>());
   }
   for (const auto& unused : json["left_out"]) {
     std::string uses;
     for (const auto& [name, volume] : json["volumes"].items()) {
       if (volume.value("from", "") == unused) uses += (uses.empty() ? "" : ", ") + name;
     }
-    fmt::print("left out  {}: no mode reads it{}\n", unused.get<std::string>(),
-               uses.empty() ? "" : "; at load it made " + uses);
+    say("left out  {}: no mode reads it{}\n", unused.get<std::string>(),
+        sentence(uses.empty() ? "" : "; at load it made " + uses));
   }
 }
 
@@ -354,7 +352,7 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
         complain("check: " + warning);
       }
       if (*json) {
-        fmt::print("{}\n", dump(out, 2));
+        sayJson(out);
       } else {
         print(out);
       }

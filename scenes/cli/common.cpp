@@ -21,18 +21,6 @@ volatile std::sig_atomic_t interrupted = 0;
 
 }  // namespace
 
-std::string dump(const OrderedJson& json, int indent) {
-  return json.dump(indent, ' ', false, OrderedJson::error_handler_t::replace);
-}
-
-void complain(const std::string& line) {
-  std::string clean = line;
-  for (char& c : clean) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';  // one line, no escapes
-  }
-  fmt::print(stderr, "palpate: {}\n", clean);
-}
-
 std::function<void(double)> showProgress(const std::string& what) {
   if (isatty(STDERR_FILENO) == 0) return nullptr;
   using Clock = std::chrono::steady_clock;
@@ -40,7 +28,7 @@ std::function<void(double)> showProgress(const std::string& what) {
     Clock::time_point begin = Clock::now();
     int shown = -1;  ///< Percent.
     ~Line() {
-      if (shown >= 0) fmt::print(stderr, "\r\x1b[K");
+      if (shown >= 0) sayAside("\r\x1b[K");
     }
   };
   return [what, line = std::make_shared<Line>()](double done) {
@@ -48,7 +36,7 @@ std::function<void(double)> showProgress(const std::string& what) {
     if (percent == line->shown || Clock::now() - line->begin < std::chrono::milliseconds(500))
       return;
     line->shown = percent;
-    fmt::print(stderr, "\r{}: {} %", what, percent);
+    sayAside("\r{}: {} %", what, percent);
     std::fflush(stderr);
   };
 }

@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "engine/types.h"
+#include "scenes/cli/say.h"
 
 namespace palpate::cli {
 
@@ -22,8 +23,6 @@ inline constexpr int kEndedEarly = 1;
 inline constexpr int kBadInput = 2;
 inline constexpr int kInternal = 3;
 inline constexpr int kInterrupted = 130;
-
-using OrderedJson = nlohmann::ordered_json;
 
 /// A verb adds itself to the program; its body runs after parsing and returns the exit status.
 void addInfo(CLI::App& app, std::function<int()>& body);
@@ -39,15 +38,10 @@ void addFeel(CLI::App& app, std::function<int()>& body);
 void addStability(CLI::App& app, std::function<int()>& body);
 void addDevices(CLI::App& app, std::function<int()>& body);
 
-/// JSON as text, any bytes in names made printable.
-[[nodiscard]] std::string dump(const OrderedJson& json, int indent = -1);
 /// A number, or null for what has no end.
 [[nodiscard]] inline OrderedJson finite(double value) {
   return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
 }
-
-/// One line on stderr: `palpate: ...`.
-void complain(const std::string& line);
 
 /// Shows on a terminal how far long work is, 0 to 1, and clears its line when the last copy goes;
 /// silent in the first half second. Null in a pipe.

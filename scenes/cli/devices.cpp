@@ -120,36 +120,36 @@ int show(const Options& options) {
     out["firmware"] = profile.firmware;
     out["limits"] = limitsOf(profile);
     out["facts"] = factsIn(profile);
-    fmt::print("{}\n", dump(out, 2));
+    sayJson(out);
     return kDone;
   }
   const ProfileFacts facts = factsOf(profile);
-  fmt::print("{}: {} ({})\n", profile.name, profile.description, profile.source);
-  fmt::print("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
-             rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
+  say("{}: {} ({})\n", profile.name, sentence(profile.description), sentence(profile.source));
+  say("  joints at home: the tip is at ({}, {}, {}) m in the hand's world\n",
+      rounded(facts.home_W.x()), rounded(facts.home_W.y()), rounded(facts.home_W.z()));
   if (facts.step > 0.0 && profile.rate_control == 0.0) {
-    fmt::print("  in the middle a count of every joint moves the tip by {} mm at most\n",
-               rounded(1e3 * facts.step));
+    say("  in the middle a count of every joint moves the tip by {} mm at most\n",
+        rounded(1e3 * facts.step));
   }
   const ArmAxes moves = axesWithin(facts.moves);
   const ArmAxes drives = axesWithin(facts.drives);
   for (int a = 0; a < 3 && profile.output; ++a) {
     if (!moves.has[static_cast<std::size_t>(a)]) {
-      fmt::print("  {}: it does not move there, and gives no force\n", moves.name(a));
+      say("  {}: it does not move there, and gives no force\n", moves.name(a));
     } else if (!drives.has[static_cast<std::size_t>(a)]) {
-      fmt::print("  {}: {}\n", drives.name(a), kNoMotor);
+      say("  {}: {}\n", drives.name(a), kNoMotor);
     }
   }
   for (const MotorFact& motor : facts.motors) {
-    fmt::print("  {} N in the middle ask at most {} of {}, which gives at most {}{}\n",
-               rounded(profile.limits.force), rounded(motor.asked), motor.field,
-               rounded(motor.room), motor.asked > motor.room ? ": there it is weakened" : "");
+    say("  {} N in the middle ask at most {} of {}, which gives at most {}{}\n",
+        rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room),
+        motor.asked > motor.room ? ": there it is weakened" : "");
   }
   if (profile.output) {
-    fmt::print("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
-               rounded(profile.limits.stiffness), rounded(profile.limits.damping),
-               rounded(profile.limits.workspace_radius));
-    fmt::print("  firmware: {}\n", profile.firmware);
+    say("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
+        rounded(profile.limits.stiffness), rounded(profile.limits.damping),
+        rounded(profile.limits.workspace_radius));
+    say("  firmware: {}\n", sentence(profile.firmware));
   }
   return kDone;
 }
@@ -203,43 +203,42 @@ int list(const Options& options) {
                               {"transport", arm.transport},
                               {"source", arm.source}});
     }
-    fmt::print("{}\n", dump(out, 2));
+    sayJson(out);
     return kDone;
   }
-  if (arms.empty()) fmt::print("no arm is plugged in that a profile knows\n");
+  if (arms.empty()) say("no arm is plugged in that a profile knows\n");
   for (const FoundArm& arm : arms) {
     for (const HidProfile& profile : arm.profiles) {
-      fmt::print("{}\n  {}, {} ({})\n", arm.nameAs(profile), profile.description, arm.device.path,
-                 arm.device.product_name);
+      say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description),
+          arm.device.path, arm.device.product_name);
       if (profile.output) {
-        fmt::print("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
-                   rounded(profile.limits.force), rounded(profile.limits.stiffness),
-                   rounded(profile.limits.damping), rounded(profile.input_rate),
-                   rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
-        fmt::print("  firmware: {}\n", profile.firmware);
+        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+            rounded(profile.limits.force), rounded(profile.limits.stiffness),
+            rounded(profile.limits.damping), rounded(profile.input_rate),
+            rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
+        say("  firmware: {}\n", sentence(profile.firmware));
         if (!isTested(profile, arm.identity())) {
-          fmt::print("  untested: held to {} N and {} N/m: palpate devices --test {}\n",
-                     kUntestedForce, kUntestedStiffness, arm.nameAs(profile));
+          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+              kUntestedStiffness, arm.nameAs(profile));
         }
       } else {
-        fmt::print("  moves the hand, gives no force\n");
+        say("  moves the hand, gives no force\n");
       }
       for (const auto& [pointer, source] : profile.sources) {
-        fmt::print("    {}: {}\n", pointer, source);
+        say("    {}: {}\n", pointer, sentence(source));
       }
-      if (const auto wrong = arm.against(profile)) fmt::print("  {}\n", wrong->what());
+      if (const auto wrong = arm.against(profile)) say("  {}\n", sentence(wrong->what()));
     }
-    if (const std::string what = trouble(arm); !what.empty()) fmt::print("  {}\n", what);
+    if (const std::string what = trouble(arm); !what.empty()) say("  {}\n", sentence(what));
   }
-  for (const std::string& other : others) fmt::print("{}\n", other);
-  fmt::print("\nprofiles: ");
-  for (const HidProfile& p : profiles) fmt::print("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
-  fmt::print("; your own in {}\n\nlimits of known arms, by their sources:\n",
-             hidProfileFolder().string());
+  for (const std::string& other : others) say("{}\n", sentence(other));
+  say("\nprofiles: ");
+  for (const HidProfile& p : profiles) say("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
+  say("; your own in {}\n\nlimits of known arms, by their sources:\n", hidProfileFolder().string());
   for (const KnownArm& arm : knownArms()) {
-    fmt::print("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name,
-               rounded(arm.force), rounded(arm.stiffness), rounded(arm.damping),
-               rounded(arm.workspace_radius), arm.transport, arm.source);
+    say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
+        rounded(arm.stiffness), rounded(arm.damping), rounded(arm.workspace_radius), arm.transport,
+        sentence(arm.source));
   }
   return kDone;
 }
@@ -507,33 +506,31 @@ int test(const Options& options) {
   const ArmAxes moves = axesWithin(factsOf(arm->profile()).moves);
   const ArmAxes& drives = tested.axes;
   if (options.json) {
-    fmt::print("{}\n", dump(describe(tested, *arm, passed), 2));
+    sayJson(describe(tested, *arm, passed));
   } else {
-    fmt::print(
-        "input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
+    say("input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
         rounded(static_cast<double>(r.positions) / std::max(r.seconds, 1e-9)),
         rounded(1e3 * r.slowest), arm->reads().dropped);
-    fmt::print("output     {} writes, the longest {} ms\n", arm->writes().count,
-               rounded(1e-6 * static_cast<double>(arm->writes().longest_ns)));
-    fmt::print("position   steps of ");
+    say("output     {} writes, the longest {} ms\n", arm->writes().count,
+        rounded(1e-6 * static_cast<double>(arm->writes().longest_ns)));
+    say("position   steps of ");
     for (std::size_t i = 0; i < arm->profile().joints.size(); ++i) {
-      fmt::print("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
+      say("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
     }
-    fmt::print(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
+    say(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
     for (std::size_t a = 0; a < 3; ++a) {
       if (r.scale[a] == 0.0) continue;
-      fmt::print("ruler      what is 1 m to {} is {} m\n", moves.name(static_cast<int>(a)),
-                 rounded(r.scale[a]));
+      say("ruler      what is 1 m to {} is {} m\n", moves.name(static_cast<int>(a)),
+          rounded(r.scale[a]));
     }
     for (std::size_t a = 0; a < 3; ++a) {
       const AxisResult& axis = r.axes[a];
       const std::string name = drives.name(static_cast<int>(a));
       if (!axis.fitted) {
-        fmt::print("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
+        say("{:<10} {}\n", name, axis.driven ? "not measured" : kNoMotor);
         continue;
       }
-      fmt::print(
-          "{:<10} goes where it is pushed (cosine {}); begins to move at {} N; friction "
+      say("{:<10} goes where it is pushed (cosine {}); begins to move at {} N; friction "
           "{} +- {} N and {} +- {} N s/m; {} kg; {} N by itself; force {} +- {} ms late\n",
           name, rounded(axis.along), rounded(axis.breakaway), rounded(axis.coulomb),
           rounded(axis.coulomb_error), rounded(axis.viscous), rounded(axis.viscous_error),
@@ -542,7 +539,7 @@ int test(const Options& options) {
     }
   }
   if (const OrderedJson room = roomOf(r, *arm); !options.json && !room.is_null()) {
-    fmt::print("room       {}\n", roomWords(room));
+    say("room       {}\n", sentence(roomWords(room)));
   }
   for (const std::string& problem : r.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {
@@ -576,7 +573,7 @@ int test(const Options& options) {
     complain("devices: it has no serial number and is remembered by where it is plugged in, " +
              identity + ": test it again elsewhere, and every other arm that is plugged in there");
   }
-  if (!options.json) fmt::print("passed     remembered in {}\n", testedArmsFile().string());
+  if (!options.json) say("passed     remembered in {}\n", testedArmsFile().string());
   return kDone;
 }
 
@@ -612,7 +609,9 @@ int watch(const Options& options) {
         text += "joints are true if it has been homed since it was switched on\n";
       }
       text += watch.picture(nowNs());
-      fmt::print("{}{}\n", terminal ? "\x1b[H\x1b[J" : "", text);
+      if (terminal) sayRaw("\x1b[H\x1b[J");
+      std::istringstream lines(text + "\n");
+      for (std::string line; std::getline(lines, line);) say("{}\n", sentence(line));
       if (std::fflush(stdout) != 0) return kEndedEarly;
     }
     if (gone) {

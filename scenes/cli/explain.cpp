@@ -597,8 +597,8 @@ std::string transferText(const OrderedJson& transfer) {
 }
 
 void printMode(const OrderedJson& mode) {
-  fmt::print("mode      {}: {}{}: {}\n", text(mode["name"]), text(mode["mode"]),
-             mode["of"].is_null() ? "" : " of " + text(mode["of"]), text(mode["because"]));
+  say("mode      {}: {}{}: {}\n", text(mode["name"]), text(mode["mode"]),
+      mode["of"].is_null() ? "" : " of " + text(mode["of"]), cli::sentence(text(mode["because"])));
   std::string properties;
   for (const char* key : {"strength", "friction", "viscosity"}) {
     if (!mode.contains(key)) continue;
@@ -607,14 +607,14 @@ void printMode(const OrderedJson& mode) {
         (properties.empty() ? "" : "; ") + std::string(key) + " " + transferText(mode[key]) + unit;
   }
   if (!mode["contact"].is_null()) properties += "; contact " + text(mode["contact"]);
-  if (!properties.empty()) fmt::print("          {}\n", properties);
+  if (!properties.empty()) say("          {}\n", cli::sentence(properties));
   for (const OrderedJson& primitive : mode["primitives"]) {
     std::string where;
     if (primitive.contains("position")) where += " at " + text(primitive["position"]);
     if (primitive.contains("direction")) where += " along " + text(primitive["direction"]);
-    fmt::print("primitive {}, a {}{}, strength {} N: {}, load {} ({} N)\n", text(primitive["role"]),
-               text(primitive["kind"]), where, text(primitive["strength"]),
-               text(primitive["state"]), text(primitive["load"]), text(primitive["size"]));
+    say("primitive {}, a {}{}, strength {} N: {}, load {} ({} N)\n", text(primitive["role"]),
+        text(primitive["kind"]), where, text(primitive["strength"]), text(primitive["state"]),
+        text(primitive["load"]), text(primitive["size"]));
   }
 }
 
@@ -627,57 +627,56 @@ bool told(const OrderedJson& force) {
 
 void printBalance(const OrderedJson& json) {
   const OrderedJson& balance = json["balance"];
-  fmt::print("balance   {}, {} iterations, {} sub-steps, within {} m of the exact one; {}\n",
-             text(balance["solver"]), balance["iterations"].get<int>(),
-             balance["substeps"].get<int>(), rounded(balance["error_bound"].get<double>()),
-             text(balance["status"]));
+  say("balance   {}, {} iterations, {} sub-steps, within {} m of the exact one; {}\n",
+      text(balance["solver"]), balance["iterations"].get<int>(), balance["substeps"].get<int>(),
+      rounded(balance["error_bound"].get<double>()), text(balance["status"]));
   std::string stiffness = text(balance["stiffness"]);
   if (balance.contains("stiffness_by")) {
     stiffness += " now, wanted " + text(balance["stiffness_by"]["value"]);
   }
-  fmt::print("stiffness {} N/m\n", stiffness);
-  fmt::print("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
-  fmt::print("spring    {} N; the loads add up to {} N, {} N left over\n", text(balance["spring"]),
-             text(balance["loads"]), text(balance["left_over"]));
+  say("stiffness {} N/m\n", stiffness);
+  say("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
+  say("spring    {} N; the loads add up to {} N, {} N left over\n", text(balance["spring"]),
+      text(balance["loads"]), text(balance["left_over"]));
   if (told(balance["waiting"])) {
-    fmt::print("waiting   {} N: a stream that bends leaves it for the next tick\n",
-               text(balance["waiting"]));
+    say("waiting   {} N: a stream that bends leaves it for the next tick\n",
+        text(balance["waiting"]));
   }
   const OrderedJson& force = json["force"];
   const OrderedJson& limiter = force["limiter"];
-  fmt::print("damper    {} N\n", text(force["damper"]));
-  fmt::print("limiter   {} (peak {} N, growth {} N a tick)\n",
-             limiter["slewed"].get<bool>()   ? "held the growth back"
-             : limiter["peaked"].get<bool>() ? "cut to the peak"
-                                             : "did nothing",
-             text(limiter["peak"]), text(limiter["growth"]));
-  fmt::print("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
-  fmt::print("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
+  say("damper    {} N\n", text(force["damper"]));
+  say("limiter   {} (peak {} N, growth {} N a tick)\n",
+      limiter["slewed"].get<bool>()   ? "held the growth back"
+      : limiter["peaked"].get<bool>() ? "cut to the peak"
+                                      : "did nothing",
+      text(limiter["peak"]), text(limiter["growth"]));
+  say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
+  say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
 }
 
 void print(const OrderedJson& json) {
-  fmt::print("scene     {}\n", text(json["scene"]));
-  fmt::print("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
-             text(json["rest"]["moved"]), text(json["rest"]["force"]));
-  fmt::print("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
+  say("scene     {}\n", text(json["scene"]));
+  say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
+      text(json["rest"]["moved"]), text(json["rest"]["force"]));
+  say("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
   for (const OrderedJson& field : json["fields"]) {
-    fmt::print("field     {}: {}, {}; for {}\n", text(field["field"]),
-               field["sampled"].get<bool>() ? "sampled" : "not sampled", text(field["because"]),
-               text(field["for"]));
+    say("field     {}: {}, {}; for {}\n", text(field["field"]),
+        field["sampled"].get<bool>() ? "sampled" : "not sampled",
+        cli::sentence(text(field["because"])), cli::sentence(text(field["for"])));
   }
   for (const OrderedJson& name : json["left_out"]) {
-    fmt::print("field     {}: not sampled, no mode reads it\n", text(name));
+    say("field     {}: not sampled, no mode reads it\n", text(name));
   }
   for (const OrderedJson& property : json["properties"]) {
-    fmt::print("property  {}: {}\n", text(property["property"]),
-               property["inside"].get<bool>() ? text(property["value"]) : "no data");
+    say("property  {}: {}\n", text(property["property"]),
+        property["inside"].get<bool>() ? text(property["value"]) : "no data");
   }
   for (const OrderedJson& mode : json["modes"]) printMode(mode);
   for (const OrderedJson& name : json["silent"]) {
-    fmt::print("mode      {}: left out, its strength is zero everywhere\n", text(name));
+    say("mode      {}: left out, its strength is zero everywhere\n", text(name));
   }
   printBalance(json);
-  for (const OrderedJson& line : json["because"]) fmt::print("because   {}\n", text(line));
+  for (const OrderedJson& line : json["because"]) say("because   {}\n", cli::sentence(text(line)));
 }
 
 int explain(const Options& options) {
@@ -715,7 +714,7 @@ int explain(const Options& options) {
                   witness->proxy, state};
   const OrderedJson out = cli::report(told);
   if (options.json) {
-    fmt::print("{}\n", dump(out, 2));
+    sayJson(out);
   } else {
     print(out);
   }

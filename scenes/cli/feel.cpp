@@ -165,14 +165,14 @@ class Progress {
  public:
   explicit Progress(std::int64_t ticks) : ticks_(ticks), shown_(isatty(2) != 0) {}
   ~Progress() {
-    if (drawn_) fmt::print(stderr, "\r\033[K");
+    if (drawn_) sayAside("\r\033[K");
   }
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
   void at(std::int64_t tick) {
     if (!shown_ || ticks_ <= 0 || tick % 50000 != 0 || tick == 0) return;
     drawn_ = true;
-    fmt::print(stderr, "\rfeeling {} %", 100 * tick / ticks_);
+    sayAside("\rfeeling {} %", 100 * tick / ticks_);
   }
 
  private:
@@ -182,12 +182,12 @@ class Progress {
 };
 
 /// How well time was kept.
-std::string timeWords(const OrderedJson& summary) {
+Legible timeWords(const OrderedJson& summary) {
   const auto us = [&](const char* key) {
     return rounded(1e-3 * summary["wake_ns"][key].get<double>());
   };
   const OrderedJson& got = summary["realtime"];
-  return fmt::format(
+  return words(
       "clock     {} Hz kept; {} late ticks; woken {} us after time (median), {} p99, {} p99.9, {} "
       "worst; {} page faults; {}, {}\n",
       rounded(summary["rate_kept"].is_null() ? 0.0 : summary["rate_kept"].get<double>()),
@@ -271,7 +271,7 @@ class Keys {
   explicit Keys(const std::vector<HapticThread*>& hands)
       : hands_(hands), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
     if (!shown_) return;
-    fmt::print(stderr, "Esc: force off; Enter: on again; Ctrl-C: end\n");
+    sayAside("Esc: force off; Enter: on again; Ctrl-C: end\n");
     thread_ = std::thread([this] { run(); });
   }
   ~Keys() {
@@ -361,7 +361,7 @@ class Watcher {
       if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
       try {
         BuiltScene built = made_.get();
-        fmt::print(stderr, "feel: {} has changed: it is felt now\n", file_);
+        sayAside("feel: {} has changed: it is felt now\n", file_);
         return built;
       } catch (const std::bad_alloc&) {
         complain(file_ +
@@ -477,7 +477,7 @@ class OnTime {
     plugging_ = zero.version;
     thread_.emplace(*hand_.device, params, &hand_.log);
     if (!thread_->realtime().refused.empty()) {
-      fmt::print(stderr, "{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
+      sayAside("{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
     }
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
@@ -630,12 +630,12 @@ OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec&
 }
 
 void tell(const Options& options, const Hand& hand, const OrderedJson& summary) {
-  fmt::print("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
-             rounded(summary["seconds"].get<double>()), rounded(options.rate),
-             options.realtime ? "on time" : "in virtual time", hand.device->info().name,
-             summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
-  if (!summary["room"].is_null()) fmt::print("room      {}\n", roomWords(summary["room"]));
-  if (options.realtime) fmt::print("{}", timeWords(summary));
+  say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
+      rounded(summary["seconds"].get<double>()), rounded(options.rate),
+      options.realtime ? "on time" : "in virtual time", hand.device->info().name,
+      summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
+  if (!summary["room"].is_null()) say("room      {}\n", sentence(roomWords(summary["room"])));
+  if (options.realtime) say("{}", timeWords(summary));
 }
 
 int feel(const Options& options) {
@@ -698,7 +698,7 @@ int feel(const Options& options) {
   }
   if (picture) picture->draw(spec, built);
   if (options.json) {
-    fmt::print("{}\n", dump(summary, 2));
+    sayJson(summary);
   } else if (options.trace != "-" && options.summary != "-") {
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }

@@ -234,11 +234,11 @@ OrderedJson Felt::summary() const {
   return json;
 }
 
-std::string Felt::words() const {
+Legible Felt::words() const {
   const OrderedJson s = summary();
   const double ticks = std::max(1.0, s["ticks"].get<double>());
   const auto us = [&](const char* key) { return rounded(1e-3 * s["tick_ns"][key].get<double>()); };
-  std::string text = fmt::format(
+  Legible text = cli::words(
       "tick      {} us median, {} p99, {} p99.9, {} worst; per tick {} samples, {} along "
       "streams, {} cells on the way, {} primitives, {} sub-steps\n",
       us("p50"), us("p99"), us("p99.9"), us("max"), rounded(s["per_tick"]["samples"].get<double>()),
@@ -246,16 +246,16 @@ std::string Felt::words() const {
       rounded(s["per_tick"]["walked"].get<double>()),
       rounded(s["per_tick"]["primitives"].get<double>()),
       rounded(s["per_tick"]["substeps"].get<double>()));
-  text += fmt::format(
-      "balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
-      rounded(100.0 * static_cast<double>(closed_form_) / ticks),
-      rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
-  text += fmt::format("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
-                      rounded(force_max_), limited_,
-                      statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  text +=
+      cli::words("balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
+                 rounded(100.0 * static_cast<double>(closed_form_) / ticks),
+                 rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
+  text += cli::words("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
+                     rounded(force_max_), limited_,
+                     statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
   if (still_ > 0) {
-    text += fmt::format("still     the arm did not move by a count: the force faded in {} ticks\n",
-                        still_);
+    text += cli::words("still     the arm did not move by a count: the force faded in {} ticks\n",
+                       still_);
   }
   std::string troubles;
   for (const auto& [status, count] : s["status"].items()) {
@@ -263,47 +263,47 @@ std::string Felt::words() const {
     troubles += fmt::format("{}{} in {} ticks", troubles.empty() ? "" : ", ", status,
                             count.get<std::int64_t>());
   }
-  if (!troubles.empty()) text += "status    " + troubles + "\n";
+  if (!troubles.empty()) text += cli::words("status    {}\n", sentence(troubles));
   if (s.contains("parts")) {
     const OrderedJson& parts = s["parts"];
-    text += fmt::format("parts     {} of {} near in the mean, {} at most\n",
-                        rounded(parts["near_mean"].get<double>()), parts["all"].get<std::int64_t>(),
-                        most_near_);
+    text += cli::words("parts     {} of {} near in the mean, {} at most\n",
+                       rounded(parts["near_mean"].get<double>()), parts["all"].get<std::int64_t>(),
+                       most_near_);
     if (crowded_ > 0) {
-      text += fmt::format(
+      text += cli::words(
           "crowded   more than {} parts met in {} ticks: the strongest were felt, and the force "
           "was "
           "off by at most {} N\n",
           kMaxNearParts, crowded_, rounded(missing_));
     }
   }
-  text += fmt::format("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
-                      rounded(net_energy_), rounded(injected_));
+  text += cli::words("energy    {} J given to the hand; {} J added by the proxy's own motion\n",
+                     rounded(net_energy_), rounded(injected_));
   if (tank_ != TankUse::kOff) {
     const double share = 100.0 * static_cast<double>(drained_) / ticks;
     const double lost = 100.0 * s["tank"]["force_lost"].get<double>();
     text += tank_ == TankUse::kAct
-                ? fmt::format(
+                ? cli::words(
                       "tank      acted in {} % of ticks and took {} % of the force; {} J of "
                       "debt, {} J let in\n",
                       rounded(share), rounded(lost), rounded(debt_), rounded(refilled_))
-                : fmt::format(
+                : cli::words(
                       "tank      looked on; --passive would have acted in {} % of ticks and "
                       "taken {} % of the force\n",
                       rounded(share), rounded(lost));
   }
   for (const auto& mode : s["felt"]) {
-    text += fmt::format("felt      {}: ", mode["mode"].get<std::string>());
+    text += cli::words("felt      {}: ", mode["mode"].get<std::string>());
     if (mode["touches"].get<int>() == 0) {
-      text += "not at all\n";
+      text += cli::words("not at all\n");
       continue;
     }
-    text += fmt::format("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
-                        mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
+    text += cli::words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
+                       mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
     if (mode["pushed_through"].get<int>() > 0) {
-      text += fmt::format(", pushed through {} times", mode["pushed_through"].get<int>());
+      text += cli::words(", pushed through {} times", mode["pushed_through"].get<int>());
     }
-    text += "\n";
+    text += cli::words("\n");
   }
   return text;
 }

@@ -52,7 +52,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// The summary file's content, less what the caller knows better.
   [[nodiscard]] OrderedJson summary() const;
   /// The same in words.
-  [[nodiscard]] std::string words() const;
+  [[nodiscard]] Legible words() const;
 
  private:
   struct ModeFelt {

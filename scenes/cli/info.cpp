@@ -41,26 +41,25 @@ std::string line(const Vec3& v) {
 }
 
 void print(const GridInfo& grid) {
-  fmt::print("{}\n", grid.name.empty() ? "(no name)" : grid.name);
-  fmt::print("  type      {}{}, {}\n", grid.type, grid.half ? " (stored as half)" : "",
-             wordFor(grid.grid_class));
-  fmt::print("  voxels    {} active, {} each, {} MB in memory\n", grid.active_voxels,
-             line(grid.voxel), rounded(static_cast<double>(grid.memory) / 1e6));
+  say("{}\n", grid.name.empty() ? "(no name)" : grid.name);
+  say("  type      {}{}, {}\n", grid.type, grid.half ? " (stored as half)" : "",
+      wordFor(grid.grid_class));
+  say("  voxels    {} active, {} each, {} MB in memory\n", grid.active_voxels, line(grid.voxel),
+      rounded(static_cast<double>(grid.memory) / 1e6));
   if (!grid.bounds.empty()) {
     const Vec3& a = grid.bounds.lower;
     const Vec3& b = grid.bounds.upper;
-    fmt::print("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
-               rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
+    say("  bounds    {} .. {}, {} .. {}, {} .. {}\n", rounded(a.x()), rounded(b.x()),
+        rounded(a.y()), rounded(b.y()), rounded(a.z()), rounded(b.z()));
   }
-  fmt::print("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
-             rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean),
-             rounded(grid.background));
+  say("  {} {} .. {}, mean {}, background {}\n", grid.vector ? "magnitude" : "values   ",
+      rounded(grid.lowest), rounded(grid.highest), rounded(grid.mean), rounded(grid.background));
   if (grid.grid_class == GridClass::kStaggered) {
-    fmt::print("  note      staggered: each component is read on its face of the voxel\n");
+    say("  note      staggered: each component is read on its face of the voxel\n");
   }
-  if (grid.was_local) fmt::print("  note      vectors in index space: read in world space\n");
-  if (!grid.source.empty()) fmt::print("  from      {}\n", grid.source);
-  fmt::print("  feel      {}\n", feelOf(grid));
+  if (grid.was_local) say("  note      vectors in index space: read in world space\n");
+  if (!grid.source.empty()) say("  from      {}\n", grid.source);
+  say("  feel      {}\n", sentence(feelOf(grid)));
 }
 
 }  // namespace
@@ -80,7 +79,7 @@ void addInfo(CLI::App& app, std::function<int()>& body) {
         out["file"] = *file;
         out["grids"] = OrderedJson::array();
         for (const GridInfo& grid : grids) out["grids"].push_back(describe(grid));
-        fmt::print("{}\n", dump(out, 2));
+        sayJson(out);
       } else {
         for (const GridInfo& grid : grids) print(grid);
       }

@@ -20,6 +20,7 @@ int run(int argc, char** argv) {
   CLI::App app{
       "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
       "in them into forces."};
+  app.name("palpate");
   app.set_version_flag("--version", cli::kVersion);
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");

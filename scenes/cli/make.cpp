@@ -38,14 +38,14 @@ int make(const Options& options) {
                              {"active_voxels", grid.active_voxels}});
   }
   if (options.json) {
-    fmt::print("{}\n", dump(json, 2));
+    sayJson(json);
     return kDone;
   }
-  fmt::print("{}:\n", options.out);
+  say("{}:\n", options.out);
   for (const MadeGrid& grid : grids) {
-    fmt::print("  {}: {}{}, {} active voxels of {}\n", grid.name, grid.what,
-               grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
-               rounded(grid.voxel));
+    say("  {}: {}{}, {} active voxels of {}\n", grid.name, sentence(grid.what),
+        grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
+        rounded(grid.voxel));
   }
   return kDone;
 }

@@ -268,7 +268,7 @@ std::string csv(const std::vector<Row>& rows) {
     text += fmt::format("{},{},{},{},{},{},{},{},{},{}\n", row.in ? "in" : "out", number(row.depth),
                         number(row.force_along), number(row.force_across), number(row.proxy_depth),
                         number(row.proxy_across), number(row.injected), wordFor(row.status),
-                        row.limited ? 1 : 0, field(row.contacts));
+                        row.limited ? 1 : 0, field(sentence(row.contacts).text()));
   }
   return text;
 }
@@ -276,8 +276,8 @@ std::string csv(const std::vector<Row>& rows) {
 /// A dozen rows for people.
 void printTable(const Curve& curve, int steps) {
   constexpr int kLines = 10;
-  fmt::print("{:>12} {:>12} {:>12} {:>12}  contacts on the way in\n", "depth mm", "in N", "out N",
-             "proxy mm");
+  say("{:>12} {:>12} {:>12} {:>12}  contacts on the way in\n", "depth mm", "in N", "out N",
+      "proxy mm");
   const std::vector<Row>& rows = curve.rows();
   int last = -1;
   for (int line = 0; line <= kLines; ++line) {
@@ -286,8 +286,8 @@ void printTable(const Curve& curve, int steps) {
     last = i;
     const Row& in = rows[static_cast<std::size_t>(i)];
     const Row& out = rows[static_cast<std::size_t>(2 * steps - i)];
-    fmt::print("{:>12} {:>12} {:>12} {:>12}  {}\n", shown(1e3 * in.depth), shown(in.force_along),
-               shown(out.force_along), shown(1e3 * in.proxy_depth), in.contacts);
+    say("{:>12} {:>12} {:>12} {:>12}  {}\n", shown(1e3 * in.depth), shown(in.force_along),
+        shown(out.force_along), shown(1e3 * in.proxy_depth), sentence(in.contacts));
   }
 }
 
@@ -298,7 +298,7 @@ std::string millimetres(const OrderedJson& metres) {
 void printMode(const OrderedJson& mode) {
   const auto name = mode["mode"].get<std::string>();
   if (mode["touched_at"].is_null()) {
-    fmt::print("mode      {}: not felt\n", name);
+    say("mode      {}: not felt\n", name);
     return;
   }
   std::string text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
@@ -309,24 +309,23 @@ void printMode(const OrderedJson& mode) {
                         shown(yield["force"].get<double>()));
   }
   if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
-  fmt::print("mode      {}: {}\n", name, text);
+  say("mode      {}: {}\n", name, sentence(text));
 }
 
 void print(const OrderedJson& json) {
   const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
-  fmt::print("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]),
-             of(json["speed"]), json["ticks"].get<std::size_t>());
-  fmt::print("force     at most {} N, at {} on the way {}; the limiter acted in {} ticks\n",
-             of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
-             json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
-  fmt::print("stiffness {}\n", json["stiffness"].is_null()
-                                   ? "not felt"
-                                   : of(json["stiffness"]) + " N/m up to the first yield");
+  say("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]), of(json["speed"]),
+      json["ticks"].get<std::size_t>());
+  say("force     at most {} N, at {} on the way {}; the limiter acted in {} ticks\n",
+      of(json["force_max"]["force"]), millimetres(json["force_max"]["depth"]),
+      json["force_max"]["phase"].get<std::string>(), json["limited"].get<int>());
+  say("stiffness {}\n", json["stiffness"].is_null()
+                            ? "not felt"
+                            : of(json["stiffness"]) + " N/m up to the first yield");
   for (const OrderedJson& mode : json["modes"]) printMode(mode);
-  fmt::print("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]),
-             of(json["work_out"]), of(json["hysteresis"]));
-  fmt::print(
-      "          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "
+  say("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]), of(json["work_out"]),
+      of(json["hysteresis"]));
+  say("          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "
       "own motion\n",
       of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
 }
@@ -412,7 +411,7 @@ int press(const Options& options) {
   if (picture) picture->draw(opened.told, opened.built);
   const OrderedJson summary = curve.summary(options, opened.spec.source);
   if (options.json) {
-    fmt::print("{}\n", dump(summary, 2));
+    sayJson(summary);
   } else if (options.csv != "-") {
     printTable(curve, way.steps);
     print(summary);

@@ -133,11 +133,11 @@ int sample(const Options& options) {
       out += "\n";
     }
     if (out.size() > 1U << 20U) {
-      std::fwrite(out.data(), 1, out.size(), stdout);
+      sayRaw(out);
       out.clear();
     }
   }
-  std::fwrite(out.data(), 1, out.size(), stdout);
+  sayRaw(out);
   return kDone;
 }
 

@@ -46,13 +46,13 @@ int shatter(const Options& options) {
     const OrderedJson json{{"scene", scene},         {"pieces", made.pieces},
                            {"places", made.places},  {"active_voxels", made.voxels},
                            {"mean_size", made.size}, {"mean_overlap", made.overlap}};
-    fmt::print("{}\n", dump(json, 2));
+    sayJson(json);
     return kDone;
   }
-  fmt::print("{}: {} places of {} pieces, {} active voxels\n", scene, made.places, made.pieces,
-             made.voxels);
-  fmt::print("pieces {} mm long in the mean; where the hand is, the boxes of {} meet in the mean\n",
-             rounded(1e3 * made.size), rounded(made.overlap));
+  say("{}: {} places of {} pieces, {} active voxels\n", scene, made.places, made.pieces,
+      made.voxels);
+  say("pieces {} mm long in the mean; where the hand is, the boxes of {} meet in the mean\n",
+      rounded(1e3 * made.size), rounded(made.overlap));
   return kDone;
 }
 

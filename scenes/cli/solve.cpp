@@ -131,10 +131,10 @@ int solve(std::istream& in) {
       out["iterations"] = 0;
       out["solver"] = nullptr;
       out["status"] = "bad-input";
-      out["message"] = e.what();
+      out["message"] = sentence(e.what()).text();
       status = kBadInput;
     }
-    fmt::print("{}\n", dump(out));
+    sayJson(out, -1);
   }
   if (in.bad()) throw Error("solve", "reading failed", "see to the disk or what it comes from");
   return status;

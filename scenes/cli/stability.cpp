@@ -314,11 +314,10 @@ int draw(const Options& options) {
   }
   for (auto& [name, file] : files) file->commit();
   if (options.json) {
-    fmt::print("{}\n", dump(json, 1));
+    sayJson(json, 1);
     return kDone;
   }
-  fmt::print(
-      "{}{} at {} Hz, {} kg, {} N s/m, {} N, steps of {} um, delay {} ms; hand {} N/m, {} N s/m, "
+  say("{}{} at {} Hz, {} kg, {} N s/m, {} N, steps of {} um, delay {} ms; hand {} N/m, {} N s/m, "
       "pressing with {} N\n",
       setup.name, options.device.empty() ? "" : ", " + options.device, rounded(options.rate),
       rounded(options.mass), rounded(options.viscous), rounded(options.coulomb),
@@ -327,21 +326,19 @@ int draw(const Options& options) {
   if (!options.scene.empty()) {
     const Vec3& p = setup.contact.place;
     const Vec3& n = setup.contact.outwards;
-    fmt::print("pressed at {}, {}, {}, where it pushes along {}, {}, {}\n", rounded(p.x()),
-               rounded(p.y()), rounded(p.z()), rounded(n.x()), rounded(n.y()), rounded(n.z()));
+    say("pressed at {}, {}, {}, where it pushes along {}, {}, {}\n", rounded(p.x()), rounded(p.y()),
+        rounded(p.z()), rounded(n.x()), rounded(n.y()), rounded(n.z()));
   }
-  fmt::print(
-      "one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
+  say("one wall, by the formulas: passive with any hand to {} N/m, stable with this one to "
       "{}\n",
       rounded(passiveStiffness(setting.arm, options.rate)),
       std::isfinite(stable) ? rounded(stable) : "any stiffness");
   for (const auto& method : json["methods"]) {
-    fmt::print("{:22} rests {}; in {} % of the map ({} cells tried)\n",
-               method["name"].get<std::string>(),
-               method["rests_to"].is_null()
-                   ? "at no stiffness"
-                   : "without damping to " + rounded(method["rests_to"].get<double>()) + " N/m",
-               rounded(100.0 * method["rests"].get<double>()), method["tried"].get<long>());
+    say("{:22} rests {}; in {} % of the map ({} cells tried)\n", method["name"].get<std::string>(),
+        method["rests_to"].is_null()
+            ? "at no stiffness"
+            : "without damping to " + rounded(method["rests_to"].get<double>()) + " N/m",
+        rounded(100.0 * method["rests"].get<double>()), method["tried"].get<long>());
   }
   return kDone;
 }

@@ -207,7 +207,7 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work)
   const int status = ended ? WEXITSTATUS(result) : cli::kBadInput;
   if (status == cli::kDone) {
     appear(listener.files());
-    std::fwrite(listener.output().data(), 1, listener.output().size(), stdout);
+    cli::sayRaw(listener.output());
     return cli::kDone;
   }
   std::error_code error;

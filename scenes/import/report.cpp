@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "samplers/openvdb_grids.h"
+#include "scenes/cli/say.h"
 
 namespace palpate::importer {
 namespace {
@@ -43,7 +44,7 @@ std::string lineOf(const Imported& imported) {
   const Gridded& made = imported.made;
   const openvdb::GridBase& grid = *made.grid;
   const bool vector = grid.isType<openvdb::Vec3SGrid>();
-  std::string line = "    " + grid.getName() + ": ";
+  std::string line = cli::words("    {}: ", grid.getName()).text();
   if (imported.level_set) {
     line += fmt::format("level set, solid {}; off by {:.2g} voxels rms, {:.2g} at p99",
                         imported.level_set->solid_above ? "above" : "below",
@@ -116,13 +117,15 @@ Json gridJson(const Imported& imported) {
 }  // namespace
 
 std::string textOf(const std::filesystem::path& out, const Step& step) {
-  std::string text = out.string() + ":\n";
+  std::string text = cli::words("{}:\n", out.string()).text();
   std::string voxels;
   for (const Imported& imported : step.grids) {
     if (voxelsOf(imported) != voxels) text += voxels = voxelsOf(imported);
     text += lineOf(imported);
   }
-  for (const std::string& note : step.notes) text += "  " + note + "\n";
+  for (const std::string& note : step.notes) {
+    text += cli::words("  {}\n", cli::sentence(note)).text();
+  }
   return text;
 }
 

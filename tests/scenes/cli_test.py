@@ -16,6 +16,7 @@ import sys
 import tempfile
 import termios
 import time
+import unicodedata
 import unittest
 from pathlib import Path
 
@@ -979,6 +980,178 @@ class Examples(Case):
         text = (self.SCENES / "prepare").read_text()
         for scene in self.SCENES.glob("*.json"):
             self.assertIn(f"make_{scene.stem}()", text)
+
+
+class Hostile(Case):
+    """Names that would write on the terminal as they please."""
+    NAMES = {
+        "bytes": b"\xff\xfe\xc3(\xed\xa0\x80\xc0\xaf\xf4\x90\x80\x80",
+        "controls": b"\x1b[2J\x1b]0;x\x07\x7f\npalpate: all is well\r\tb",
+        "turned": "\x85\x9b31m\u061c\u2028\u202egpj\u2066\u200f".encode(),
+        "long": b"n" * 100_000,
+    }
+    WORDS = "Stra\u00dfe \u4e2d\u6587 \U0001f9b4"
+    LONGEST = 3000  # characters of a line: a sentence or two, and a name or two
+
+    def legible(self, *words, stdin=b"", env=None):
+        """What a command says, once it is known to be fit for a terminal."""
+        done = subprocess.run([PALPATE, *(w if isinstance(w, bytes) else str(w).encode()
+                                          for w in words)],
+                              input=stdin, capture_output=True, timeout=300, env=env)
+        self.assertIn(done.returncode, (0, 1, 2), done.stderr[:500])
+        for text in (done.stdout, done.stderr):
+            text = text.decode()  # valid UTF-8
+            for line in text.split("\n"):
+                hidden = [c for c in line
+                          if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
+                self.assertEqual(hidden, [], line[:500])
+                if "--json" not in words:
+                    self.assertLess(len(line), self.LONGEST)
+        if "--json" in words and done.returncode == 0:
+            json.loads(done.stdout)
+        self.assertFalse(done.stderr and not all(
+            line.startswith("palpate: ") for line in done.stderr.decode().splitlines()))
+        return done
+
+    def every(self):
+        for what, name in self.NAMES.items():
+            with self.subTest(what):
+                yield name
+
+    def test_on_the_command_line(self):
+        ball = str(self.dir / "ball.vdb").encode()
+        for name in self.every():
+            self.legible(name)
+            for verb in ("info", "check", "feel", "solve", "explain", "press", "sample"):
+                self.legible(verb, name)
+            self.legible("info", ball, b"--" + name)
+            self.legible("make", name, self.dir / "never.vdb")
+            self.legible("feel", ball, "--device", name)
+            self.legible("feel", ball, "--trace", os.fsencode(self.dir) + b"/no/" + name)
+            self.legible("explain", ball, "--at", name, "--push", "0,0,1")
+            self.legible("sample", ball, "--points", name)
+            self.legible("sample", ball, "--grid", name, "--points", "-", stdin=b"x,y,z\n0,0,0\n")
+            self.legible("sample", ball, "--points", "-", stdin=name + b"\n0,0,0\n")
+            self.legible("sample", ball, "--points", "-", stdin=b"x,y,z\n" + name + b",0,0\n")
+            self.legible("stability", "--device", name)
+            self.legible("devices", name)
+            self.legible("devices", "--test", name)
+            self.legible("shatter", ball, self.dir / "never", "--value", "0", "--grid", name)
+            self.legible("import", name, self.dir / "never.vdb")
+            self.legible("solve", "-", stdin=b'{"' + name + b'":1}\n')
+
+    def test_of_files(self):
+        for what, name in self.NAMES.items():
+            with self.subTest(what):
+                folder = os.fsencode(self.dir) + b"/" + name[:200]
+                os.mkdir(folder)
+                shutil.copy(self.dir / "ball.vdb", folder + b"/" + name[:200] + b".vdb")
+                file = folder + b"/" + name[:200] + b".vdb"
+                for verb in ("info", "check"):
+                    self.legible(verb, file)
+                    self.legible(verb, file, "--json")
+                self.legible("check", folder)
+                self.legible("feel", file, "--seconds", "0.1")
+                self.legible("explain", file, "--at", "0,0,0", "--push", "0,0,-1")
+                self.legible("press", file, "--at", "0,0,0.06", "--along", "0,0,-1")
+                shutil.copy(self.dir / "nan.vdb", file)
+                for verb in ("info", "check", "feel"):
+                    self.legible(verb, file)
+                shutil.rmtree(folder)
+
+    def test_of_grids(self):
+        whole = (self.dir / "mixed.vdb").read_bytes()
+        for name in (b"\xff\x80\xc3(", "\u202eg".encode(), "\x85\x9b".encode()):
+            for old in (b"ball", b"labels"):
+                file = self.dir / "patched.vdb"
+                file.write_bytes(whole.replace(old, (name * 2)[:len(old)]))
+                for verb in ("info", "check"):
+                    self.legible(verb, file)
+                    self.legible(verb, file, "--json")
+                self.legible("feel", file, "--seconds", "0.1")
+                self.legible("sample", file, "--grid", "nothing", "--points", "-")
+
+    def test_of_a_scene(self):
+        def scene(name, text):
+            at = self.dir / "scene.json"
+            at.write_bytes(text.replace(b"NAME", name))
+            return at
+        good = json.dumps({
+            "palpate": 1,
+            "volumes": {"NAME": {"file": "linear.vdb", "grid": "velocity"},
+                        "dNAME": {"file": "linear.vdb", "grid": "density",
+                                  "place": {"like": "NAME"}}},
+            "fields": {"speed NAME": {"magnitude": "NAME"}, "way NAME": {"unit": "NAME"}},
+            "modes": [{"name": "mode NAME", "mode": "isosurface", "of": "speed NAME", "value": 3,
+                       "strength": {"piecewise": [[0, 1], [9, 2]], "by": "dNAME"}},
+                      {"name": "none NAME", "mode": "follow", "of": "NAME", "strength": 0}]}).encode()
+        bad = [json.dumps(text).encode() for text in (
+            {"palpate": 1, "NAME": 1},
+            {"palpate": 1, "volumes": {"NAME": {"file": "NAME"}}, "modes": []},
+            {"palpate": 1, "volumes": {"a": {"file": "ball.vdb", "grid": "NAME"}}, "modes": []},
+            {"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": "NAME"}]},
+            {"palpate": 1, "volumes": {"NAME": {"file": "ball.vdb", "place": {"fit": "NAME"}}}},
+            {"palpate": 1, "volumes": {"NAME": {"file": "ball.vdb"}}, "modes": [
+                {"mode": "surface", "of": "XNAME", "strength": 1}]},
+            {"palpate": 1, "volumes": {"NAME": {"file": "ball.vdb", "place": {"like": "XNAME"}}},
+             "modes": [{"mode": "surface", "of": "NAME", "strength": 1}]},
+            "NAME")] + [b"NAME"]
+        for what, name in self.NAMES.items():
+            # As JSON may hold it, and as it is.
+            for text in (json.dumps(name.decode("utf-8", "replace"))[1:-1].encode(), name):
+                with self.subTest(what):
+                    at = scene(text, good)
+                    for verb in ("check", "feel"):
+                        self.legible(verb, at, *(["--seconds", "0.05"] if verb == "feel" else []))
+                        self.legible(verb, at, "--json",
+                                     *(["--seconds", "0.05"] if verb == "feel" else []))
+                    self.legible("explain", at, "--at", "0,0,0", "--push", "0,0,-1")
+                    self.legible("press", at, "--at", "0,0,0", "--along", "1,0,0", "--csv", "-")
+                    for wrong in bad:
+                        done = self.legible("check", scene(text, wrong))
+                        self.assertEqual((done.returncode, done.stderr.count(b"\n")), (2, 1))
+
+    def test_of_an_arm(self):
+        profiles = Path(__file__).resolve().parents[2] / "devices/profiles"
+        mine = json.loads((profiles / "teensy-arm.json").read_text())
+        for what, name in self.NAMES.items():
+            with self.subTest(what), tempfile.TemporaryDirectory() as folder:
+                arms = Path(folder) / "palpate/arms"
+                arms.mkdir(parents=True)
+                text = name.decode("utf-8", "replace")
+                (arms / "mine.json").write_text(json.dumps(
+                    {**mine, "name": "mine", "description": text, "firmware": text}))
+                (arms / "bad.json").write_text(json.dumps({**mine, "name": text, text: 1}))
+                env = {**os.environ, "XDG_CONFIG_HOME": folder}
+                self.legible("devices", env=env)
+                self.legible("devices", "mine", env=env)
+
+    def test_of_images(self):
+        if not (BIN / "palpate-import").exists():
+            self.skipTest("built without VTK")
+        for what, name in self.NAMES.items():
+            with self.subTest(what), tempfile.TemporaryDirectory() as folder:
+                file = os.fsencode(folder) + b"/" + name[:200] + b".vtk"
+                Path(os.fsdecode(file)).write_bytes(
+                    b"# vtk DataFile Version 3.0\n" + name[:200].replace(b"\n", b"") +
+                    b"\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 3 3\nORIGIN 0 0 0\n"
+                    b"SPACING 1 1 1\nPOINT_DATA 27\nSCALARS " +
+                    name.replace(b" ", b"_").replace(b"\n", b"_") +
+                    b" float 1\nLOOKUP_TABLE default\n" + b"1 2 3 4 5 6 7 8 9\n" * 3)
+                out = folder + "/out.vdb"
+                for words in ((), ("--json",), ("--field", "no"), ("--iso", "3", "--voxel", "9")):
+                    self.legible("import", file, out, *words)
+                if os.path.exists(out):
+                    self.legible("info", out)
+                    self.legible("check", out)
+
+    def test_words_stay_as_they_are_and_the_middle_is_left_out(self):
+        self.assertIn(self.WORDS.encode(), self.legible("check", self.WORDS).stderr)
+        line = self.legible("info", "a" * 3000 + "z").stderr.decode()
+        self.assertIn("aaa...(", line)
+        self.assertIn("aaz: no such file: check the path", line)
+        line = self.legible("check", b"\x1b[2J\n\xff\x7f" + "\u202e".encode()).stderr
+        self.assertIn(b"palpate: \\x1b[2J\\n\\xff\\x7f\\u202e: no such file", line)
 
 
 class Import(Case):
