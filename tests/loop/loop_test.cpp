@@ -557,6 +557,46 @@ TEST_CASE("a switch that closes between two positions lets no energy out", "[loo
   CHECK(least >= -1e-12);
 }
 
+TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are", "[loop][safety]") {
+  // A force that drives the hand takes all that the tank can pay for, and the hand takes the most.
+  struct Debt final : TickSink {
+    double debt = 0.0;
+    void take(const Telemetry& /*tick*/, const ProxyState& state) noexcept override {
+      debt = state.limiter().tank.debt();
+    }
+  };
+  const auto owed = [](double longest) {
+    constexpr double kViscous = 0.5;
+    TestDevice device;
+    device.about.limits.tank.use = TankUse::kAct;
+    device.about.limits.tank.arm = {kViscous, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    Debt sink;
+    HapticLoop loop(device, 1.0 / kDt, &sink);
+    GraphSpec spec;
+    spec.modes.resize(1);
+    spec.modes[0].kind = ModeKind::kForce;
+    spec.modes[0].of = "ball";
+    spec.modes[0].strength = 1.0;
+    loop.publish(makeScene(spec, {{"ball", ballField()}}, {}));
+    device.hand.position = {0.05, 0, 0};
+    TickTime time;
+    for (int i = 0; i < 3000; ++i) {
+      // Never behind its deadlines for good.
+      time.dt = i % 2 == 0 ? longest : 2.0 * kDt - longest;
+      time.now += time.dt;
+      // To and fro until it is let out, then with it.
+      const Vec3 sweep(0, i / 50 % 2 == 0 ? 0.1 : -0.1, 0);
+      device.hand.position += time.dt * (i < 2000 ? sweep : Vec3(device.sent / (2.0 * kViscous)));
+      loop.tick(time);
+    }
+    CHECK(loop.latest().fault == Fault::kNone);
+    return sink.debt;
+  };
+  CHECK(owed(kDt) == 0.0);
+  CHECK(owed(1.19 * kDt) == 0.0);
+  CHECK(owed(1.5 * kDt) > 0.0);
+}
+
 TEST_CASE("what the motors cannot give is not counted as work against them", "[loop][safety]") {
   const auto pressed = [](double share) {
     TestDevice device;

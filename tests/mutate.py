@@ -1,0 +1,303 @@
+#!/usr/bin/env python3
+"""Plants faults of one line, one at a time, and says which tests see them: by hand, before a release.
+
+tests/mutate.json has the faults. A copy of the sources, as they lie here with what is not committed,
+is built in the folder of --build; nothing here is touched. Every test that is asked passes first
+without a fault. Then each fault is planted, what its tests need is built, and they run, over a tenth
+of the random cases and, where none of them fails, over all. A test that fails, crashes or hangs has
+seen the fault. Ends with 1 below 97 % seen, where one lives that has no reason to, or one does not
+build."""
+import argparse
+import collections
+import hashlib
+import html
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FAULTS = Path(__file__).resolve().with_suffix(".json")
+ENOUGH = 97.0   # per cent
+KEYS = {"name", "file", "before", "after", "means", "runs", "preset", "lives"}
+FEW, USUAL = "10%", "100%"   # of the random cases
+# What the tests that are no Catch2 program are made of.
+PARTS = {"safety.kill_table": ["palpate_victim"],
+         "scenes.explain_press": ["palpate", "palpate_make_volumes"]}
+
+
+def fail(words):
+    sys.exit(f"mutate: {words}")
+
+
+def read_faults():
+    """The list, where every snippet is still in its file, once."""
+    faults = json.loads(FAULTS.read_text())
+    bad = []
+    names = collections.Counter(fault["name"] for fault in faults)
+    for fault in faults:
+        here = fault["name"]
+        missing = {"name", "file", "before", "after", "means", "runs"} - set(fault)
+        if missing or set(fault) - KEYS:
+            bad.append(f"{here}: its keys are not {', '.join(sorted(KEYS))}")
+            continue
+        if names[here] > 1:
+            bad.append(f"{here}: two have this name")
+        file = ROOT / fault["file"]
+        count = file.read_text().count(fault["before"]) if file.is_file() else 0
+        if count != 1:
+            bad.append(f"{here}: {fault['file']} has {count} times, not once: {fault['before']}")
+        if fault["before"] == fault["after"] or "\n" in fault["before"]:
+            bad.append(f"{here}: what is planted is not another line")
+    if bad:
+        fail("\n  ".join([f"{FAULTS.relative_to(ROOT)} does not fit the sources: mend it", *bad]))
+    return faults
+
+
+def digest(*parts):
+    return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+
+def shown(command, **more):
+    """Of a command that has to work."""
+    run = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                         check=False, **more)
+    return run.returncode == 0, run.stdout
+
+
+class Tree:
+    """The copy, and what is built of it."""
+
+    def __init__(self, folder, jobs):
+        self.path = folder / "tree"
+        self.jobs = jobs
+        self.log = folder / "test.log"
+        self.configured = set()
+        names = subprocess.run(["git", "-C", ROOT, "ls-files", "-co", "--exclude-standard", "-z"],
+                               check=True, stdout=subprocess.PIPE, text=True).stdout
+        hashes = []
+        for name in sorted(filter(None, names.split("\0"))):
+            source, to = ROOT / name, self.path / name
+            if not source.is_file():
+                continue
+            content = source.read_bytes()
+            if source != FAULTS:
+                hashes.append(name + hashlib.sha256(content).hexdigest())
+            # What is the same keeps its time, and so what was built of it.
+            if not to.is_file() or to.read_bytes() != content:
+                to.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source, to)
+            shutil.copymode(source, to)
+        self.hash = digest(*hashes)
+
+    def build(self, preset, runs):
+        """Why it does not build; empty where it does."""
+        if preset not in self.configured:
+            good, words = shown(["cmake", "--preset", preset, "-DPALPATE_TESTS=ON"], cwd=self.path)
+            if not good:
+                fail(words)
+            self.configured.add(preset)
+        targets = []
+        for run in runs:
+            program = run.split()[0]
+            targets += PARTS.get(program, [f"palpate_{program}_tests"])
+        good, words = shown(["ninja", "-C", f"build/{preset}", f"-j{self.jobs}",
+                             *dict.fromkeys(targets)], cwd=self.path)
+        return "" if good else words
+
+    def test(self, preset, run, cases, limit):
+        """Which test fails; None where none does."""
+        program, _, spec = run.partition(" ")
+        build = self.path / "build" / preset
+        if program in PARTS:
+            command = ["ctest", "--no-tests=error", "-R", f"^{re.escape(program)}$"]
+        else:
+            # Named by XML, of which nothing is lost where a program dies.
+            command = [f"tests/palpate_{program}_tests", *([spec] if spec else []), "--abort",
+                       "--warn", "NoTests", "--reporter", "xml"]
+        with open(self.log, "wb") as log:
+            child = subprocess.Popen(command, cwd=build, stdout=log, stderr=subprocess.STDOUT,
+                                     start_new_session=True,
+                                     env={**os.environ, "PALPATE_CASES": cases})
+            try:
+                status = child.wait(limit)
+            except subprocess.TimeoutExpired:
+                status = None
+            finally:
+                if child.poll() is None:
+                    os.killpg(child.pid, signal.SIGKILL)
+                    child.wait()
+        if status == 0:
+            return None
+        words = self.log.read_text(errors="replace")
+        if "No test cases matched" in words or "No tests were found" in words:
+            fail(f"\"{run}\" matches no test")
+        tests = re.findall(r'<TestCase name="([^"]*)"', words)
+        sanitizer = re.search(r"SUMMARY: (\w+Sanitizer: [\w -]+?)(?: [/(]|$)", words, re.MULTILINE)
+        name = html.unescape(tests[-1]) if tests else program
+        # It lets a program go on to the end.
+        name = sanitizer[1] if sanitizer else name
+        return f"hangs: {name}" if status is None else name
+
+
+class Results:
+    """What is known by now; on disk after every fault, so that a run can be gone on with."""
+
+    def __init__(self, file, resume):
+        self.file = file
+        self.known = {"base": {}, "faults": {}}
+        if resume and file.is_file():
+            self.known = json.loads(file.read_text())
+
+    def save(self):
+        new = self.file.with_suffix(".new")
+        new.write_text(json.dumps(self.known, indent=1) + "\n")
+        new.replace(self.file)
+
+    def base(self, tree_hash, preset, run):
+        """Seconds that its tests took without a fault, or None."""
+        known = self.known["base"].get(f"{preset} {run}", {})
+        return known.get("seconds") if known.get("tree") == tree_hash else None
+
+    def add_base(self, tree_hash, preset, run, seconds):
+        self.known["base"][f"{preset} {run}"] = {"tree": tree_hash, "seconds": seconds}
+        self.save()
+
+    def verdict(self, tree_hash, key, name):
+        """One that was seen is seen for as long as its file and itself are the same; for one that
+        was not there may be a test now."""
+        known = self.known["faults"].get(name, {})
+        same = known.get("key") == key
+        return known if same and (known["verdict"] == "died" or known["tree"] == tree_hash) else None
+
+    def add(self, name, verdict):
+        self.known["faults"][name] = verdict
+        self.save()
+
+
+def try_fault(tree, fault, preset, seconds):
+    file = tree.path / fault["file"]
+    sound = (ROOT / fault["file"]).read_text()
+    file.write_text(sound.replace(fault["before"], fault["after"]))
+    try:
+        words = tree.build(preset, fault["runs"])
+        if words:
+            return "unbuilt", words.strip().splitlines()[-1]
+        for cases in (FEW, USUAL):
+            for run in fault["runs"]:
+                # Beside others on the same cores.
+                seen = tree.test(preset, run, cases, 60.0 + 5.0 * seconds[preset, run])
+                if seen:
+                    return "died", f"{run.split()[0]}: {seen}"
+        return "lived", ""
+    finally:
+        file.write_text(sound)
+
+
+def print_table(faults, verdicts):
+    rooms = {}
+    for fault in faults:
+        count = rooms.setdefault(fault["file"].split("/")[0], collections.Counter())
+        count[verdicts[fault["name"]]["verdict"]] += 1
+    print(f"\n{'room':10} {'planted':>8} {'died':>6} {'lived':>6}")
+    for room, count in rooms.items():
+        print(f"{room:10} {count['died'] + count['lived']:8} {count['died']:6} {count['lived']:6}")
+    total = sum(rooms.values(), collections.Counter())
+    planted = total["died"] + total["lived"]
+    share = 100.0 * total["died"] / max(planted, 1)
+    print(f"{'all':10} {planted:8} {total['died']:6} {total['lived']:6}   {share:.1f} % died")
+    bad = share < ENOUGH or planted == 0
+    for fault in faults:
+        verdict = verdicts[fault["name"]]["verdict"]
+        if verdict == "lived":
+            print(f"lived: {fault['name']}: {fault.get('lives', 'no test sees it: write one')}")
+            bad = bad or "lives" not in fault
+        elif verdict == "unbuilt":
+            print(f"no fault: {fault['name']}: it does not build")
+            bad = True
+        elif "lives" in fault:
+            print(f"{fault['name']} died: remove its \"lives\"")
+    return 1 if bad else 0
+
+
+def main():
+    asked = argparse.ArgumentParser(description=__doc__,
+                                    formatter_class=argparse.RawDescriptionHelpFormatter)
+    asked.add_argument("--list", action="store_true", help="print the faults, and what each means")
+    asked.add_argument("--check", action="store_true",
+                       help="only see whether every snippet is in its file, once")
+    asked.add_argument("--only", metavar="REGEX", default="", help="faults with such a name or file")
+    asked.add_argument("--preset", default="release", help="of faults that name none (release)")
+    asked.add_argument("--jobs", type=int, default=os.cpu_count(), help="of the build")
+    asked.add_argument("--build", type=Path, default=ROOT / "build" / "mutate",
+                       help="folder for the copy, 2 GB, and the results (build/mutate)")
+    asked.add_argument("--resume", action="store_true",
+                       help="go on with the results of an earlier run there")
+    args = asked.parse_args()
+    faults = read_faults()
+    if args.check:
+        print(f"mutate: {len(faults)} faults, each in its place")
+        return 0
+    only = re.compile(args.only)
+    faults = [f for f in faults if only.search(f["name"]) or only.search(f["file"])]
+    if not faults:
+        fail(f"no fault has a name or file like {args.only}")
+    if args.list:
+        for f in faults:
+            print(f"{f['name']}: {f['means']}\n  {f['file']}: {f['before']}\n  -> {f['after']}\n"
+                  f"  {', '.join(f['runs'])}")
+        return 0
+
+    args.build.mkdir(parents=True, exist_ok=True)
+    tree = Tree(args.build.resolve(), args.jobs)
+    results = Results(args.build / "results.json", args.resume)
+    verdicts = {}
+    for fault in faults:
+        key = digest(fault["file"], fault["before"], fault["after"],
+                     (ROOT / fault["file"]).read_text())
+        fault["key"] = key
+        known = results.verdict(tree.hash, key, fault["name"])
+        if known:
+            verdicts[fault["name"]] = known
+    left = [f for f in faults if f["name"] not in verdicts]
+
+    wanted = {}   # runs, by preset
+    for fault in left:
+        wanted.setdefault(fault.get("preset", args.preset), {}).update(dict.fromkeys(fault["runs"]))
+    seconds = {}
+    for preset, runs in wanted.items():
+        words = tree.build(preset, runs)
+        if words:
+            fail(f"without a fault {preset} does not build:\n{words}")
+        for run in runs:
+            took = results.base(tree.hash, preset, run)
+            if took is None:
+                for cases in (FEW, USUAL):
+                    since = time.monotonic()
+                    seen = tree.test(preset, run, cases, 1800.0)
+                    if seen:
+                        fail(f"without a fault {run} fails: {seen}: see {tree.log}")
+                    took = time.monotonic() - since
+                results.add_base(tree.hash, preset, run, took)
+            seconds[preset, run] = took
+            print(f"passes  {took:6.0f} s  {run}", flush=True)
+    for fault in faults:
+        name = fault["name"]
+        if name not in verdicts:
+            since = time.monotonic()
+            verdict, by = try_fault(tree, fault, fault.get("preset", args.preset), seconds)
+            verdicts[name] = {"verdict": verdict, "by": by, "key": fault["key"], "tree": tree.hash,
+                              "seconds": round(time.monotonic() - since, 1)}
+            results.add(name, verdicts[name])
+        told = verdicts[name]
+        print(f"{told['verdict']:7} {told['seconds']:6.0f} s  {name:32} {told['by']}", flush=True)
+    return print_table(faults, verdicts)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
