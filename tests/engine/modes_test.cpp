@@ -266,6 +266,15 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   const auto line = placed(near, p);
   REQUIRE(line.size() == 1);
   CHECK(isA(line[0], PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3::UnitZ(), 0.6));
+  // A plane is content with all that is before it, and lets go of what is its snap distance behind.
+  near.guide.shape = PrimitiveKind::kPlane;
+  near.guide.direction = Vec3::UnitY();
+  const auto wall = placed(near, p);
+  REQUIRE(wall.size() == 1);
+  CHECK(isA(wall[0], PrimitiveKind::kPlane, p + Vec3(0.0, 3e-3, 0.0), Vec3::UnitY(), 0.6));
+  near.strength = 1.5;
+  CHECK(placed(near, p + Vec3(0.0, 0.02, 0.0)).size() == 1);
+  CHECK(placed(near, p - Vec3(0.0, 2e-3, 0.0)).empty());
 }
 
 TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {

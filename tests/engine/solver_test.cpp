@@ -1,6 +1,7 @@
 #include "engine/solver.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fstream>
 #include <limits>
@@ -186,6 +187,24 @@ TEST_CASE("what rounding hides is in the bound of a plane and a plane that is al
       FAIL((r.offset - ref.offset).norm()
            << " m, bound " << r.error_bound << " + " << ref.error_bound << ": "
            << describe(probe, kStiffness, set));
+    }
+  }
+}
+
+TEST_CASE("stopped early, a balance is no farther off than its bound", "[solver]") {
+  Random random(29);
+  for (long i = 0; i < test::cases(1000); ++i) {
+    const Family family = bench::kFamilies[static_cast<std::size_t>(i) % bench::kFamilies.size()];
+    const BalanceProblem p = bench::makeProblem(family, 3 + random.integer(6), random);
+    const Reference ref = solveReference(p.probe, p.stiffness, p.primitives);
+    for (int most = 1; most <= 6; ++most) {
+      SolverParams params;
+      params.tolerance = random.logUniform(1e-4, 1.0);
+      params.max_iterations = most;
+      const SolveResult r = solveProxy(p.probe, p.stiffness, p.primitives, p.start, params);
+      CAPTURE(bench::wordFor(family), most, params.tolerance,
+              describe(p.probe, p.stiffness, p.primitives));
+      REQUIRE((r.offset - ref.offset).norm() <= r.error_bound + ref.error_bound);
     }
   }
 }
@@ -421,10 +440,16 @@ TEST_CASE("opposed planes make a slot that the proxy sits in", "[solver]") {
                                    plane({0, 0, width}, {0, 0, -1}, 2.0)};
   for (const double z : {-1e-3, 0.0, 0.5 * width, width, 2e-3}) {
     const Vec3 probe(1e-3, 2e-3, z);
-    const SolveResult r = solveProxy(probe, kStiffness, set, probe);
+    std::array<Vec3, 2> forces;
+    const SolveResult r = solveProxy(probe, kStiffness, set, probe, {}, nullptr, forces);
     CAPTURE(width, z);
     CHECK(std::abs(r.proxy.z() - std::clamp(z, 0.0, width)) <= r.error_bound);
     CHECK(r.error_bound <= 1e-6 * 4.0 / kStiffness);
+    // The one that the proxy is pressed against carries it.
+    const double spring = kStiffness * (r.proxy.z() - z);
+    const double unknown = kStiffness * r.error_bound + 1e-12;
+    CHECK(std::abs(forces[0].z() - std::max(0.0, spring)) <= unknown);
+    CHECK(std::abs(forces[1].z() - std::min(0.0, spring)) <= unknown);
   }
 }
 
@@ -517,7 +542,7 @@ TEST_CASE("bad input gives a status, and the proxy stays at the start", "[solver
     p.strength = s;
     CHECK(status(Vec3::Zero(), 500, p) == SolveStatus::kBadInput);
   }
-  for (const Vec3& q : {Vec3(0, 0, 0), Vec3(0, 0, 1.1), Vec3(nan, 0, 1)}) {
+  for (const Vec3& q : {Vec3(0, 0, 0), Vec3(0, 0, 1.0 + 1e-5), Vec3(nan, 0, 1)}) {
     Primitive p = good;
     p.direction = q;
     CHECK(status(Vec3::Zero(), 500, p) == SolveStatus::kBadInput);
