@@ -152,6 +152,7 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   counters_.resize(profile_.joints.size());
   home_raw_.assign(profile_.joints.size(), 0.0);
   counts_ = home_raw_;
+  for (const HidJoint& joint : profile_.joints) heat_.emplace_back(joint.continuous, joint.heating);
   flags_in_.assign(profile_.input.size(), false);
   for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
   flags_at_.assign(profile_.input.size(), kNever);
@@ -502,12 +503,23 @@ Mat3 HidDevice::drivesHere() const noexcept {
   return onto;
 }
 
+double HidDevice::heatMotors() noexcept {
+  const std::int64_t now = host_.now();
+  const double dt = told_at_ == 0 ? 0.0 : 1e-9 * static_cast<double>(now - told_at_);
+  told_at_ = now;
+  for (MotorHeat& motor : heat_) motor.pass(dt);
+  return dt;
+}
+
 void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
+  const double dt = heatMotors();
+  for (MotorHeat& motor : heat_) motor.tell(0.0);
   std::copy(zero_.begin(), zero_.end(), report.begin());
   const Vec3 force_D = profile_.world_from_device.transpose() * (drivesHere() * force_W);
   // All motors less by the same share where one would be asked for more than it may give: the
   // direction is kept.
   std::array<double, kMostJoints> raw{};
+  std::array<double, kMostJoints> room{};
   double share = 1.0;
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const HidJoint& joint = profile_.joints[i];
@@ -519,8 +531,23 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
       given_ = 0.0;
       return;
     }
-    const double room = raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least;
-    if (std::abs(raw[i]) > room) share = std::min(share, std::max(room, 0.0) / std::abs(raw[i]));
+    room[i] = std::max(raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least, 0.0);
+    if (std::abs(raw[i]) > room[i]) share = std::min(share, room[i] / std::abs(raw[i]));
+  }
+  // Likewise where one is too hot for what is left. A hot one lets go at once; what it held back
+  // comes again as gently as any force.
+  cool_ = std::min(1.0, cool_ + dt / kEngage);
+  const auto unit = [&](std::size_t i) {
+    return std::abs(profile_.output->fields[*profile_.joints[i].to].scale);
+  };
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const double asked = share * std::abs(raw[i]);
+    if (!(profile_.joints[i].continuous > 0.0) || !(asked > 0.0)) continue;
+    cool_ = std::min(cool_, unit(i) * heat_[i].allows(room[i] / unit(i)) / asked);
+  }
+  share *= cool_;
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    if (profile_.joints[i].to) heat_[i].tell(share * raw[i] / unit(i));
   }
   given_ = share;
   if (share < 1.0) ++weakened_;

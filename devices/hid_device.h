@@ -15,6 +15,7 @@
 
 #include "devices/hid_port.h"
 #include "devices/hid_profile.h"
+#include "devices/motor_heat.h"
 #include "engine/device.h"
 #include "engine/mailbox.h"
 #include "engine/realtime.h"
@@ -103,7 +104,8 @@ inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 /// What has been sent.
 struct HidWrites {
   std::int64_t count = 0;
-  std::int64_t weakened = 0;  ///< Forces that a motor's limit has made smaller, direction kept.
+  std::int64_t weakened = 0;  ///< Forces that a motor's limit, or its heat, has made smaller,
+                              ///< direction kept.
   std::int64_t longest_ns = 0;
 };
 
@@ -200,6 +202,8 @@ class HidDevice final : public Device {
   /// True for devices that say nothing while they rest.
   [[nodiscard]] bool silent() const noexcept { return profile_.rate_control > 0.0; }
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
+  /// Lets the motors' heat follow what they were told until now; returns how long that was [s].
+  double heatMotors() noexcept;
   void lost() noexcept;
   void writeLoop() noexcept;
   void mendLoop() noexcept;
@@ -247,6 +251,9 @@ class HidDevice final : public Device {
   std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
   Vec3 position_W_ = Vec3::Zero();
   double given_ = 1.0;
+  std::vector<MotorHeat> heat_;  ///< Of joints' motors.
+  double cool_ = 1.0;            ///< Share of the force that their heat leaves.
+  std::int64_t told_at_ = 0;     ///< [ns], last call of write(); 0: none yet.
 
   Mailbox<Outgoing> out_;
   std::atomic<std::uint32_t> sent_{0};        ///< Counts what is published,

@@ -38,7 +38,9 @@ constexpr double kMostDamping = 500.0;  // [N s/m]
 constexpr double kMostStep = 5e-3;      // [m], of the tip by one count
 constexpr double kMostAsked = 20.0;     // of what its field lets a motor have
 constexpr double kLeastAsked = 1e-3;
-constexpr double kSame = 1e-4;  // [m]: so far apart two places are one
+constexpr double kMostHeating = 1e4;   // [s]
+constexpr double kLeastHeating = 0.1;  // [s]
+constexpr double kSame = 1e-4;         // [m]: so far apart two places are one
 
 double positiveUpTo(const Node& node, double most, const char* unit) {
   (void)node.positive();
@@ -319,6 +321,30 @@ std::shared_ptr<const Kinematics> readModel(const Node& node) {
                                         : "did you mean \"" + near + "\"?");
 }
 
+/// What a motor can hold for ever.
+void readHeat(const Node& at, const HidProfile& profile, HidJoint& joint) {
+  if (at.has("continuous") != at.has("heating")) {
+    at.fail("what a motor holds for ever and its heating time belong together",
+            "give both or none");
+  }
+  if (!at.has("continuous")) return;
+  if (!joint.to) at.child("continuous").fail("the joint has no motor", "name it, or remove this");
+  joint.continuous = at.child("continuous").positive();
+  joint.heating = positiveUpTo(at.child("heating"), kMostHeating, "seconds");
+  if (joint.heating < kLeastHeating) {
+    at.child("heating").fail(fmt::format("less than {} s: no winding heats as fast", kLeastHeating),
+                             "write it in seconds");
+  }
+  const ReportField& field = profile.output->fields[*joint.to];
+  const double room =
+      std::min(field.most - field.offset, field.offset - field.least) / std::abs(field.scale);
+  if (joint.continuous > room) {
+    at.child("continuous")
+        .fail(fmt::format("{} is more than its field ever gives, {:.4g}", joint.continuous, room),
+              "remove it and \"heating\", or mend it or the field");
+  }
+}
+
 void readKinematics(const Node& node, const Fields& fields, HidProfile& profile) {
   if (!node.json().is_object()) node.fail("it is not an object", "write { ... }");
   profile.kinematics = readModel(node);
@@ -328,7 +354,8 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
     joints.fail(fmt::format("it is not a list of {} joints", count), "give each of the model's");
   }
   for (std::size_t i = 0; i < count; ++i) {
-    const Node at = joints.element(i).object({"from", "ratio", "home", "motor", "torque_constant"});
+    const Node at = joints.element(i).object(
+        {"from", "ratio", "home", "motor", "torque_constant", "continuous", "heating"});
     HidJoint joint;
     joint.from = fields.input(at.need("from"));
     if (at.has("ratio")) joint.ratio = at.child("ratio").number();
@@ -372,6 +399,7 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
         if (other.to == joint.to) at.child("motor").fail("it drives another joint", "name its own");
       }
     }
+    readHeat(at, profile, joint);
     profile.joints.push_back(joint);
   }
   if (node.has("home_at_open")) profile.home_at_open = node.child("home_at_open").flag();
@@ -670,6 +698,12 @@ HidProfile readProfile(const Node& root) {
     if (profile.limits.speed > 5.0) limits.child("speed").fail("more than 5 m/s", "use less");
     if (profile.limits.continuous > profile.limits.force) {
       limits.child("continuous").fail("more than the force", "use less");
+    }
+    const bool own = std::any_of(profile.joints.begin(), profile.joints.end(),
+                                 [](const HidJoint& j) { return j.continuous > 0.0; });
+    if (own && profile.limits.continuous > 0.0) {
+      limits.child("continuous")
+          .fail("its motors have limits of their own", "remove it and \"heating\", or theirs");
     }
   }
   // A counter counts from wherever it was switched on.

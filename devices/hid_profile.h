@@ -66,6 +66,9 @@ struct HidJoint {
   double home = 0.0;              ///< The joint where the field is zero, or at home [rad or m].
   std::optional<std::size_t> to;  ///< Of the output's fields: its motor; none: only sensed.
   double torque_constant = 1.0;   ///< [N m per unit of the output field]
+  double continuous = 0.0;  ///< What its motor can hold for ever [unit of the output field]; 0: all
+                            ///< that the field gives.
+  double heating = 0.0;     ///< Time constant of its winding's heat [s].
 };
 
 /// A step of a sequence: what a device needs before or after it is felt.
@@ -89,7 +92,7 @@ struct HidLimits {
   double workspace_radius = 0.0;  ///< [m]
   double stale = 0.05;            ///< [s]; so long does a puck move on that says nothing more.
   double speed = 3.0;             ///< [m/s]
-  double continuous = 0.0;        ///< [N]; 0: the peak.
+  double continuous = 0.0;        ///< [N] at the tip; 0: the peak, or HidJoint::continuous.
   double heating = 0.0;           ///< [s]
 };
 

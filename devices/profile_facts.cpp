@@ -126,7 +126,8 @@ ProfileFacts factsOf(const HidProfile& profile) {
     const double room = std::min(to.most - to.offset, to.offset - to.least);
     facts.motors.push_back(
         {i, to.name, profile.limits.force * way / std::abs(joint.ratio * joint.torque_constant),
-         room / std::abs(to.scale)});
+         room / std::abs(to.scale),
+         joint.continuous > 0.0 ? joint.continuous : room / std::abs(to.scale)});
   }
   lookAbout(profile, facts);
   return facts;

@@ -11,10 +11,11 @@ namespace palpate {
 /// One motor, the tip in the middle of the hand's world.
 struct MotorFact {
   std::size_t joint = 0;
-  std::string field;   ///< Of the output.
-  double asked = 0.0;  ///< For the profile's force, in the direction that asks most, in the
-                       ///< output's units: amperes, as a rule.
-  double room = 0.0;   ///< The most that the field lets it have, of its two signs the smaller.
+  std::string field;        ///< Of the output.
+  double asked = 0.0;       ///< For the profile's force, in the direction that asks most, in the
+                            ///< output's units: amperes, as a rule.
+  double room = 0.0;        ///< The most that the field lets it have, of its two signs the smaller.
+  double continuous = 0.0;  ///< Of that, what it can hold for ever: HidJoint::continuous, or all.
 };
 
 struct ProfileFacts {

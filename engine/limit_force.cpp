@@ -3,17 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/heat.h"
+
 namespace palpate {
 
 namespace {
-
-/// The most that the motors' heat allows [N].
-double allowedByHeat(const ForceLimits& limits, double peak, double heat) noexcept {
-  if (!(limits.continuous > 0.0) || limits.continuous >= peak) return peak;
-  const double most = limits.continuous * limits.continuous;
-  const double left = std::clamp((most - heat) / ((1.0 - kWarm) * most), 0.0, 1.0);
-  return std::sqrt(most + left * (peak * peak - most));
-}
 
 /// Moves an engagement on, and says how much of the force it lets through.
 double engaged(double asked, double time, LimiterState& state) noexcept {
@@ -67,7 +61,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
 
   // Peak and heat: direction kept.
   Vec3 force = wanted;
-  const double most = allowedByHeat(limits, peak, state.heat);
+  const double most = allowedByHeat(limits.continuous, peak, state.heat);
   out.peaked = asked > peak;
   out.heated = asked > most && most < peak;
   if (asked > most) force *= most / asked;

@@ -99,8 +99,10 @@ OrderedJson factsIn(const HidProfile& profile) {
   json["drives"] = namesOf(axesWithin(facts.drives));
   json["motors"] = OrderedJson::array();
   for (const MotorFact& motor : facts.motors) {
-    json["motors"].push_back(
-        {{"field", motor.field}, {"asked", motor.asked}, {"most", motor.room}});
+    json["motors"].push_back({{"field", motor.field},
+                              {"asked", motor.asked},
+                              {"most", motor.room},
+                              {"continuous", motor.continuous}});
   }
   return json;
 }
@@ -141,9 +143,12 @@ int show(const Options& options) {
     }
   }
   for (const MotorFact& motor : facts.motors) {
-    say("  {} N in the middle ask at most {} of {}, which gives at most {}{}\n",
-        rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room),
-        motor.asked > motor.room ? ": there it is weakened" : "");
+    const Legible ever = motor.continuous < motor.room
+                             ? words(", {} for ever", rounded(motor.continuous))
+                             : words("");
+    say("  {} N in the middle ask at most {} of {}, which gives at most {}{}{}\n",
+        rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
+        motor.asked > motor.continuous ? ": there it is weakened" : "");
   }
   if (profile.output) {
     say("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),

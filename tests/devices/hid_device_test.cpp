@@ -21,6 +21,7 @@
 #include "engine/haptic_thread.h"
 #include "tests/loop/scenes.h"
 #include "tests/support/counters.h"
+#include "tests/support/random.h"
 
 using namespace palpate;
 using namespace std::chrono_literals;
@@ -47,6 +48,8 @@ class FakeArm {
     }
     give(report);
   }
+  /// A force is one of so many that have been written.
+  [[nodiscard]] long written() const { return written_; }
   std::vector<std::vector<std::byte>> sent() {
     const std::lock_guard lock(mutex_);
     return sent_;
@@ -74,6 +77,7 @@ class FakeArm {
   std::mutex mutex_;
   std::deque<std::vector<std::byte>> ring_;
   std::vector<std::vector<std::byte>> sent_;
+  std::atomic<long> written_{0};
 };
 
 /// Writes of an arm do not come back as long as this lives: declare it after the device, which
@@ -117,6 +121,7 @@ class FakePort final : public ReportPort {
       const std::lock_guard lock(arm_.mutex_);
       arm_.sent_.emplace_back(report.begin(), report.end());
     }
+    ++arm_.written_;
     if (arm_.answers) arm_.giveCounts(0, 0, 0);
     return true;
   }
@@ -231,6 +236,79 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
   await([&] { return arm.driven() == std::array<int, 3>{2000, -1000, -3000}; });
   // The sense of joints, home and gears.
   for (std::size_t i = 0; i < 3; ++i) CHECK(device->resolution()[i] == Approx(1e-5));
+}
+
+TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays", "[hid]") {
+  // Two motors that hold 1 and 0.5 for ever, and may be given 4.
+  HidProfile profile = slides();
+  const std::array<double, 2> holds{1.0, 0.5};
+  const std::array<double, 2> heating{2.0, 5.0};
+  for (std::size_t i = 0; i < 2; ++i) {
+    profile.joints[i].continuous = holds[i];
+    profile.joints[i].heating = heating[i];
+  }
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  // Their windings by what has been sent, held until the next.
+  std::array<double, 2> heat{};
+  std::array<double, 2> hottest{};
+  std::array<int, 3> driven{};
+  double share = 1.0;
+  const auto step = [&](const Vec3& force, double dt) {
+    pass(dt);
+    for (std::size_t i = 0; i < 2; ++i) {
+      const double sent = 1e-3 * driven[i];
+      heat[i] += -std::expm1(-dt / heating[i]) * (sent * sent - heat[i]);
+      hottest[i] = std::max(hottest[i], heat[i] / (holds[i] * holds[i]));
+    }
+    const long before = arm.written();
+    device->write(force);
+    while (arm.written() == before) std::this_thread::yield();
+    driven = arm.driven();
+    share = device->given();
+    for (int a = 0; a < 3; ++a) {
+      REQUIRE(std::abs(driven[static_cast<std::size_t>(a)] - 1e3 * share * force[a]) < 1.0 + 1e-6);
+    }
+  };
+
+  // Pushed without an end: all at first, then gradually less, at last what it holds.
+  double last = 1.0;
+  double steepest = 0.0;
+  for (int i = 0; i < 12000; ++i) {
+    step({2.5, 0.0, 2.0}, 1e-3);
+    steepest = std::max(steepest, last - share);
+    REQUIRE(share <= last + 1e-12);
+    last = share;
+    if (i == 150) REQUIRE(share == 1.0);
+  }
+  CHECK(steepest < 0.02);  // of a motor that is given six times its heat
+  CHECK(2.5 * share == Approx(1.0).epsilon(1e-3));
+  CHECK(hottest[0] <= 1.0);
+  CHECK(hottest[0] > 0.99);
+  CHECK(device->writes().weakened > 0);
+
+  // Where it has nothing to do the others have all again, as gently as a force comes in.
+  double quickest = 0.0;
+  for (int i = 0; i < 600; ++i) {
+    step({0.0, 0.1, 2.0}, 1e-3);
+    quickest = std::max(quickest, share - last);
+    last = share;
+  }
+  CHECK(share == 1.0);
+  CHECK(quickest <= 1e-3 / kEngage + 1e-12);
+
+  // Whatever is wanted, for however long each force holds.
+  test::Random random(11);
+  const long cases = test::cases(20000);
+  for (long i = 0; i < cases; ++i) {
+    const double strength = random.integer(3) == 0 ? 1.0 : 5.0;
+    step(strength * random.direction(), random.uniform(0.0, MotorHeat::kHold));
+  }
+  CHECK(hottest[0] <= 1.0);
+  CHECK(hottest[1] <= 1.0);
+  // What is no number heats nothing and is none.
+  device->write({NAN, 0.0, 0.0});
+  CHECK(device->given() == 0.0);
 }
 
 TEST_CASE("the newest report counts, and of a ring that has overflowed none", "[hid]") {

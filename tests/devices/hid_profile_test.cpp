@@ -127,6 +127,8 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/kinematics/joints/0/motor", "fz", "did you mean \"fa\"?", false},
       {"/kinematics/joints/0/torque_constant", 0, "0 is not > 0", true},
       {"/kinematics/joints/0/ratio", 0, "/kinematics/joints/0/ratio: it is 0", true},
+      {"/kinematics/joints/0/continuous", 2, "and its heating time belong together", true},
+      {"/kinematics/joints/0/heating", 9, "and its heating time belong together", true},
       {"/kinematics/home_at_open", true, "its user must know the pose", false},
       {"/kinematics/rate_control", 0.1, "takes no forces", false},
       {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is no rotation", false},
@@ -337,6 +339,46 @@ TEST_CASE("what a killed program leaves to its guardian is waited for, and said"
   CHECK_THROWS_WITH(claim(ours, file, say), Contains("the guardian of a program that has ended (" +
                                                      std::to_string(long_one) + ") has it"));
   close(ours);
+}
+
+TEST_CASE("what a motor holds for ever is read, and fits its field", "[profile]") {
+  Json json = full();
+  json["limits"].erase("continuous");
+  json["limits"].erase("heating");
+  Json& joint = json["kinematics"]["joints"][1];
+  joint["continuous"] = 1.5;
+  joint["heating"] = 16.3;
+  REQUIRE(schemaAccepts(json));
+  const HidProfile profile = parseHidProfile(json.dump(), "arm.json");
+  CHECK(profile.joints[1].continuous == 1.5);
+  CHECK(profile.joints[1].heating == 16.3);
+  CHECK(profile.joints[0].continuous == 0.0);
+  const ProfileFacts facts = factsOf(profile);
+  CHECK(facts.motors[1].continuous == 1.5);
+  CHECK(facts.motors[0].continuous == Approx(5.0));
+  const auto with = [&](const char* key, const Json& value) {
+    Json other = json;
+    other["kinematics"]["joints"][1][key] = value;
+    return trouble(other);
+  };
+  CHECK_THAT(with("continuous", 6), Contains("/joints/1/continuous: 6 is more than its field ever "
+                                             "gives, 5: remove it"));
+  CHECK_THAT(with("continuous", 0), Contains("0 is not > 0"));
+  CHECK_THAT(with("heating", 0.01), Contains("/joints/1/heating: less than 0.1 s"));
+  CHECK_THAT(with("heating", 1e6), Contains("more than 10000 seconds"));
+  Json twice = json;
+  twice["limits"]["continuous"] = 2;
+  twice["limits"]["heating"] = 10;
+  CHECK_THAT(trouble(twice), Contains("/limits/continuous: its motors have limits of their own"));
+  Json sensed = json;
+  sensed["kinematics"] = Json::parse(R"({"model": "chain",
+    "links": [{"along": 0.1, "twist": 1.5708}, {"across": 0.2}, {"across": 0.15}, {}],
+    "joints": [{"from": "a", "motor": "fa", "torque_constant": 0.05},
+               {"from": "b", "motor": "fb", "torque_constant": 0.05},
+               {"from": "c", "motor": "fc", "torque_constant": 0.05},
+               {"from": "d", "continuous": 1, "heating": 10}]})");
+  CHECK_THAT(trouble(sensed), Contains("/joints/3/continuous: the joint has no motor"));
+  CHECK_FALSE(schemaAccepts(sensed));
 }
 
 TEST_CASE("every geometry is read from a profile", "[profile]") {
