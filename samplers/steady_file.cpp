@@ -1,5 +1,6 @@
 #include "samplers/steady_file.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
@@ -59,6 +60,7 @@ int copyAll(int from, int to) {
       const ssize_t moved = copy_file_range(from, nullptr, to, nullptr, kPiece, 0);
       if (moved > 0) continue;
       if (moved == 0 && lseek(from, 0, SEEK_CUR) > 0) return 0;
+      if (moved < 0 && errno == EINTR) continue;
       // Not between these two places, or of a file that has no size.
       if (moved < 0 && (errno == ENOSPC || errno == EIO)) return errno;
       by_system = false;
@@ -66,11 +68,12 @@ int copyAll(int from, int to) {
     static thread_local std::array<char, 1U << 16U> piece;
     const ssize_t got = read(from, piece.data(), piece.size());
     if (got == 0) return 0;
+    if (got < 0 && errno == EINTR) continue;
     if (got < 0) return errno;
     for (ssize_t done = 0; done < got;) {
       const ssize_t put = write(to, piece.data() + done, static_cast<std::size_t>(got - done));
-      if (put < 0) return errno;
-      done += put;
+      if (put < 0 && errno != EINTR) return errno;
+      done += std::max<ssize_t>(put, 0);
     }
   }
 }
@@ -88,16 +91,14 @@ SteadyFile::SteadyFile(const std::filesystem::path& path) {
     const int trouble = error            ? error.value()
                         : copy.get() < 0 ? errno
                                          : copyAll(file.get(), copy.get());
-    if (trouble != 0) {
-      throw VolumeError(path.string(),
-                        "others may change it, and it cannot be copied to " + folder.string() +
-                            " (" + std::strerror(trouble) + ")",
-                        "make room there, or name another folder in TMPDIR");
+    if (trouble == 0) {
+      file_ = copy.release();
+    } else {
+      trouble_ = "others may change it, and it cannot be copied to " + folder.string() + " (" +
+                 std::strerror(trouble) + ")";
     }
-    file_ = copy.release();
-  } else {
-    file_ = file.release();
   }
+  if (file_ < 0) file_ = file.release();
   place_ = "/proc/self/fd/" + std::to_string(file_);
 }
 

@@ -8,9 +8,8 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
+#include <map>
 #include <numeric>
-#include <optional>
-#include <set>
 #include <sstream>
 #include <string_view>
 #include <vector>
@@ -56,42 +55,54 @@ struct Descriptor {
 
 using Origin = std::array<std::int32_t, 3>;
 
-/// Walks a file from front to back.
-class Walk {
+}  // namespace
+
+/// Walks a file from front to back, and then its trees.
+class VdbCheck::Walk {
  public:
-  /// Of the trees only that of `grid` is walked, where the file says where each begins.
-  Walk(const std::filesystem::path& file, const std::string& called,
-       std::optional<std::string> grid)
-      : path_(called), stream_(file, std::ios::binary), buffer_(kBuffer), wanted_(std::move(grid)) {
+  Walk(const std::filesystem::path& file, const std::string& called)
+      : path_(called), stream_(file, std::ios::binary), buffer_(kBuffer) {
     size_ = std::filesystem::file_size(file);
     limit_ = size_;
   }
 
-  /// Returns whose tree the wanted grid shares, if it does.
-  std::optional<std::string> file() {
+  void file() {
     header();
     (void)metadata();
     const auto count = take<std::int32_t>();
     if (count < 0) damaged("it counts less than no grid");
     if (static_cast<std::uint64_t>(count) > left() / 36) tooLarge();
-    std::vector<Descriptor> grids;
-    std::set<std::string> names;
     for (std::int32_t i = 0; i < count; ++i) {
-      grids.push_back(descriptor());
-      if (!names.insert(grids.back().name).second) damaged("two of its grids have one name");
-      grid(grids.back());
+      const Descriptor d = descriptor();
+      if (find(d.name) != nullptr) damaged("two of its grids have one name");
+      grids_.emplace(nameOf(d.name), d);
+      grid(d, !has_offsets_);
     }
-    std::optional<std::string> shared;
-    for (const Descriptor& instance : grids) {
+    for (const auto& [name, instance] : grids_) {
       if (instance.parent.empty()) continue;
-      const bool known = std::any_of(grids.begin(), grids.end(), [&](const Descriptor& parent) {
-        return parent.name == instance.parent && parent.parent.empty() &&
-               parent.type == instance.type;
-      });
-      if (!known) damaged("a grid shares the tree of one that is not there");
-      if (isWanted(instance)) shared = nameOf(instance.parent);
+      const Descriptor* parent = find(instance.parent);
+      if (parent == nullptr || !parent->parent.empty() || parent->type != instance.type) {
+        damaged("a grid shares the tree of one that is not there");
+      }
     }
-    return shared;
+  }
+
+  [[nodiscard]] bool hasTable() const noexcept { return has_offsets_; }
+
+  std::uint64_t tree(const std::string& name) {
+    if (!has_offsets_) return size_;  // it has been walked
+    std::uint64_t bytes = 0;
+    const auto [first, last] = grids_.equal_range(name);
+    for (auto entry = first; entry != last; ++entry) {
+      const Descriptor& d = entry->second;
+      const Descriptor& owner = d.parent.empty() ? d : *find(d.parent);
+      limit_ = size_;
+      bounded_ = false;
+      seek(static_cast<std::uint64_t>(owner.grid));
+      grid(owner, true);
+      bytes += static_cast<std::uint64_t>(owner.end - owner.grid);
+    }
+    return bytes;
   }
 
  private:
@@ -101,8 +112,13 @@ class Walk {
   static std::string nameOf(const std::string& unique) {
     return openvdb::io::GridDescriptor::nameAsString(unique);
   }
-  [[nodiscard]] bool isWanted(const Descriptor& d) const {
-    return wanted_.has_value() && nameOf(d.name) == *wanted_;
+  /// By its name in the file: at most two are called the same by users, density[0] and the first of
+  /// two densities.
+  [[nodiscard]] const Descriptor* find(const std::string& unique) const {
+    const auto [first, last] = grids_.equal_range(nameOf(unique));
+    const auto found =
+        std::find_if(first, last, [&](const auto& entry) { return entry.second.name == unique; });
+    return found == last ? nullptr : &found->second;
   }
 
   [[noreturn]] void damaged(const std::string& why) const {
@@ -141,7 +157,8 @@ class Walk {
               buffer_.begin() + static_cast<std::ptrdiff_t>(filled_), buffer_.begin());
     filled_ -= cursor_;
     cursor_ = 0;
-    const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, size_ - read_);
+    // Of a small grid no more than it has.
+    const std::uint64_t more = std::min<std::uint64_t>(kBuffer - filled_, limit_ - read_);
     stream_.read(reinterpret_cast<char*>(buffer_.data() + filled_),
                  static_cast<std::streamsize>(more));
     if (!stream_) truncated();  // it became shorter while we read it
@@ -160,11 +177,13 @@ class Walk {
     need(bytes);
     const std::uint64_t here = std::min<std::uint64_t>(bytes, filled_ - cursor_);
     cursor_ += static_cast<std::size_t>(here);
-    if (here < bytes) {
-      read_ += bytes - here;
-      cursor_ = filled_ = 0;
-      stream_.seekg(static_cast<std::streamoff>(read_));
-    }
+    if (here < bytes) seek(read_ + (bytes - here));
+  }
+
+  void seek(std::uint64_t place) {
+    read_ = place;
+    cursor_ = filled_ = 0;
+    stream_.seekg(static_cast<std::streamoff>(place));
   }
 
   std::string string(std::uint32_t longest) {
@@ -250,7 +269,8 @@ class Walk {
     return d;
   }
 
-  void grid(const Descriptor& d) {
+  /// `walk`: its tree as well.
+  void grid(const Descriptor& d, bool walk) {
     const ValueKind* kind = kindOf(d.type);
     const bool instance = !d.parent.empty();
     if (has_offsets_) {
@@ -272,7 +292,7 @@ class Walk {
     if (compression > 7) damaged("a grid is compressed in an unknown way");
     const bool half = metadata();
     transform();
-    const bool walk = kind != nullptr && (!has_offsets_ || isWanted(d));
+    walk = walk && kind != nullptr;
     if (walk && !instance) tree(*kind, compression, half, d);
 
     if (has_offsets_) {
@@ -519,20 +539,27 @@ class Walk {
   std::uint64_t limit_ = 0;  ///< End of the section that is being walked.
   bool bounded_ = false;     ///< The section ends where the file says, not where it ends.
   bool has_offsets_ = true;  ///< The file says where its grids begin and end.
-  std::optional<std::string> wanted_;
+  std::multimap<std::string, Descriptor> grids_;  ///< By their names as users call them.
   std::vector<LeafMask> leaves_;
 };
-
-}  // namespace
 
 bool isFeltType(const std::string& tree_type) {
   return kindOf(tree_type) != nullptr;
 }
 
-void checkVdb(const std::filesystem::path& file, const std::string& called,
-              const std::optional<std::string>& grid) {
-  const std::optional<std::string> shared = Walk(file, called, grid).file();
-  if (shared) (void)Walk(file, called, shared).file();
+VdbCheck::VdbCheck(const std::filesystem::path& file, const std::string& called)
+    : walk_(std::make_unique<Walk>(file, called)) {
+  walk_->file();
+}
+
+VdbCheck::~VdbCheck() = default;
+
+bool VdbCheck::hasTable() const noexcept {
+  return walk_->hasTable();
+}
+
+std::uint64_t VdbCheck::tree(const std::string& grid) {
+  return walk_->tree(grid);
 }
 
 }  // namespace palpate

@@ -2,8 +2,9 @@
 /// only.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
-#include <optional>
+#include <memory>
 #include <string>
 
 namespace palpate {
@@ -12,16 +13,33 @@ namespace palpate {
 /// are never read: nobody checks them.
 [[nodiscard]] bool isFeltType(const std::string& tree_type);
 
-/// Walks the file's structure as OpenVDB would read it, without building anything: every count,
-/// size and position must fit, every node must end where the next begins. OpenVDB believes what it
+/// Walks a file's structure as OpenVDB would read it, without building anything: every count, size
+/// and position must fit, every node must end where the next begins. OpenVDB believes what it
 /// reads: a cut file is full of zeros to it, a flipped bit asks for gigabytes or crashes it. What
-/// passes can be read; its values may still be anything, the format has no checksum. Throws
-/// VolumeError: truncated, damaged, or written by an OpenVDB too old or too new. Reads what it
-/// walks once, in pieces: some 64 bytes of memory a leaf. Call openvdb::initialize() before.
-/// @param called  What the file is called in errors.
-/// @param grid    Whose tree is to be read, as users call it; none: only what stands before the
-///                trees. A file without a table of contents is walked from end to end.
-void checkVdb(const std::filesystem::path& file, const std::string& called,
-              const std::optional<std::string>& grid);
+/// passes can be read; its values may still be anything, the format has no checksum. Reads what it
+/// walks once, in pieces: some 64 bytes of memory a leaf. Everything throws VolumeError: truncated,
+/// damaged, or written by an OpenVDB too old or too new.
+class VdbCheck {
+ public:
+  /// Walks what stands before the trees; a file without a table of contents from end to end. Call
+  /// openvdb::initialize() before.
+  /// @param called  What the file is called in errors.
+  VdbCheck(const std::filesystem::path& file, const std::string& called);
+  VdbCheck(const VdbCheck&) = delete;
+  VdbCheck& operator=(const VdbCheck&) = delete;
+  ~VdbCheck();
+
+  /// The file says where its grids begin and end.
+  [[nodiscard]] bool hasTable() const noexcept;
+
+  /// Walks the tree of a grid, by its name as users call it, or the one that it shares; returns how
+  /// much of the file is read for it [bytes]. Costs what the tree takes, however many grids there
+  /// are.
+  std::uint64_t tree(const std::string& grid);
+
+ private:
+  class Walk;
+  std::unique_ptr<Walk> walk_;
+};
 
 }  // namespace palpate

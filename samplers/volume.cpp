@@ -10,6 +10,8 @@
 #include <numeric>
 #include <optional>
 #include <sys/mman.h>
+#include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 #include <openvdb/io/DelayedLoadMetadata.h>
@@ -30,7 +32,7 @@ void initialise() {
   std::call_once(once, [] {
     openvdb::initialize();
     // A table of the leaves' sizes that OpenVDB would believe. It is not needed: they stand before
-    // the leaves as well, where checkVdb looks.
+    // the leaves as well, where VdbCheck looks.
     openvdb::io::DelayedLoadMetadata::unregisterType();
   });
 }
@@ -67,6 +69,66 @@ void dropMapped(const std::string& path) {
   }
 }
 
+/// Reads grids through a stream, from front to back and by where they stand, for OpenVDB's own
+/// reader looks for each among all of its name. A file that ends too early is an exception, where a
+/// map of it would end the program. For files with a table of contents.
+class GridReader : private openvdb::io::Archive {
+ public:
+  explicit GridReader(const std::filesystem::path& file) {
+    stream_.exceptions(std::ios::failbit | std::ios::badbit | std::ios::eofbit);
+    stream_.open(file, std::ios::binary);
+    readHeader(stream_);
+    setFormatVersion(stream_);
+    setLibraryVersion(stream_);
+    setDataCompression(stream_);
+    openvdb::MetaMap().readMeta(stream_);
+    const std::int32_t count = inputHasGridOffsets() ? readGridCount(stream_) : 0;
+    for (std::int32_t i = 0; i < count; ++i) {
+      openvdb::io::GridDescriptor d;
+      (void)d.read(stream_);
+      by_name_.emplace(openvdb::io::GridDescriptor::nameAsString(d.uniqueName()), d);
+      d.seekToEnd(stream_);
+    }
+  }
+
+  [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
+  /// OpenVDB's name of the tree.
+  [[nodiscard]] const std::string& type(const std::string& name) const {
+    return by_name_.at(name).gridType();
+  }
+
+  openvdb::GridBase::Ptr read(const std::string& name) {
+    const openvdb::io::GridDescriptor& d = by_name_.at(name);
+    const openvdb::GridBase::Ptr grid = begin(d);
+    readGrid(grid, d, stream_);
+    if (d.isInstance()) {
+      const std::string owner = openvdb::io::GridDescriptor::nameAsString(d.instanceParentName());
+      grid->setTree(read(owner)->baseTreePtr());
+    }
+    return grid;
+  }
+
+  /// All but the tree.
+  openvdb::GridBase::Ptr readMetadata(const std::string& name) {
+    const openvdb::GridBase::Ptr grid = begin(by_name_.at(name));
+    readGridCompression(stream_);
+    grid->readMeta(stream_);
+    grid->readTransform(stream_);
+    return grid;
+  }
+
+ private:
+  openvdb::GridBase::Ptr begin(const openvdb::io::GridDescriptor& d) {
+    d.seekToGrid(stream_);
+    openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(d.gridType());
+    grid->setSaveFloatAsHalf(d.saveFloatAsHalf());
+    return grid;
+  }
+
+  std::ifstream stream_;
+  std::unordered_map<std::string, openvdb::io::GridDescriptor> by_name_;
+};
+
 /// An OpenVDB file, checked; its errors turned into ours.
 class VdbFile {
  public:
@@ -88,28 +150,38 @@ class VdbFile {
     // As the list of maps has it; "(deleted)" stands behind a copy, which has no name, there too.
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();
     guarded([&] {
-      checkVdb(steady_->place(), path_.string(), std::nullopt);
+      check_.emplace(steady_->place(), path_.string());
+      reader_.emplace(steady_->place());
+      if (!steady_->trouble().empty() && !check_->hasTable()) {
+        throw VolumeError(path.string(), steady_->trouble(),
+                          "make room there, or name another folder in TMPDIR");
+      }
       file_.emplace(steady_->place().string());
       // OpenVDB need not copy it: it stays as it is, and the leaves are read before this ends.
       file_->setCopyMaxBytes(0);
-      file_->open(/*delayLoad=*/true);
+      file_->open(/*delayLoad=*/steady_->trouble().empty());
     });
+    for (auto name = file_->beginName(); name != file_->endName(); ++name) names_.push_back(*name);
+    known_.insert(names_.begin(), names_.end());
   }
 
-  [[nodiscard]] std::vector<std::string> names() const {
-    std::vector<std::string> names;
-    for (auto name = file_->beginName(); name != file_->endName(); ++name) names.push_back(*name);
-    return names;
-  }
+  [[nodiscard]] const std::vector<std::string>& names() const noexcept { return names_; }
 
-  /// The grid, its leaves still on disk, to be read in parallel; of a type that cannot be felt, all
-  /// but its tree.
+  /// The grid, the leaves of a large one still on disk, to be read in parallel; of a type that
+  /// cannot be felt, all but its tree.
   openvdb::GridBase::Ptr read(const std::string& name) {
     openvdb::GridBase::Ptr grid;
     guarded([&] {
-      grid = file_->readGridMetadata(name);
-      if (!isFeltType(grid->type())) return;
-      checkVdb(steady_->place(), path_.string(), name);
+      if (!isFeltType(typeOf(name))) {
+        grid = reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
+        return;
+      }
+      const std::uint64_t bytes = check_->tree(name);
+      if (reader_->has(name) && (bytes < kSmallGrid || !steady_->trouble().empty())) {
+        grid = reader_->read(name);
+        return;
+      }
+      mapped_ += bytes;
       grid = file_->readGrid(name);
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
@@ -118,18 +190,15 @@ class VdbFile {
 
   /// The vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of one type.
   [[nodiscard]] std::vector<std::string> joinedNames() {
-    const std::vector<std::string> all = names();
-    const auto has = [&](const std::string& name) {
-      return std::find(all.begin(), all.end(), name) != all.end();
-    };
+    const auto has = [&](const std::string& name) { return known_.count(name) != 0; };
     std::vector<std::string> joined;
     guarded([&] {
-      for (const std::string& name : all) {
+      for (const std::string& name : names_) {
         if (name.size() < 3 || !name.ends_with(".x")) continue;
         const std::string stem = name.substr(0, name.size() - 2);
         const auto parts = componentsOf(stem);
         if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
-        const auto type = [&](std::size_t c) { return file_->readGridMetadata(parts[c])->type(); };
+        const auto type = [&](std::size_t c) { return typeOf(parts[c]); };
         const bool scalar =
             type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
         if (scalar && type(1) == type(0) && type(2) == type(0)) joined.push_back(stem);
@@ -141,16 +210,17 @@ class VdbFile {
   /// A grid, or a vector of three, ready to be felt or with its refusal.
   Prepared prepared(const std::string& name, const LoadOptions& options) {
     Prepared out;
-    const std::vector<std::string> all = names();
     double begun = 0.0;  // of the parts, all of them 1
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      dropMapped(canonical_);
+      // Every small grid would have the system look through all of the file.
+      if (mapped_ >= kMappedBytes) dropMapped(canonical_);
+      if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
       if (options.progress) options.progress(begun + share * done);
     };
     guarded([&] {
-      if (std::find(all.begin(), all.end(), name) != all.end()) {
+      if (known_.count(name) != 0) {
         out = prepare(name, read(name), watched);
       } else {
         std::array<Prepared, 3> parts;
@@ -167,6 +237,11 @@ class VdbFile {
   }
 
  private:
+  /// OpenVDB's name of the tree.
+  [[nodiscard]] std::string typeOf(const std::string& name) {
+    return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
+  }
+
   /// OpenVDB's message in one line.
   template <class Body>
   void guarded(Body body) const {
@@ -174,6 +249,8 @@ class VdbFile {
       body();
     } catch (const Error&) {
       throw;
+    } catch (const std::ios_base::failure&) {  // GridReader's
+      throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
     } catch (const std::exception& e) {
       std::string why = e.what();
       std::replace(why.begin(), why.end(), '\n', ' ');
@@ -182,10 +259,20 @@ class VdbFile {
     }
   }
 
+  /// Smaller grids are read through: they gain nothing by being read in parallel [bytes].
+  static constexpr std::uint64_t kSmallGrid = std::uint64_t{1} << 20U;
+  /// So much of the file may be in memory beside its grids [bytes].
+  static constexpr std::uint64_t kMappedBytes = std::uint64_t{1} << 24U;
+
   std::filesystem::path path_;
   std::string canonical_;  ///< As the system's list of maps has it; empty if it cannot be known.
   std::optional<SteadyFile> steady_;
+  std::optional<VdbCheck> check_;
   std::optional<openvdb::io::File> file_;
+  std::optional<GridReader> reader_;  ///< Has no grid where there is no table of contents.
+  std::vector<std::string> names_;    ///< As users call them.
+  std::unordered_set<std::string> known_;
+  std::uint64_t mapped_ = 0;  ///< Read since the system was last told to let go of it.
 };
 
 }  // namespace
@@ -221,13 +308,17 @@ bool isVdb(const std::filesystem::path& file) noexcept {
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {
   VdbFile vdb(file);
-  std::vector<std::string> names = vdb.names();
+  std::unordered_map<std::string, std::string> instead;  // of a component; empty: nothing
   for (const std::string& joined : vdb.joinedNames()) {
     const auto parts = componentsOf(joined);
-    *std::find(names.begin(), names.end(), parts[0]) = joined;
-    for (const std::string& part : {parts[1], parts[2]}) {
-      names.erase(std::find(names.begin(), names.end(), part));
-    }
+    instead[parts[0]] = joined;
+    instead[parts[1]] = instead[parts[2]] = "";
+  }
+  std::vector<std::string> names;
+  for (const std::string& name : vdb.names()) {
+    const auto other = instead.find(name);
+    const std::string& listed = other == instead.end() ? name : other->second;
+    if (other == instead.end() || !listed.empty()) names.push_back(listed);
   }
   return names;
 }

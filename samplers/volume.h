@@ -104,8 +104,8 @@ struct LoadOptions {
 /// Loads one grid, compressed leaves in parallel, and looks at every value. Throws VolumeError for
 /// what describeGrids refuses, for a name that is not there (the nearest is suggested) and for a
 /// grid that cannot be felt: points and other types than scalar and vector floats, frustum or
-/// singular maps, no active voxel, values that are no numbers. The file must not change meanwhile:
-/// it is mapped, and a file cut while it is read kills the process.
+/// singular maps, no active voxel, values that are no numbers. Who wants to change the file waits
+/// until it has been read, or changes another than is read (samplers/steady_file.h).
 ///
 /// Vectors: a staggered grid is taken apart, each component keeps its place on the face of its
 /// voxel (twice the grid's memory for a moment); vel.x, vel.y and vel.z, three scalars of one type,
