@@ -277,6 +277,24 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   CHECK(placed(near, p - Vec3(0.0, 2e-3, 0.0)).empty());
 }
 
+TEST_CASE("a guide lets go by where the proxy is, not by where the hand is", "[modes]") {
+  ModeSpec guide;
+  guide.kind = ModeKind::kGuide;
+  guide.guide = {PrimitiveKind::kPoint, Vec3(0.1, 0, 0), Vec3::UnitX(), 4e-3};
+  guide.strength = 2.0;
+  const auto scene = sceneOf({guide});
+  Reader reader;
+  ProxyState state(kOpen);
+  double held = 0.0;
+  for (int i = 0; i <= 100; ++i) {
+    const Vec3 hand(0.1 + 1e-4 * i, 0, 0);
+    const StepReport r = hapticStep(*scene, reader, {hand}, state, kDt);
+    if (r.wanted.norm() > 1e-9) held = hand.x() - 0.1;
+  }
+  // s/k, 4 mm, to the proxy, and the proxy 4 mm from the point.
+  CHECK(held == Approx(8e-3).margin(2e-4));
+}
+
 TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {
   const Vec3 axis = Vec3(1, 2, 2) / 3.0;
   const std::map<std::string, FieldPtr> at{
@@ -312,6 +330,12 @@ TEST_CASE("on a vortex' core a line holds, and off it the tube", "[modes]") {
   REQUIRE(state.primitives().size() == 1);
   CHECK(state.primitives().items()[0].kind == PrimitiveKind::kLine);
   CHECK((step(0.02 * axis + 1e-3 * round + 1e-3 * axis).wanted + 0.5 * round).norm() < 1e-9);
+  // A voxel and a quarter off it the line has three quarters.
+  state.clearFault();
+  (void)step(0.02 * axis + 1.25e-3 * out);
+  REQUIRE(state.primitives().size() == 3);
+  CHECK(state.primitives().items()[0].strength == Approx(2.25));
+  CHECK(state.primitives().items()[1].strength == Approx(0.75));
 }
 
 TEST_CASE("between core and tube the force does not jump, and rounding is no vortex", "[modes]") {

@@ -446,6 +446,47 @@ TEST_CASE("an encoder's step costs what the derivation says", "[passivity]") {
   // The hand stands still: what is there is what was, less that.
   (void)tank.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, params, kCap);
   CHECK(tank.energy() == Approx(std::max(0.0, paid - step * r)).epsilon(1e-6));
+  // Of a way that Coulomb's friction takes, the cosine of 30 degrees.
+  Tank rubbed;
+  const TankParams rubs = acting(b, 0.2, step);
+  (void)rubbed.pass(Vec3::Zero(), Vec3::Zero(), true, period, rubs, kCap);
+  (void)rubbed.pass(Vec3::Zero(), {1e-3, 0, 0}, true, period, rubs, kCap);
+  CHECK(rubbed.energy() == Approx(paid + 0.5 * std::sqrt(3.0) * 0.2 * surely));
+}
+
+TEST_CASE("a force that varies between two positions costs what a hand can take by that",
+          "[passivity]") {
+  const double b = 0.5;
+  const double period = 1e-3;
+  const TankParams params = acting(b);
+  Tank tank;
+  const Vec3 at(1e-3, 0, 0);
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, kCap);
+  (void)tank.pass(Vec3::Zero(), at, true, period, params, kCap);
+  const double paid = tank.energy();
+  const double force = std::sqrt(2.0 * b * paid / period);
+  CHECK(tank.pass({force, 0, 0}, at, true, period, params, kCap) == 1.0);
+  (void)tank.pass(Vec3::Zero(), at, false, period, params, kCap);
+  (void)tank.pass(Vec3::Zero(), at, true, period, params, kCap);
+  // A tick with it and one without: half of its square is about the mean.
+  const double varies = 0.5 * force * force * period;
+  CHECK(tank.energy() == Approx(paid - varies / (4.0 * b)));
+}
+
+TEST_CASE("the tank gives no more than its cap, however much went in", "[passivity]") {
+  const double b = 0.5;
+  const double period = 1e-3;
+  const double cap = 0.01;
+  const TankParams params = acting(b);
+  Tank tank;
+  (void)tank.pass(Vec3::Zero(), Vec3::Zero(), true, period, params, cap);
+  (void)tank.pass(Vec3::Zero(), {1e-2, 0, 0}, true, period, params, cap);  // 50 mJ
+  CHECK(tank.energy() == Approx(cap));
+  // A hand that takes the most, half a millijoule a tick.
+  for (int i = 0; i <= 10; ++i) {
+    CHECK(tank.pass({1, 0, 0}, {1e-2 + 1e-3 * i, 0, 0}, true, period, params, cap) == 1.0);
+  }
+  CHECK(tank.energy() == Approx(cap - 10 * 0.5e-3));
 }
 
 TEST_CASE("of a way known to D/2 no more of Coulomb's work counts than was done", "[passivity]") {
