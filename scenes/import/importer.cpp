@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -11,6 +12,7 @@
 
 #include "engine/error.h"
 #include "samplers/openvdb_grids.h"
+#include "samplers/volume.h"
 #include "scenes/cli/version.h"
 #include "scenes/import/pieces.h"
 #include "scenes/import/smooth.h"
@@ -216,7 +218,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   return out;
 }
 
-void writeVdb(const std::filesystem::path& file, const Step& step) {
+void writeVdb(const std::filesystem::path& file, const Step& step, const std::string& in) {
   openvdb::GridCPtrVec grids;
   for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
   try {
@@ -226,6 +228,22 @@ void writeVdb(const std::filesystem::path& file, const Step& step) {
     out.close();
   } catch (const std::exception&) {
     throw Error(file.string(), "it cannot be written", "choose another place, or make room");
+  }
+  const auto refused = [&](const std::string& what, const std::string& refusal) {
+    throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
+                      "look at the sizes, places and values in it, or choose arrays by --field");
+  };
+  std::vector<GridInfo> read;
+  try {
+    read = describeGrids(file);
+  } catch (const VolumeError& e) {
+    const std::string_view why = e.what();
+    refused("what it becomes",
+            std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
+  }
+  // Vectors by component are told of once more behind them.
+  for (std::size_t i = 0; i < std::min(read.size(), grids.size()); ++i) {
+    if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
   }
 }
 

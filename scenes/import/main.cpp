@@ -75,7 +75,7 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   return "";
 }
 
-int import(const Options& options, Teller& teller) {
+int importAll(const Options& options, Teller& teller) {
   const Telling telling{[&](const std::string& what) { teller.stage(what); },
                         [&](double done) { teller.progress(done); }};
   Options asked = options;
@@ -109,7 +109,7 @@ int import(const Options& options, Teller& teller) {
       teller.stage("writing");
       const fs::path partial = partialOf(out);
       teller.file(partial, out);
-      writeVdb(partial, step);
+      writeVdb(partial, step, options.request.file.string());
     }
     if (count > 1 && options.time.empty()) {
       step.notes.push_back(
@@ -126,6 +126,17 @@ int import(const Options& options, Teller& teller) {
     teller.out(text);
   }
   return cli::kDone;
+}
+
+/// What OpenVDB refuses is wrong with the file: its maps and places are held to be in order.
+int import(const Options& options, Teller& teller) {
+  try {
+    return importAll(options, teller);
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError(options.request.file.string(),
+                      fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
+                      "look at the sizes, places and spacing in it");
+  }
 }
 
 bool isSame(const fs::path& a, const fs::path& b) {

@@ -198,6 +198,8 @@ Layout layoutOf(const std::string& raw) {
     json = Json::parse(text);
   } catch (const Json::parse_error& e) {
     throw VolumeError(source, fmt::format("it is not JSON (byte {})", e.byte), "mend it there");
+  } catch (const Json::out_of_range&) {
+    throw VolumeError(source, "a number in it is beyond any double", "mend it");
   }
   return LayoutParser(json, source).parse();
 }

@@ -805,6 +805,100 @@ class Damage(Case):
         print(f"damaged: {count} cases, {crashes} of them crashes of the reader that were contained")
 
 
+class Extremes(Case):
+    """Sources that are in order, of sizes, places and values that nobody meant."""
+    NUMBERS = (0.0, 1.0, -1.0, 1e-3, 1e-5, 1e-12, 1e-30, 1e-160, 1e-310, 1e5, 1e9, 1e15, 1e25, 1e31,
+               1e38, 1e39, 1e100, 1e101, 1e160, 1e300, -1e31, math.nan, math.inf)
+    NAMES = ("s", "", "v.x", "a[0]", "density", "\x1b[2J", "\u202e", "n" * 5000, "caf\u00e9" * 60)
+
+    def number(self, usual):
+        return usual if self.rng.random() < 0.6 else self.rng.choice(self.NUMBERS)
+
+    def values(self, count):
+        kind = self.rng.randrange(5)
+        if kind == 0:
+            return [self.number(2.0)] * count
+        if kind == 1:
+            return [float(i) for i in range(count)]
+        scale = self.number(1.0)
+        if kind == 2:
+            return [scale * i for i in range(count)]
+        if kind == 3:
+            return [self.number(float(i)) for i in range(count)]
+        return [self.number(1.0) if i == count // 2 else 0.0 for i in range(count)]
+
+    def source(self):
+        """A file, its layout, and the command's further words."""
+        rng = self.rng
+        words = []
+        if rng.random() < 0.3:
+            words += ["--voxel", repr(self.number(0.5))]
+        if rng.random() < 0.2:
+            words += ["--iso", repr(self.number(1.0))]
+        if rng.random() < 0.1:
+            words += ["--smooth", repr(self.number(1.0))]
+        size = [rng.choice((1, 2, 2, 3, 5)) for _ in range(3)]
+        count = size[0] * size[1] * size[2]
+        name = rng.choice(self.NAMES)
+        kind = rng.randrange(4)
+        if kind == 0:
+            plain = name if name.isprintable() and name else "s"
+            return self.write("a.vti", vti(
+                *size, [(plain, 1, self.values(count)), ("w", 3, self.values(3 * count))],
+                origin=[self.number(0.0) for _ in range(3)],
+                spacing=[self.number(1.0) for _ in range(3)])), words
+        if kind == 1:
+            lines = [[self.number(0.0)] for _ in range(3)]
+            for a in range(3):
+                step = self.number(1.0)
+                lines[a] = [lines[a][0] + step * i + (0.3 * step if i == 1 else 0)
+                            for i in range(size[a])]
+            return self.write("a.vtk", rectilinear(*lines, lambda p: self.number(p[0]))), words
+        if kind == 2:
+            points, cells = box_of_tetrahedra(rng.choice((1, 1, 2)))
+            scale, shift = self.number(1.0), self.number(0.0)
+            points = [tuple(scale * c + shift for c in p) for p in points]
+            cells = cells[:rng.choice((1, 6, len(cells)))]
+            data = f"POINT_DATA {len(points)}\n" + scalars(name.replace(" ", "_") or "s",
+                                                          self.values(len(points)))
+            return self.write("a.vtk", unstructured(points, cells, [10] * len(cells), data)), words
+        layout = {"size": size, "type": "float64", "name": name,
+                  "spacing": [self.number(1.0) for _ in range(3)],
+                  "origin": [self.number(0.0) for _ in range(3)]}
+        source = self.write("a.raw", struct.pack(f"<{count}d", *self.values(count)))
+        return source, [*words, "--raw", json.dumps(layout).replace("Infinity", "1e999")]
+
+    def test_what_is_written_can_be_felt(self):
+        seed = int(os.environ.get("PALPATE_SEED", "7"))
+        written = 0
+        count = cases(60, "sources of extreme numbers")
+        for case in range(count):
+            self.rng = random.Random(1000003 * seed + case)
+            out = self.dir / "out.vdb"
+            source, words = self.source()
+            before = sorted(os.listdir(self.dir))
+            label = f"case {case} of seed {seed}: {words} {source.read_bytes()[:1500]}"
+            try:
+                done = call("import", source, out, *words, timeout=100)
+            except subprocess.TimeoutExpired:
+                self.fail("too slow: " + label)
+            if done.returncode == 0:
+                written += 1
+                self.assertEqual(done.stderr, "", label)
+                info = call("info", out, "--json")
+                self.assertEqual((info.returncode, info.stderr), (0, ""), label)
+                for grid in json.loads(info.stdout)["grids"]:
+                    if not grid["type"].startswith("3 x"):
+                        self.assertTrue(grid["can_be_felt"], (grid, label))
+                out.unlink()
+            else:
+                self.assertIn(done.returncode, (1, 2), (done.stderr, label))
+                self.assertEqual(len(done.stderr.splitlines()), 1, (done.stderr, label))
+                self.assertEqual(done.stdout, "", label)
+            self.assertEqual(sorted(os.listdir(self.dir)), before, label)
+        print(f"extremes: {written} of {count} written")
+
+
 class Running(Case):
     def big(self, n=160):
         rng = random.Random(6)

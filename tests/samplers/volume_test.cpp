@@ -155,8 +155,8 @@ TEST_CASE("what many grids cost grows with their number", "[volume]") {
     return spent;
   };
   for (const bool one_name : {true, false}) {
-    const double few = cost(300, one_name);
-    const double many = cost(2400, one_name);
+    const double few = cost(150, one_name);
+    const double many = cost(1200, one_name);
     CAPTURE(one_name, few, many);
     CHECK(many < 2.0 * 8.0 * few);
   }
