@@ -20,6 +20,45 @@ std::string at(const SceneSpec& spec, const std::string& path) {
   return spec.source.empty() ? path : spec.source + ": " + path;
 }
 
+constexpr double kFarthest = 1e6;        // [m]
+constexpr double kSmallestVoxel = 1e-9;  // [m]: nothing smaller is pressed by a hand
+constexpr double kLargestProperty = 1e6;
+constexpr double kLongestTime = 1e9;  // [s]
+
+/// Numbers of sizes at which a tick would overflow are refused; by the path of what says them.
+void checkSize(const SceneSpec& spec, const std::string& path, double value, double most,
+               const char* unit) {
+  if (std::abs(value) <= most) return;
+  throw SceneError(at(spec, path), fmt::format("{:g}{} is beyond {:g}", value, unit, most),
+                   "give one of a size that a hand can feel");
+}
+
+/// Of what is no place of a volume.
+void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
+  checkSize(spec, "/coupling/stiffness", stiffestCoupling(spec).stiffness, kLargestProperty,
+            " N/m");
+  checkSize(spec, "/coupling/damping", spec.coupling.damping, kLargestProperty, " N s/m");
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const ModeSpec& mode = spec.graph.modes[i];
+    const std::string path = fmt::format("/modes/{}", i);
+    checkSize(spec, path + "/strength", mode.strength.highest(), kLargestProperty, " N");
+    checkSize(spec, path + "/friction", mode.friction.highest(), kLargestProperty, "");
+    checkSize(spec, path + "/viscosity", mode.viscosity.highest(), kLargestProperty, " N");
+    if (mode.kind != ModeKind::kGuide) continue;
+    checkSize(spec, path + "/at", placed.modes[i].guide.position.lpNorm<Eigen::Infinity>(),
+              kFarthest, " m");
+  }
+  for (const auto& [name, volume] : spec.volumes) {
+    for (std::size_t i = 0; i < volume.place.keyframes.size(); ++i) {
+      const Keyframe& key = volume.place.keyframes[i];
+      const std::string path = fmt::format("/volumes/{}/place/keyframes/{}", name, i);
+      checkSize(spec, path + "/time", key.time, kLongestTime, " s");
+      checkSize(spec, path + "/translate", key.translate.lpNorm<Eigen::Infinity>(), kFarthest,
+                " m");
+    }
+  }
+}
+
 /// Resolves the places of all volumes; "like" follows its volume.
 class Placer {
  public:
@@ -57,6 +96,25 @@ class Placer {
 
  private:
   Placement compute(const std::string& name, const PlaceSpec& place, const std::string& path) {
+    const Placement placed = computeAny(name, place, path);
+    // What is placed like another is looked at too: it may be larger.
+    const GridInfo& info = volumes_.at(name)->info();
+    const double voxel = placed.scale * info.voxel.minCoeff();
+    const double reach =
+        placed.translate.norm() +
+        placed.scale * std::max(info.bounds.lower.norm(), info.bounds.upper.norm());
+    if (!(voxel >= kSmallestVoxel)) {
+      throw SceneError(path, fmt::format("its voxels are {:g} m", voxel),
+                       fmt::format("make it larger: {:g} m or more", kSmallestVoxel));
+    }
+    if (!(reach <= kFarthest)) {
+      throw SceneError(path, fmt::format("it reaches {:g} m from the middle of the world", reach),
+                       "place it within 1,000 km");
+    }
+    return placed;
+  }
+
+  Placement computeAny(const std::string& name, const PlaceSpec& place, const std::string& path) {
     const auto positive = [&](double value, const char* key) {
       if (!std::isfinite(value) || value <= 0.0) {
         throw SceneError(path + "/" + key, fmt::format("{} is not a finite number > 0", value),
@@ -459,6 +517,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   }
   GraphSpec graph = FieldComputer(spec, built, things).compute();
   placeGuides(spec, built, graph);
+  checkSizes(spec, graph);
   joinMotions(spec, built);
   graph.motions = built.motions;
   for (const auto& [name, field] : built.fields) {

@@ -13,6 +13,7 @@
 #include "samplers/analytic_field.h"
 #include "scenes/scene_cache.h"
 #include "scenes/scene_file.h"
+#include "tests/support/random.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_grids.h"
 
@@ -628,6 +629,164 @@ TEST_CASE("a volume of keyframes moves, and with it what is placed like it or ma
   CHECK(r.force.z() == Approx(1.0));
   spec.volumes["rock"].place.repeat = true;
   CHECK_THROWS_WITH(buildScene(spec), Contains("/volumes/rock/place/repeat"));
+}
+
+/// A scene in order whose numbers may be of any size.
+Json extremeScene(Random& random) {
+  const auto number = [&](double usual) {
+    if (random.integer(4) != 0) return usual;
+    const double size = std::pow(10.0, random.uniform(-300.0, 300.0));
+    return random.integer(3) == 0 ? std::pow(10.0, random.uniform(-12.0, 12.0)) : size;
+  };
+  const auto signedNumber = [&](double usual) {
+    return random.integer(2) == 0 ? number(usual) : -number(usual);
+  };
+  const auto vector = [&](double usual) {
+    return Json{signedNumber(usual), signedNumber(usual), signedNumber(usual)};
+  };
+  const auto property = [&](double usual) -> Json {
+    switch (random.integer(4)) {
+      case 0:
+        return {
+            {"window", {{"level", signedNumber(1)}, {"width", number(2)}, {"max", number(usual)}}},
+            {"by", "flow speed"}};
+      case 1: {
+        const double from = signedNumber(1);
+        const double width = number(1);
+        return {{"piecewise", {{from, number(usual)}, {from + width, number(usual)}}},
+                {"by", "flow speed"}};
+      }
+      case 2:
+        return {{"product", {number(usual), number(1.0)}}};
+      default:
+        return number(usual);
+    }
+  };
+  const auto place = [&]() -> Json {
+    switch (random.integer(3)) {
+      case 0:
+        return {{"fit", number(0.1)}};
+      case 1:
+        return {{"unit", "mm"}};
+      default:
+        return {{"scale", number(0.01)},
+                {"rotation_wxyz", {signedNumber(1), signedNumber(0.1), signedNumber(0.1), 0.0}},
+                {"translate", vector(0.01)}};
+    }
+  };
+  const char* const words[] = {"trilinear", "nearest", "quadratic", "cubic"};
+  Json head = {{"file", "linear.vdb"}, {"grid", "density"}, {"place", place()}};
+  if (random.integer(2) == 0) head["interpolation"] = words[random.integer(4)];
+  if (random.integer(3) == 0) {
+    head["place"]["keyframes"] = {
+        {{"time", signedNumber(0)}, {"translate", vector(0.001)}},
+        {{"time", number(20)},
+         {"rotation_wxyz", {signedNumber(1), signedNumber(0.1), 0.0, 0.0}},
+         {"translate", vector(0.002)}}};
+    head["place"]["repeat"] = random.integer(2) == 0;
+  }
+  Json scene = {
+      {"palpate", 1},
+      {"volumes",
+       {{"head", head},
+        {"flow",
+         {{"file", "linear.vdb"},
+          {"grid", "velocity"},
+          {"place", random.integer(2) == 0 ? Json{{"like", "head"}} : place()}}}}},
+      {"fields", {{"flow speed", {{"magnitude", "flow"}}}, {"turn", {{"curl", "flow"}}}}}};
+  if (random.integer(2) == 0) {
+    scene["coupling"] = {{"stiffness", number(500)}, {"damping", number(0.5)}};
+  }
+  if (random.integer(3) == 0) {
+    scene["accuracy"] = {{"tolerance_voxels", std::min(number(0.01), 1.0)},
+                         {"max_substeps", 1 + random.integer(64)}};
+  }
+  Json modes = Json::array();
+  const int count = 1 + random.integer(3);
+  for (int i = 0; i < count; ++i) {
+    Json mode = {{"strength", property(1.0)}};
+    switch (random.integer(8)) {
+      case 0:
+        mode.update({{"mode", "force"}, {"of", random.integer(2) == 0 ? "head" : "flow"}});
+        break;
+      case 1:
+        mode.update({{"mode", "viscosity"}, {"of", "head"}});
+        break;
+      case 2:
+        mode.update({{"mode", "surface"},
+                     {"of", "head"},
+                     {"friction", property(0.3)},
+                     {"viscosity", property(0.1)}});
+        break;
+      case 3:
+        mode.update({{"mode", "isosurface"},
+                     {"of", random.integer(3) == 0 ? "flow speed" : "head"},
+                     {"value", signedNumber(0.5)},
+                     {"solid", "above"},
+                     {"friction", property(0.3)},
+                     {"depth", number(2)}});
+        break;
+      case 4:
+        mode.update({{"mode", "follow"}, {"of", random.integer(2) == 0 ? "flow" : "turn"}});
+        break;
+      case 5:
+        mode.update({{"mode", "transverse_damping"}, {"of", "flow"}});
+        break;
+      case 6:
+        mode.update({{"mode", "front_shape"}, {"of", "flow"}, {"snap_drag", number(1)}});
+        break;
+      default:
+        mode.update({{"mode", "guide"},
+                     {"shape", "line"},
+                     {"at", vector(0.01)},
+                     {"along", vector(1)},
+                     {"snap", number(0.02)}});
+        if (random.integer(2) == 0) mode["in"] = "head";
+    }
+    modes.push_back(mode);
+  }
+  scene["modes"] = modes;
+  return scene;
+}
+
+TEST_CASE("what is valid is felt without a fault, whatever its numbers", "[scene]") {
+  const TemporaryFolder folder;
+  writeTestVolumes(folder.path());
+  SceneCache cache;
+  long felt = 0;
+  long refused = 0;
+  const long count = cases(400);
+  for (long i = 0; i < count; ++i) {
+    Random random(static_cast<std::uint64_t>(i) + 1);
+    const Json json = extremeScene(random);
+    CAPTURE(i, json.dump());
+    BuiltScene built;
+    try {
+      built = buildScene(parseScene(json.dump(), "a.json", folder.path()), nullptr, &cache);
+    } catch (const SceneError& e) {
+      const std::string why = e.what();
+      CHECK_THAT(why, Catch::StartsWith("a.json: /"));
+      ++refused;
+      continue;
+    }
+    ++felt;
+    Reader reader;
+    ProxyState state;
+    const Box& box = built.bounds;
+    // From outside, across the middle, in its places of data and at rest.
+    const Vec3 from = built.placements.at("head").translate;
+    const Vec3 step = 1e-4 * (box.centre() - from).stableNormalized();
+    for (int tick = 0; tick < 4; ++tick) {
+      const Vec3 hand = tick < 2 ? Vec3(box.centre() + tick * step) : Vec3(from + tick * step);
+      const StepReport r = hapticStep(*built.scene, reader, {hand}, state, 1e-3);
+      CAPTURE(tick, hand.transpose());
+      REQUIRE(r.status != StepStatus::kFault);
+      REQUIRE(r.force.allFinite());
+      REQUIRE(r.proxy.allFinite());
+    }
+  }
+  INFO("felt " << felt << ", refused " << refused);
+  CHECK(felt > 0);
 }
 
 TEST_CASE("a coupling stiffer than the device is refused with its path", "[scene]") {
