@@ -1,6 +1,7 @@
 #include "devices/hid_descriptor.h"
 
 #include <algorithm>
+#include <iterator>
 #include <utility>
 
 namespace palpate {
@@ -9,7 +10,7 @@ namespace {
 
 using Way = DescribedReport::Way;
 
-constexpr std::uint64_t kMostBits = 8 * 16384;  // of a report, Linux' HID_MAX_BUFFER_SIZE
+constexpr std::uint64_t kMostBits = 131072;  // of a report: Linux' HID_MAX_BUFFER_SIZE, 16 kB
 constexpr std::size_t kMostPushed = 64;
 
 /// A short item's bytes without its length: tag and type (6.2.2.4 and 6.2.2.7).

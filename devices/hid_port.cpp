@@ -261,15 +261,16 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     const auto waited = Clock::now() - begin;
     if (waited < kDying || (orphaned && waited < std::chrono::duration<double>(kLongestClaim))) {
       if (orphaned && say && !said) {
-        say(path + ": the program that had it, " + pid + ", has ended: waiting for its guardian");
+        std::string words = path;
+        words.append(": the program that had it, ").append(pid);
+        say(words.append(", has ended: waiting for its guardian"));
       }
       said = said || orphaned;
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
       continue;
     }
-    const std::string who = pid.empty() ? "another program"
-                            : orphaned  ? "the guardian of a program that has ended (" + pid + ")"
-                                        : processOf(pid);
+    std::string who = pid.empty() ? "another program" : processOf(pid);
+    if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
     throw DeviceError(path, who + " has it",
                       "end that first: two programs on one arm would each send a force");
   }

@@ -1,6 +1,7 @@
 /// What is shown of an arm that is made of memory.
 #include "devices/arm_watch.h"
 
+#include <algorithm>
 #include <cstddef>
 #include <deque>
 #include <string>
