@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <limits>
+#include <malloc.h>
 #include <string_view>
 #include <utility>
 
@@ -233,6 +234,7 @@ void writeVdb(const std::filesystem::path& file, const Step& step, const std::st
     throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
                       "look at the sizes, places and values in it, or choose arrays by --field");
   };
+  malloc_trim(0);  // what making the grids took is free by now, and what follows takes a grid more
   std::vector<GridInfo> read;
   try {
     read = describeGrids(file);
