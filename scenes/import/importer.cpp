@@ -165,6 +165,9 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (imported.resampling) {
     number("resampled_to", imported.voxel);
     if (imported.resampling->points > 0) number("resampling_rms", imported.resampling->rms);
+    if (imported.resampling->edge_points > 0) {
+      number("resampling_edge_rms", imported.resampling->edge_rms);
+    }
   }
   if (options.smooth > 0.0) number("smooth", options.smooth);
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);

@@ -32,8 +32,11 @@ std::string voxelsOf(const Imported& imported) {
   if (imported.resampling) {
     line += fmt::format(", compared with the original at {} places", imported.resampling->points);
     if (imported.resampling->edge_points > 0) {
-      line +=
-          fmt::format(" ({} more lie at the edge of the data)", imported.resampling->edge_points);
+      line += fmt::format(" and {} at the edge of the data", imported.resampling->edge_points);
+    }
+    if (imported.resampling->lost_points > 0) {
+      line += fmt::format("; {} more are in the mesh, and no voxel about them has data",
+                          imported.resampling->lost_points);
     }
   }
   return "  " + line + "\n";
@@ -70,6 +73,11 @@ std::string lineOf(const Imported& imported) {
   } else if (imported.resampling) {
     line += fmt::format("; resampling is off by {:.2g} % of the range rms, {:.2g} % at most",
                         100.0 * imported.resampling->rms, 100.0 * imported.resampling->largest);
+    if (imported.resampling->edge_points > 0) {
+      line += fmt::format(" within, {:.2g} and {:.2g} % in the outermost voxel",
+                          100.0 * imported.resampling->edge_rms,
+                          100.0 * imported.resampling->edge_largest);
+    }
   }
   if (made.quieter_tolerance > 0.0) {
     line += fmt::format("; --tolerance {:.3g} would keep {:.3g} % active", made.quieter_tolerance,
@@ -102,7 +110,10 @@ Json gridJson(const Imported& imported) {
     json["resampling"] = {{"rms", measured ? Json(imported.resampling->rms) : Json()},
                           {"largest", measured ? Json(imported.resampling->largest) : Json()},
                           {"points", imported.resampling->points},
-                          {"edge_points", imported.resampling->edge_points}};
+                          {"edge_rms", imported.resampling->edge_rms},
+                          {"edge_largest", imported.resampling->edge_largest},
+                          {"edge_points", imported.resampling->edge_points},
+                          {"lost_points", imported.resampling->lost_points}};
   }
   if (imported.level_set) {
     json["level_set"] = {{"solid", imported.level_set->solid_above ? "above" : "below"},

@@ -168,35 +168,47 @@ void takeRange(const GridT& grid, Gridded& made) {
 
 /// Differences, relative to a range, of scalars or vectors.
 struct Differences {
-  double squares = 0.0;
-  double largest = 0.0;
-  std::uint64_t points = 0;
-  std::uint64_t edge_points = 0;
+  struct Sum {
+    double squares = 0.0;
+    double largest = 0.0;
+    std::uint64_t points = 0;
 
-  void add(double difference) {
-    squares += difference * difference;
-    largest = std::max(largest, difference);
-    ++points;
-  }
+    void add(double difference) {
+      squares += difference * difference;
+      largest = std::max(largest, difference);
+      ++points;
+    }
+    [[nodiscard]] double rms() const {
+      return points == 0 ? 0.0 : std::sqrt(squares / static_cast<double>(points));
+    }
+  };
+  Sum within;
+  Sum edge;  ///< Beside voxels without data.
+  std::uint64_t lost_points = 0;
+
   [[nodiscard]] ResamplingError relativeTo(double range) const {
     ResamplingError error;
-    error.points = points;
-    error.edge_points = edge_points;
-    if (points == 0 || !(range > 0.0)) return error;
-    error.rms = std::sqrt(squares / static_cast<double>(points)) / range;
-    error.largest = largest / range;
+    error.points = within.points;
+    error.edge_points = edge.points;
+    error.lost_points = lost_points;
+    if (!(range > 0.0)) return error;
+    error.rms = within.rms() / range;
+    error.largest = within.largest / range;
+    error.edge_rms = edge.rms() / range;
+    error.edge_largest = edge.largest / range;
     return error;
   }
 };
 
-/// Have all 8 voxels about a place data?
+/// How many of the 8 voxels about a place have data.
 template <class Accessor>
-bool hasAll(const Accessor& accessor, const Vec3d& p_I) {
+int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
   const Coord low = Coord::floor(p_I);
+  int count = 0;
   for (int corner = 0; corner < 8; ++corner) {
-    if (!accessor.isValueOn(low.offsetBy(corner & 1, (corner >> 1) & 1, corner >> 2))) return false;
+    count += accessor.isValueOn(low.offsetBy(corner & 1, (corner >> 1) & 1, corner >> 2)) ? 1 : 0;
   }
-  return true;
+  return count;
 }
 
 /// The same few places in each run.
@@ -257,17 +269,19 @@ Differences compare(const std::vector<Place>& places, vtkDataArray* values, cons
   const auto accessor = grid.getConstAccessor();
   for (const Place& place : places) {
     const Vec3d p_I = grid.worldToIndex(place.p);
-    if (!hasAll(accessor, p_I)) {
-      ++differences.edge_points;
+    const int data = dataAbout(accessor, p_I);
+    if (data == 0) {
+      ++differences.lost_points;
       continue;
     }
+    Differences::Sum& sum = data == 8 ? differences.within : differences.edge;
     const auto there = openvdb::tools::BoxSampler::sample(accessor, p_I);
     if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
-      differences.add(std::abs(place.valueOf(values, 0) - static_cast<double>(there)));
+      sum.add(std::abs(place.valueOf(values, 0) - static_cast<double>(there)));
     } else {
       Vec3d v;
       for (int c = 0; c < 3; ++c) v[c] = place.valueOf(values, c);
-      differences.add((v - Vec3d(there)).length());
+      sum.add((v - Vec3d(there)).length());
     }
   }
   return differences;
@@ -402,6 +416,12 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       }
       grid->setTransform(transform->copy());
       takeRange(*grid, resampled.made);
+      // What is read beside voxels without data.
+      if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
+        resampled.made.background = edgeValue(*grid);
+        openvdb::tools::changeBackground(grid->tree(),
+                                         static_cast<float>(resampled.made.background));
+      }
       const Differences differences = compare(places, sheets[s].array().values, *grid);
       const double range = sheets[s].isVector() ? resampled.made.highest
                                                 : resampled.made.highest - resampled.made.lowest;
@@ -413,12 +433,8 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       finish(
           openvdb::Vec3SGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.vector; });
     } else {
-      auto grid = openvdb::FloatGrid::create();
       finish(
-          grid, [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
-      const float edge = edgeValue(*grid);
-      openvdb::tools::changeBackground(grid->tree(), edge);
-      resampled.made.background = edge;
+          openvdb::FloatGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
     }
     if (resampled.made.grid->empty()) {
       throw VolumeError(file,
@@ -459,9 +475,9 @@ Differences compareAt(const Piece& image, const Array& array, const GridT& grid)
     const auto there =
         openvdb::tools::BoxSampler::sample(accessor, grid.worldToIndex(Vec3d(p.x(), p.y(), p.z())));
     if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
-      differences.add(std::abs(v.x() - static_cast<double>(there)));
+      differences.within.add(std::abs(v.x() - static_cast<double>(there)));
     } else {
-      differences.add((v - Vec3d(there)).length());
+      differences.within.add((v - Vec3d(there)).length());
     }
   }
   return differences;

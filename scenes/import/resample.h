@@ -15,8 +15,13 @@ namespace palpate::importer {
 struct ResamplingError {
   double rms = 0.0;
   double largest = 0.0;
-  std::uint64_t points = 0;       ///< Compared: all 8 voxels about them have data.
-  std::uint64_t edge_points = 0;  ///< Not compared: beside a voxel without data.
+  std::uint64_t points = 0;  ///< Where all 8 voxels about them have data.
+  /// The same beside voxels without data, where the background is read for these: at the edge of
+  /// the mesh, in the outermost voxel.
+  double edge_rms = 0.0;
+  double edge_largest = 0.0;
+  std::uint64_t edge_points = 0;
+  std::uint64_t lost_points = 0;  ///< In the mesh, and no voxel about them has data.
 };
 
 struct Resampled {
