@@ -147,4 +147,6 @@ TEST_CASE("more boxes in one place than are asked for: it says so", "[broad]") {
   near.forget();
   CHECK(near.near(heap, query).size() == 1);
   CHECK(near.complete());
+  // The hand goes on into the crowd.
+  CHECK(near.near(heap, boxAt({0.005, 0, 0}, Vec3::Constant(1e-3))).size() == NearBoxes::kMost);
 }

@@ -266,6 +266,11 @@ TEST_CASE("each mode places the primitives of its row", "[modes]") {
   const auto line = placed(near, p);
   REQUIRE(line.size() == 1);
   CHECK(isA(line[0], PrimitiveKind::kLine, p + Vec3(0.0, 3e-3, 0.0), Vec3::UnitZ(), 0.6));
+  // Its curve is over the units of the volume that it is given in.
+  near.guide.metres_per_unit = 0.5;
+  REQUIRE(placed(near, p).size() == 1);
+  CHECK(placed(near, p)[0].strength == Approx(1.2));
+  near.guide.metres_per_unit = 1.0;
   // A plane is content with all that is before it, and lets go of what is its snap distance behind.
   near.guide.shape = PrimitiveKind::kPlane;
   near.guide.direction = Vec3::UnitY();

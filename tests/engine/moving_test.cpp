@@ -138,6 +138,21 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
   CHECK(quarter.topSpeed(box) == Approx(1.0 + kPi * std::hypot(far, 0.01)));
 }
 
+TEST_CASE("a motion turns the short way, whatever sign its rotations are written with",
+          "[modes][moving]") {
+  for (const double angle : {0.3, 1.2, 2.4, 3.1}) {
+    const Eigen::Quaterniond to(Eigen::AngleAxisd(angle, Vec3(1, 2, 2) / 3.0));
+    for (const double sign : {1.0, -1.0}) {
+      CAPTURE(angle, sign);
+      const Eigen::Quaterniond written(Eigen::Vector4d(sign * to.coeffs()));
+      const Motion motion(
+          std::vector<Keyframe>{keyAt(0.0, Vec3::Zero()), keyAt(1.0, Vec3::Zero(), written)});
+      const Mat3 half = Eigen::AngleAxisd(0.5 * angle, Vec3(1, 2, 2) / 3.0).toRotationMatrix();
+      CHECK((motion.poseAt(0.5).rotation - half).norm() < 1e-12);
+    }
+  }
+}
+
 TEST_CASE("keyframes that make no motion are refused with their path", "[modes][moving]") {
   using Catch::Contains;
   const auto error = [](const std::vector<Keyframe>& keys, bool repeat = false) {

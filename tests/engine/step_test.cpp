@@ -216,24 +216,6 @@ TEST_CASE("force mode pulls along a vector and down a gradient", "[step][eq8]") 
   CHECK((up.go({0, 0, 0}, {0, 0, 0.001}).force - Vec3(0, 2, 0)).norm() < 1e-12);
 }
 
-TEST_CASE("a surface that has yielded pulls back for its depth, and fades over a voxel more",
-          "[step][fig6]") {
-  const double voxels = GENERATE(2.0, 3.0);
-  const double voxel = 2e-3;
-  ModeSpec skin = mode(ModeKind::kIsosurface, "it", 0.25);
-  skin.depth_voxels = voxels;
-  Bench bench{makeHalfSpace(Vec3::Zero(), {0, 0, 1}, voxel), {skin}};
-  // The proxy is half a millimetre (s/k) before the hand as long as all of the strength pulls.
-  const double depth = voxels * voxel;
-  const auto pulls = [&](double past) {
-    return bench.go({0, 0, 1e-3}, {0, 0, -past}).wanted.norm();
-  };
-  CHECK(pulls(depth + 0.4e-3) == Approx(0.25));
-  // Half way through the last voxel half of it is left: s/k is 0.25 mm there.
-  CHECK(pulls(depth + 0.5 * voxel + 0.25e-3) == Approx(0.125).margin(0.02));
-  CHECK(pulls(depth + voxel + 0.1e-3) < 1e-9);
-}
-
 TEST_CASE("a fast hand does not tunnel: the proxy moves a voxel at a time", "[step]") {
   Random random(6);
   for (int i = 0; i < 200; ++i) {
