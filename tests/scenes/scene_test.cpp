@@ -950,6 +950,17 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
   CHECK(point.metres_per_unit == Approx(0.025));
   CHECK(std::get<GuideMode>(graph.modes[6]).direction == Vec3::UnitZ());
 
+  // With a volume that is turned its guides are, a quarter about z here.
+  Json turned = scene;
+  turned["volumes"]["head"]["place"] = {{"scale", 0.025},
+                                        {"rotation_wxyz", {std::sqrt(0.5), 0, 0, std::sqrt(0.5)}}};
+  turned["modes"][5] = {{"mode", "guide"},    {"shape", "line"}, {"at", {1, 0, 0}},
+                        {"along", {1, 0, 0}}, {"in", "head"},    {"strength", 1}};
+  const BuiltScene other = buildScene(parseScene(turned.dump(), "s.json", folder.path()));
+  const auto& line = std::get<GuideMode>(other.scene->graph.modes[5]);
+  CHECK((line.direction - Vec3::UnitY()).norm() < 1e-12);
+  CHECK((line.position - Vec3(0, 0.025, 0)).norm() < 1e-12);
+
   const auto refused = [&](int mode, const char* key, const Json& value, const char* says) {
     Json bad = scene;
     if (value.is_null()) {
