@@ -96,7 +96,7 @@ class Placer {
 
  private:
   Placement compute(const std::string& name, const PlaceSpec& place, const std::string& path) {
-    const Placement placed = computeAny(name, place, path);
+    Placement placed = computeAny(name, place, path);
     // What is placed like another is looked at too: it may be larger.
     const GridInfo& info = volumes_.at(name)->info();
     const double voxel = placed.scale * info.voxel.minCoeff();

@@ -248,9 +248,10 @@ bool agree(vtkDataSet* original, const std::string& vdb, const GridT& grid) {
       grid.template getMetadata<openvdb::DoubleMetadata>("resampling_edge_rms");
 
   const double allowed = stated == nullptr ? 1e-6 : 1.1 * stated->value() + 1e-6;
+  // Few of the places are there, and a few of them make most of it: to a factor of 2.
   const bool edge_ok = edge.points == 0 ||
-                       (stated_edge != nullptr && edge.rms <= 1.2 * stated_edge->value() + 1e-6 &&
-                        edge.rms >= stated_edge->value() / 1.2 - 1e-6);
+                       (stated_edge != nullptr && edge.rms <= 2.0 * stated_edge->value() + 1e-6 &&
+                        edge.rms >= 0.5 * stated_edge->value() - 1e-6);
   const bool ok = exact.points > 0 && between.points > 0 && exact.largest <= 1e-6 &&
                   between.rms <= allowed && edge_ok;
   const auto told = [](const auto& number) { return fmt::format("{:.1e}", number->value()); };
