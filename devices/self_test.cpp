@@ -53,7 +53,7 @@ std::string text(const Vec3& v) {
 }  // namespace
 
 std::string ArmAxes::name(int axis) const {
-  const std::string letter(1, kAxes[axis]);
+  std::string letter(1, kAxes[axis]);
   if (along(axis, axis) > kAxis) return letter;
   return letter + " " + text(along.col(axis));
 }

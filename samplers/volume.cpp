@@ -99,7 +99,7 @@ class GridReader : private openvdb::io::Archive {
 
   openvdb::GridBase::Ptr read(const std::string& name) {
     const openvdb::io::GridDescriptor& d = by_name_.at(name);
-    const openvdb::GridBase::Ptr grid = begin(d);
+    openvdb::GridBase::Ptr grid = begin(d);
     readGrid(grid, d, stream_);
     if (d.isInstance()) {
       const std::string owner = openvdb::io::GridDescriptor::nameAsString(d.instanceParentName());
@@ -110,7 +110,7 @@ class GridReader : private openvdb::io::Archive {
 
   /// All but the tree.
   openvdb::GridBase::Ptr readMetadata(const std::string& name) {
-    const openvdb::GridBase::Ptr grid = begin(by_name_.at(name));
+    openvdb::GridBase::Ptr grid = begin(by_name_.at(name));
     readGridCompression(stream_);
     grid->readMeta(stream_);
     grid->readTransform(stream_);
