@@ -825,7 +825,7 @@ class Stability(Case):
         print_of = 14695981039346656037  # FNV-1a
         for byte in text.encode():
             print_of = (print_of ^ byte) * 1099511628211 % 2**64
-        record = {"profile": f"{print_of:016x}", "scale": 1.0, "viscous_least": [0.9, 0.8, 1.0],
+        record = {"profile": f"{print_of:016x}", "scale": [1.0, 1.0, 1.0], "viscous_least": [0.9, 0.8, 1.0],
                   "coulomb_least": [0.05, 0.04, 0.06], "mass": [0.2, 0.15, 0.3],
                   "delay": [0.001, 0.002, 0.001], "delay_error": [0.0, 0.0001, 0.0]}
         with tempfile.TemporaryDirectory() as folder:
