@@ -20,7 +20,7 @@ constexpr std::int64_t kWriteTime = 20000000;  // [ns]: longer is blocked
 constexpr auto kFirstReport = std::chrono::seconds(1);
 constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware answers only
 constexpr auto kMend = std::chrono::milliseconds(50);
-constexpr std::int64_t kLongestSleep = 10000000;  // [ns] of the writer, which may be told to end
+constexpr std::int64_t kLongestSleep = 1000000;  // [ns] of the writer, which may be told to end
 constexpr double kLongestStep = 0.02;  // [s] that a puck's velocity lasts without being looked at
 using Clock = std::chrono::steady_clock;
 
@@ -564,7 +564,9 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
 
 void HidDevice::write(const Vec3& force) noexcept {
   if (!profile_.output) return;
-  encode(force, std::span(out_.draft().bytes).first(zero_.size()));
+  const std::span<std::byte> report = std::span(out_.draft().bytes).first(zero_.size());
+  encode(force, report);
+  rests_.store(std::equal(report.begin(), report.end(), zero_.begin()), std::memory_order_relaxed);
   out_.publish();
   sent_.fetch_add(1, std::memory_order_release);
   sent_.notify_one();
@@ -588,12 +590,14 @@ void HidDevice::writeLoop() noexcept {
   request.awake = false;
   (void)becomeRealtime(request, StayAwake(false));
   // The next write is due, by the machine's clock, at an even pace; half a period sooner is soon
-  // enough, so that a loop of the same rate is not held up by its unevenness.
+  // enough, so that a loop of the same rate is not held up by its unevenness. What takes the force
+  // off is due at once.
   const auto period = static_cast<std::int64_t>(1e9 / profile_.output_rate);
   std::int64_t due = nowNs();
+  bool drives = false;
   for (std::uint32_t seen = 0;;) {
     sent_.wait(seen, std::memory_order_acquire);
-    while (!quit_ && nowNs() < due - period / 2) {
+    while (!quit_ && !(drives && rests_) && nowNs() < due - period / 2) {
       sleepUntil(std::min(due - period / 2, nowNs() + kLongestSleep));
     }
     due = std::max(due, nowNs()) + period;
@@ -605,7 +609,9 @@ void HidDevice::writeLoop() noexcept {
     if (!port) continue;
     const std::int64_t began = host_.now();
     write_began_.store(began, std::memory_order_relaxed);
-    const bool good = port->write(std::span(out_.current().bytes).first(zero_.size()));
+    const auto report = std::span(out_.current().bytes).first(zero_.size());
+    const bool good = port->write(report);
+    drives = !std::equal(report.begin(), report.end(), zero_.begin());
     write_began_.store(0, std::memory_order_relaxed);
     longest_ns_ = std::max<std::int64_t>(longest_ns_, host_.now() - began);
     ++count_;

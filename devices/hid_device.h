@@ -256,6 +256,7 @@ class HidDevice final : public Device {
   std::int64_t told_at_ = 0;     ///< [ns], last call of write(); 0: none yet.
 
   Mailbox<Outgoing> out_;
+  std::atomic<bool> rests_{false};            ///< What was published last drives no motor.
   std::atomic<std::uint32_t> sent_{0};        ///< Counts what is published,
   std::atomic<std::uint32_t> written_{0};     ///< and what the writer is done with.
   std::atomic<std::int64_t> write_began_{0};  ///< [ns]; 0: no write is on its way.

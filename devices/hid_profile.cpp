@@ -623,6 +623,10 @@ HidProfile readProfile(const Node& root) {
   const Node rate = root.need("rate").object({"input", "output"});
   profile.input_rate = rate.need("input").positive();
   profile.output_rate = rate.has("output") ? rate.child("output").positive() : 0.0;
+  if (rate.has("output") && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
+    rate.child("output").fail(fmt::format("{:g} reports a second", profile.output_rate),
+                              "give 1 to 100,000");
+  }
 
   const Node input = root.need("input");
   if (!input.json().is_array() || input.json().empty() || input.json().size() > kMostReports) {

@@ -168,7 +168,7 @@ class Tick {
       if (arrived || (spent && !meets)) {
         if (!arrived) worsen(report, StepStatus::kSubstepLimit);
         if (free) {
-          state_.lost_ = !way.clear || !way.swept;
+          state_.lost_ = state_.lost_ || !way.clear || !way.swept;
           moveTo({target_}, report);
           return true;
         }
@@ -770,8 +770,12 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
           state.still_.pass(state.limiter_.letsOut(report.wanted.norm(), state.limits_.peak),
                             hand.still, state.limits_.friction, dt);
       report.wanted *= report.moving;
-      if (hand.too_fast && hand.ready)
-        report.wanted = hand.drives * brake(report.wanted, hand.velocity, hand.max_speed);
+      // Braked along what its motors can push along: what drives it is all in there.
+      const Vec3 along = hand.drives * hand.velocity;
+      if (hand.too_fast && hand.ready && along.norm() > 0.0) {
+        const double share = hand.velocity.norm() / along.norm();
+        report.wanted = brake(report.wanted, share * along, hand.max_speed);
+      }
       tick.stiffen(offset, k * offset.dot(before - offset), dt);
     }
   }

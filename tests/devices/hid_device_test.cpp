@@ -562,8 +562,18 @@ TEST_CASE("an arm is sent no more forces a second than it takes, and the newest"
   await([&] { return arm.driven()[0] == 500; });
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - began;
   CHECK(static_cast<double>(device->writes().count) <= 100.0 * took.count() + 2.0);
-  // Its end does not wait for that.
+  // What takes the force off does not wait for that, nor does its end.
   profile.output_rate = 0.01;
+  {
+    FakeArm cut;
+    const auto one = open(cut, profile);
+    one->write({1, 0, 0});
+    await([&] { return cut.driven()[0] == 1000; });
+    const auto told = std::chrono::steady_clock::now();
+    one->write(Vec3::Zero());
+    await([&] { return cut.driven()[0] == 0; });
+    CHECK(std::chrono::steady_clock::now() - told < 30s);
+  }
   FakeArm slow;
   auto slower = open(slow, profile);
   slower->write({1, 0, 0});

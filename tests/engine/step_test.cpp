@@ -375,6 +375,27 @@ TEST_CASE("damping neither sucks nor kicks: leaving a surface it lets go", "[ste
   CHECK(inward == 0.0);
 }
 
+TEST_CASE("what brakes a hand that is too fast drives it nowhere, whatever its motors can push",
+          "[step][safety]") {
+  Random random(23);
+  for (int i = 0; i < 500; ++i) {
+    Bench bench = sphere(3.0);
+    const Vec3 free = random.direction();
+    HandState hand;
+    hand.drives = Mat3::Identity() - free * free.transpose();
+    hand.position = 1.02 * kRadius * random.direction();
+    (void)hapticStep(*bench.scene, bench.reader, hand, bench.state, kDt);
+    hand.position *= 0.97 / 1.02;
+    hand.too_fast = true;
+    hand.velocity = random.uniform(1.0, 4.0) * random.direction();
+    hand.max_speed = 0.5;
+    const StepReport r = hapticStep(*bench.scene, bench.reader, hand, bench.state, kDt);
+    REQUIRE(r.primitives > 0);
+    REQUIRE(r.wanted.dot(hand.velocity) <= 1e-9);
+    REQUIRE(std::abs(r.wanted.dot(free)) <= 1e-9);
+  }
+}
+
 TEST_CASE("the tick allocates, locks and throws nothing", "[step][realtime]") {
   GraphSpec spec;
   spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0), mode(ModeKind::kSurface, "ball", 1.0),
