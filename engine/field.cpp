@@ -44,13 +44,12 @@ Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, 
     const ScalarSample at = sample(a_W + share * way, cache);
     return at.inside ? sign * (at.value - level) : 1.0;
   };
-  const double steps = std::max(std::ceil(way.norm() / (0.5 * frame().voxel)), 1.0);
-  if (!std::isfinite(steps)) {
+  const double count = std::max(std::ceil(way.norm() / (0.5 * frame().voxel)), 1.0);
+  if (!std::isfinite(count)) {
     out.share = 0.0;
     return out;
   }
-  const double count = steps;
-  const int looked = static_cast<int>(std::min<double>(steps, kMostSteps));
+  const int looked = static_cast<int>(std::min<double>(count, kMostSteps));
   double last = height(0.0);
   bool above = false;
   for (int i = 1; i <= looked; ++i) {
