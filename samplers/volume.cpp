@@ -86,7 +86,8 @@ class GridReader : private openvdb::io::Archive {
     for (std::int32_t i = 0; i < count; ++i) {
       openvdb::io::GridDescriptor d;
       (void)d.read(stream_);
-      by_name_.emplace(openvdb::io::GridDescriptor::nameAsString(d.uniqueName()), d);
+      const auto& [name, kept] = *grids_.emplace(d.uniqueName(), d).first;
+      by_name_.emplace(openvdb::io::GridDescriptor::nameAsString(name), &kept);
       d.seekToEnd(stream_);
     }
   }
@@ -94,23 +95,22 @@ class GridReader : private openvdb::io::Archive {
   [[nodiscard]] bool has(const std::string& name) const { return by_name_.count(name) != 0; }
   /// OpenVDB's name of the tree.
   [[nodiscard]] const std::string& type(const std::string& name) const {
-    return by_name_.at(name).gridType();
+    return by_name_.at(name)->gridType();
   }
 
   openvdb::GridBase::Ptr read(const std::string& name) {
-    const openvdb::io::GridDescriptor& d = by_name_.at(name);
-    openvdb::GridBase::Ptr grid = begin(d);
-    readGrid(grid, d, stream_);
+    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
+    openvdb::GridBase::Ptr grid = readOwn(d);
+    // Whose tree it is has none of another's: VdbCheck has seen to it, by the same names.
     if (d.isInstance()) {
-      const std::string owner = openvdb::io::GridDescriptor::nameAsString(d.instanceParentName());
-      grid->setTree(read(owner)->baseTreePtr());
+      grid->setTree(readOwn(grids_.at(d.instanceParentName()))->baseTreePtr());
     }
     return grid;
   }
 
   /// All but the tree.
   openvdb::GridBase::Ptr readMetadata(const std::string& name) {
-    openvdb::GridBase::Ptr grid = begin(by_name_.at(name));
+    openvdb::GridBase::Ptr grid = begin(*by_name_.at(name));
     readGridCompression(stream_);
     grid->readMeta(stream_);
     grid->readTransform(stream_);
@@ -118,6 +118,12 @@ class GridReader : private openvdb::io::Archive {
   }
 
  private:
+  openvdb::GridBase::Ptr readOwn(const openvdb::io::GridDescriptor& d) {
+    openvdb::GridBase::Ptr grid = begin(d);
+    readGrid(grid, d, stream_);
+    return grid;
+  }
+
   openvdb::GridBase::Ptr begin(const openvdb::io::GridDescriptor& d) {
     d.seekToGrid(stream_);
     openvdb::GridBase::Ptr grid = openvdb::GridBase::createGrid(d.gridType());
@@ -126,7 +132,9 @@ class GridReader : private openvdb::io::Archive {
   }
 
   std::ifstream stream_;
-  std::unordered_map<std::string, openvdb::io::GridDescriptor> by_name_;
+  std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique names.
+  std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< As users call
+                                                                                 ///< them.
 };
 
 /// An OpenVDB file, checked; its errors turned into ours.
