@@ -53,4 +53,12 @@ void eachField(std::span<const Felt> all, Do&& look) noexcept {
   }
 }
 
+/// True if a box of a field's own frame comes near its data.
+[[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
+  const double margin = kFrameMargin * frame.voxel;
+  const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
+                     (way.upper.array() < frame.bounds.lower.array() - margin).any();
+  return !apart;
+}
+
 }  // namespace palpate

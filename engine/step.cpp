@@ -13,11 +13,7 @@ namespace palpate {
 class Tick {
  public:
   Tick(const Scene& scene, Reader& reader, const Vec3& probe, ProxyState& state) noexcept
-      : scene_(scene),
-        reader_(reader),
-        probe_(probe),
-        state_(state),
-        bodies_(state.bodies_.data(), scene.graph.motions.size()) {
+      : scene_(scene), reader_(reader), probe_(probe), state_(state), bodies_(state.bodies_) {
     state_.felt_[0] = {reader.bind(scene), &state.properties_, state.memories_.data()};
   }
 
@@ -30,10 +26,7 @@ class Tick {
     }
     if (swapped || !state_.placed_ || state_.lost_) {
       state_.lost_ = false;
-      state_.posed_at_ = state_.time_;
-      for (std::size_t i = 0; i < bodies_.size(); ++i) {
-        bodies_[i].pose = scene_.graph.motions[i]->poseAt(state_.time_);
-      }
+      bodies_.place(scene_.graph, state_.time_);
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
       state_.near_.forget();
       state_.known_ = false;
@@ -56,7 +49,9 @@ class Tick {
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
     stood_at_ = state_.proxy_;
-    const int moves = bodies_.empty() ? 1 : planMotion(report);
+    const int moves = bodies_.empty() ? 1
+                                      : bodies_.plan(felt(), state_.time_, state_.proxy_, probe_,
+                                                     scene_.step.max_substeps, report);
     if (!state_.known_) lookRound(report);
     if (!scene_.parts.empty()) meetParts(report);
     const int parts = std::max(moves, handParts());
@@ -71,7 +66,7 @@ class Tick {
     const bool stays = was_deep_ && (state_.proxy_ - stood_at_).norm() <= kFree;
     state_.stuck_ = stays ? std::min(state_.stuck_ + 1, kStuck) : 0;
     settleModes();
-    state_.posed_at_ = state_.time_;
+    bodies_.arrive();
     return offset_;
   }
 
@@ -105,9 +100,10 @@ class Tick {
 
   /// A proxy that is new here: properties where it is.
   void lookRound(StepReport& report) noexcept {
-    for (Body& body : bodies_) body.seen = body.pose.toRest(state_.proxy_);
-    for (Body& body : bodies_) body.carried = state_.proxy_;
-    report.samples += state_.felt_[0].bound.sample(state_.proxy_, state_.properties_, bodies_);
+    bodies_.readAt(state_.proxy_);
+    bodies_.stand(state_.proxy_);
+    report.samples +=
+        state_.felt_[0].bound.sample(state_.proxy_, state_.properties_, bodies_.items());
     read_at_ = state_.proxy_;
     placePrimitives(false, report);  // for what modes remember
     state_.known_ = true;
@@ -223,7 +219,7 @@ class Tick {
   /// Where the proxy stands for a surface: carried along by the volume that this is of.
   [[nodiscard]] const Vec3& carriedWith(const IsosurfaceMode& mode,
                                         const Felt& felt) const noexcept {
-    const Body* body = bodyOf(motionOf(mode, felt));
+    const Body* body = bodies_.of(motionOf(mode, felt));
     return body == nullptr ? state_.proxy_ : body->carried;
   }
   [[nodiscard]] static int motionOf(const IsosurfaceMode& mode, const Felt& felt) noexcept {
@@ -247,7 +243,7 @@ class Tick {
     };
     Vec3 at = state_.proxy_;
     double least = bodies_.empty() ? 0.0 : pressed(at);
-    for (const Body& body : bodies_) {
+    for (const Body& body : bodies_.items()) {
       if (!body.moved) continue;
       const double sum = pressed(body.carried);
       if (!(sum < least)) continue;
@@ -261,7 +257,7 @@ class Tick {
       if (mode == nullptr || memory.placed || memory.contact != ModeMemory::Contact::kOutside) {
         return;
       }
-      const Body* body = bodyOf(motionOf(*mode, felt));
+      const Body* body = bodies_.of(motionOf(*mode, felt));
       const Vec3 from = body == nullptr ? state_.proxy_ : body->from;
       const Vec3 to = body == nullptr ? at : body->pose.toRest(at);
       const Crossing crossing = sweep(*mode, felt, from, to, report);
@@ -316,9 +312,9 @@ class Tick {
   /// Properties at a place.
   void read(const Vec3& at, StepReport& report) noexcept {
     ++report.substeps;
-    for (Body& body : bodies_) body.seen = body.pose.toRest(at);
+    bodies_.readAt(at);
     for (const Felt& felt : this->felt()) {
-      report.samples += felt.bound.sample(at, *felt.properties, bodies_);
+      report.samples += felt.bound.sample(at, *felt.properties, bodies_.items());
     }
     read_at_ = at;
     sampled_ = onward_ = true;
@@ -364,7 +360,7 @@ class Tick {
     if (!(length <= reach)) {
       way.clear = false;
       way.cut = true;
-      if (bodies_.empty() || onward_ || !followBody(target_, way.end)) {
+      if (bodies_.empty() || onward_ || !bodies_.follow(felt(), state_.proxy_, target_, way.end)) {
         way.end = from + (reach / length) * line;
       }
     }
@@ -399,7 +395,7 @@ class Tick {
     memory.holds = (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * mode.voxel;
     if (!memory.holds) return false;
     if (std::abs(line.direction.dot(go)) < kStays * mode.voxel) return false;
-    const Body* body = bodyOf(felt.graph().mode_motions[i]);
+    const Body* body = bodies_.of(felt.graph().mode_motions[i]);
     TraceOrder order;
     order.length = line.direction.dot(go);
     order.along = line.direction;
@@ -450,7 +446,7 @@ class Tick {
       const auto* mode = std::get_if<IsosurfaceMode>(&any);
       if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
       if (givesWay(*mode, target_, memory)) return;
-      const Body* body = bodyOf(motionOf(*mode, felt));
+      const Body* body = bodies_.of(motionOf(*mode, felt));
       const Vec3 lift = liftOff(*mode, memory);
       // What led to the last reading is known to be free.
       Vec3 from = (onward_ ? read_at_ : state_.proxy_) + lift;
@@ -484,7 +480,8 @@ class Tick {
   /// True where a proxy that goes there stays, in the world or carried along.
   [[nodiscard]] bool staysAt(const Vec3& x) const noexcept {
     if ((x - state_.proxy_).norm() <= kFree) return true;
-    return std::any_of(bodies_.begin(), bodies_.end(), [&](const Body& body) {
+    const auto all = bodies_.items();
+    return std::any_of(all.begin(), all.end(), [&](const Body& body) {
       return body.moved && (x - body.carried).norm() <= kFree;
     });
   }
@@ -497,11 +494,7 @@ class Tick {
     offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
     report.waiting = rail_.waiting;
     report.injected += std::max(0.0, state_.stiffness_.value * offset_.dot(offset_ - before));
-    for (Body& body : bodies_) {
-      body.from = body.pose.toRest(state_.proxy_);
-      body.carried = state_.proxy_;
-      body.moved = false;
-    }
+    bodies_.stand(state_.proxy_);
   }
 
   /// True while another reading would move the balance by more than the tolerance.
@@ -523,7 +516,7 @@ class Tick {
         }
         return;
       }
-      const Body* body = bodyOf(felt.graph().mode_motions[i]);
+      const Body* body = bodies_.of(felt.graph().mode_motions[i]);
       const Vec3& p = body == nullptr ? state_.proxy_ : body->carried;
       const Pose* pose = body == nullptr ? nullptr : &body->pose;
       const Stand stand{p, foreseen ? p : read_at_, probe_, pose, foreseen};
@@ -540,89 +533,27 @@ class Tick {
     });
   }
 
-  [[nodiscard]] const Body* bodyOf(int motion) const noexcept {
-    return motion < 0 ? nullptr : &bodies_[static_cast<std::size_t>(motion)];
-  }
-
-  /// True if a box of a field's own frame comes near its data.
-  [[nodiscard]] static bool meets(const Box& way, const FieldFrame& frame) noexcept {
-    const double margin = kFrameMargin * frame.voxel;
-    const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||
-                       (way.upper.array() < frame.bounds.lower.array() - margin).any();
-    return !apart;
-  }
-
-  /// The way to b as a field sees it: from where it was read.
-  [[nodiscard]] static bool meets(const Body& body, const Vec3& b,
-                                  const FieldFrame& frame) noexcept {
-    const Vec3 end = body.pose.toRest(b);
-    return meets({body.from.cwiseMin(end), body.from.cwiseMax(end)}, frame);
-  }
-
   /// How far the proxy may go from a before properties are read again: a voxel of the finest volume
   /// that the way to b can meet, any distance where there is none or where it is empty. A volume
   /// that has carried the place of its reading away from a counts from there.
   [[nodiscard]] double reachFrom(const Vec3& a, const Vec3& b) const noexcept {
+    if (!bodies_.empty()) return bodies_.reachFrom(felt(), a, b, onward_);
     const Box way{a.cwiseMin(b), a.cwiseMax(b)};
     double reach = std::numeric_limits<double>::infinity();
-    if (bodies_.empty()) {
-      const double length = (b - a).norm();
-      const auto meet = [&](const std::vector<FieldFrame>& frames, const auto& fields) {
-        for (std::size_t i = 0; i < frames.size(); ++i) {
-          const FieldFrame& frame = frames[i];
-          if (!meets(way, frame)) continue;
-          const double free = length > frame.voxel ? fields[i]->freeWithin(a) : 0.0;
-          reach = std::min(reach, std::max(frame.voxel, free));
-        }
-      };
-      for (const Felt& felt : this->felt()) {
-        meet(felt.graph().scalar_frames, felt.graph().scalar_fields);
-        meet(felt.graph().vector_frames, felt.graph().vector_fields);
+    const double length = (b - a).norm();
+    const auto meet = [&](const std::vector<FieldFrame>& frames, const auto& fields) {
+      for (std::size_t i = 0; i < frames.size(); ++i) {
+        const FieldFrame& frame = frames[i];
+        if (!meets(way, frame)) continue;
+        const double free = length > frame.voxel ? fields[i]->freeWithin(a) : 0.0;
+        reach = std::min(reach, std::max(frame.voxel, free));
       }
-      return reach;
+    };
+    for (const Felt& felt : this->felt()) {
+      meet(felt.graph().scalar_frames, felt.graph().scalar_fields);
+      meet(felt.graph().vector_frames, felt.graph().vector_fields);
     }
-    eachField(felt(), [&](const FieldFrame& frame, int motion) {
-      const Body* body = bodyOf(motion);
-      if (body == nullptr) {
-        if (meets(way, frame)) reach = std::min(reach, frame.voxel);
-        return;
-      }
-      const double carried = onward_ ? 0.0 : (body->carried - a).norm();
-      const bool far = onward_ || (b - body->carried).norm() > frame.voxel;
-      if (far && meets(*body, b, frame)) {
-        reach = std::min(reach, std::max(frame.voxel - carried, 0.5 * frame.voxel));
-      }
-    });
     return reach;
-  }
-
-  /// Part of the way to b, for a proxy that one moving volume holds back: a voxel of it from where
-  /// that volume was read, as if it stood still. False, and nothing done, where another volume
-  /// could not follow that.
-  [[nodiscard]] bool followBody(const Vec3& b, Vec3& end) noexcept {
-    const Body* holder = nullptr;
-    double share = 1.0;
-    eachField(felt(), [&](const FieldFrame& frame, int motion) {
-      const Body* body = bodyOf(motion);
-      if (body == nullptr || !body->moved || !meets(*body, b, frame)) return;
-      const double part = frame.voxel / (b - body->carried).norm();
-      if (part >= share) return;
-      share = part;
-      holder = body;
-    });
-    if (holder == nullptr) return false;
-    const Vec3 to = holder->carried + share * (b - holder->carried);
-    bool trusted = true;
-    eachField(felt(), [&](const FieldFrame& frame, int motion) {
-      const Body* body = bodyOf(motion);
-      if (body == holder) return;
-      const Vec3& from = body == nullptr ? state_.proxy_ : body->carried;
-      if ((to - from).norm() <= frame.voxel) return;
-      const Box way{from.cwiseMin(to), from.cwiseMax(to)};
-      trusted = trusted && !(body == nullptr ? meets(way, frame) : meets(*body, to, frame));
-    });
-    if (trusted) end = to;
-    return trusted;
   }
 
   /// Where the hand was in the last tick [m].
@@ -644,55 +575,13 @@ class Tick {
     return static_cast<int>(std::clamp<double>(parts, 1.0, most));
   }
 
-  /// In how many parts the volumes move on to this tick's time: each at most half a voxel where the
-  /// proxy is or can come to.
-  [[nodiscard]] int planMotion(StepReport& report) noexcept {
-    const Vec3& p = state_.proxy_;
-    for (std::size_t i = 0; i < bodies_.size(); ++i) {
-      bodies_[i].target = scene_.graph.motions[i]->poseAt(state_.time_);
-    }
-    double parts = 1.0;
-    eachField(felt(), [&](const FieldFrame& frame, int motion) {
-      if (motion < 0) return;
-      const Body& body = bodies_[static_cast<std::size_t>(motion)];
-      const Vec3 seen = body.pose.toRest(p);
-      const double way = (body.target(seen) - p).norm();
-      if (!(way > 0.5 * frame.voxel)) return;
-      Box near;
-      for (const Vec3& x : {p, probe_}) {
-        near.extend(body.pose.toRest(x));
-        near.extend(body.target.toRest(x));
-      }
-      if (meets(near, frame)) parts = std::max(parts, std::ceil(way / (0.5 * frame.voxel)));
-    });
-    if (parts > scene_.step.max_substeps) worsen(report, StepStatus::kSubstepLimit);
-    return static_cast<int>(std::min<double>(parts, scene_.step.max_substeps));
-  }
-
-  /// Moves the volumes to their place in a sub-step, and finds where each sees the proxy.
-  void moveBodies(int substep, int parts) noexcept {
-    const Vec3& p = state_.proxy_;
-    for (std::size_t i = 0; i < bodies_.size(); ++i) {
-      Body& body = bodies_[i];
-      const Pose last = body.pose;
-      if (substep < parts) {
-        const double share = static_cast<double>(substep) / parts;
-        const double time = state_.posed_at_ + share * (state_.time_ - state_.posed_at_);
-        body.pose = scene_.graph.motions[i]->poseAt(time);
-      } else {
-        body.pose = body.target;
-      }
-      body.from = last.toRest(p);
-      body.moved = !(body.pose == last);
-      body.carried = body.moved ? body.pose(body.from) : p;
-      if (!body.moved) continue;
-      body.carry.rotation = body.pose.rotation * last.rotation.transpose();
-      body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
-    }
-    state_.felt_[0].bound.turn(state_.properties_, bodies_);
+  /// Moves the volumes to their place in a part, and what is remembered with them.
+  void moveBodies(int part, int parts) noexcept {
+    bodies_.move(scene_.graph, part, parts, state_.proxy_);
+    state_.felt_[0].bound.turn(state_.properties_, bodies_.items());
     const auto& modes = scene_.graph.modes;
     for (std::size_t i = 0; i < modes.size(); ++i) {
-      const Body* body = bodyOf(scene_.graph.mode_motions[i]);
+      const Body* body = bodies_.of(scene_.graph.mode_motions[i]);
       if (body != nullptr && body->moved) carry(body->carry, state_.memories_[i]);
     }
   }
@@ -701,10 +590,10 @@ class Tick {
   Reader& reader_;
   Vec3 probe_;  ///< The hand [m]; within a tick where it goes on in parts.
   ProxyState& state_;
-  const std::span<Body> bodies_;  ///< One for each of the scene's motions.
-  std::size_t felt_count_ = 1;    ///< Of ProxyState::felt_.
-  bool strays_ = false;           ///< The last way led beyond the parts that were chosen,
-  int strayed_ = 0;               ///< as so many ways of this tick did.
+  Bodies& bodies_;
+  std::size_t felt_count_ = 1;  ///< Of ProxyState::felt_.
+  bool strays_ = false;         ///< The last way led beyond the parts that were chosen,
+  int strayed_ = 0;             ///< as so many ways of this tick did.
   Rail rail_;
   bool sampled_ = false;          ///< Since the volumes moved.
   bool onward_ = false;           ///< The next way begins there, not where the proxy stands.

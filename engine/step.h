@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "engine/bodies.h"
 #include "engine/coupling.h"
 #include "engine/device.h"
 #include "engine/felt.h"
@@ -30,7 +31,6 @@ class ProxyState {
       : limits_(limits),
         memories_(kMaxModes),
         felt_(1 + kMaxNearParts),
-        bodies_(kMaxMotions),
         forces_(kMaxPrimitives, Vec3::Zero()) {}
 
   /// Cuts the force at the next tick, for the first cause that is given.
@@ -76,8 +76,8 @@ class ProxyState {
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {forces_.data(), primitives_.size()};
   }
-  /// Graph::motions as the last sub-step saw them; the scene's come first, others mean nothing.
-  [[nodiscard]] std::span<const Body> bodies() const noexcept { return bodies_; }
+  /// Graph::motions as the last sub-step saw them.
+  [[nodiscard]] std::span<const Body> bodies() const noexcept { return bodies_.items(); }
   /// What mode i of the scene's own graph remembers, i < kMaxModes.
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept { return memories_[i]; }
   /// The parts that are felt.
@@ -104,7 +104,7 @@ class ProxyState {
   std::vector<ModeMemory> memories_;
   std::vector<Felt> felt_;  ///< This tick's: the scene's own graph, then near parts.
   NearParts near_;
-  std::vector<Body> bodies_;
+  Bodies bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;
   WarmStart warm_;
@@ -112,8 +112,7 @@ class ProxyState {
   Properties properties_;
   std::uint64_t scene_id_ = 0;
   std::uint64_t scene_shape_ = 0;
-  double time_ = 0.0;      ///< [s]
-  double posed_at_ = 0.0;  ///< Time of the bodies' poses [s].
+  double time_ = 0.0;  ///< [s]
   VaryingStiffness stiffness_;
   int stuck_ = 0;  ///< Ticks in a row that ended where they began: their ways led behind a surface.
   bool placed_ = false;

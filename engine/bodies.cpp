@@ -1,0 +1,113 @@
+#include "engine/bodies.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace palpate {
+
+namespace {
+
+/// The way to b as a field sees it: from where it was read.
+bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
+  const Vec3 end = body.pose.toRest(b);
+  return meets({body.from.cwiseMin(end), body.from.cwiseMax(end)}, frame);
+}
+
+}  // namespace
+
+void Bodies::place(const Graph& graph, double time) noexcept {
+  posed_at_ = time_ = time;
+  count_ = graph.motions.size();
+  for (std::size_t i = 0; i < count_; ++i) bodies_[i].pose = graph.motions[i]->poseAt(time);
+}
+
+int Bodies::plan(std::span<const Felt> felt, double time, const Vec3& proxy, const Vec3& probe,
+                 int most, StepReport& report) noexcept {
+  time_ = time;
+  const Graph& graph = felt[0].graph();
+  for (std::size_t i = 0; i < count_; ++i) bodies_[i].target = graph.motions[i]->poseAt(time);
+  double parts = 1.0;
+  eachField(felt, [&](const FieldFrame& frame, int motion) {
+    if (motion < 0) return;
+    const Body& body = bodies_[static_cast<std::size_t>(motion)];
+    const Vec3 seen = body.pose.toRest(proxy);
+    const double way = (body.target(seen) - proxy).norm();
+    if (!(way > 0.5 * frame.voxel)) return;
+    Box near;
+    for (const Vec3& x : {proxy, probe}) {
+      near.extend(body.pose.toRest(x));
+      near.extend(body.target.toRest(x));
+    }
+    if (meets(near, frame)) parts = std::max(parts, std::ceil(way / (0.5 * frame.voxel)));
+  });
+  if (parts > most) worsen(report, StepStatus::kSubstepLimit);
+  return static_cast<int>(std::min<double>(parts, most));
+}
+
+void Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept {
+  for (std::size_t i = 0; i < count_; ++i) {
+    Body& body = bodies_[i];
+    const Pose last = body.pose;
+    if (part < parts) {
+      const double share = static_cast<double>(part) / parts;
+      body.pose = graph.motions[i]->poseAt(posed_at_ + share * (time_ - posed_at_));
+    } else {
+      body.pose = body.target;
+    }
+    body.from = last.toRest(proxy);
+    body.moved = !(body.pose == last);
+    body.carried = body.moved ? body.pose(body.from) : proxy;
+    if (!body.moved) continue;
+    body.carry.rotation = body.pose.rotation * last.rotation.transpose();
+    body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
+  }
+}
+
+double Bodies::reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
+                         bool onward) const noexcept {
+  const Box way{a.cwiseMin(b), a.cwiseMax(b)};
+  double reach = std::numeric_limits<double>::infinity();
+  eachField(felt, [&](const FieldFrame& frame, int motion) {
+    const Body* body = of(motion);
+    if (body == nullptr) {
+      if (meets(way, frame)) reach = std::min(reach, frame.voxel);
+      return;
+    }
+    const double carried = onward ? 0.0 : (body->carried - a).norm();
+    const bool far = onward || (b - body->carried).norm() > frame.voxel;
+    if (far && meets(*body, b, frame)) {
+      reach = std::min(reach, std::max(frame.voxel - carried, 0.5 * frame.voxel));
+    }
+  });
+  return reach;
+}
+
+bool Bodies::follow(std::span<const Felt> felt, const Vec3& proxy, const Vec3& b,
+                    Vec3& end) const noexcept {
+  const Body* holder = nullptr;
+  double share = 1.0;
+  eachField(felt, [&](const FieldFrame& frame, int motion) {
+    const Body* body = of(motion);
+    if (body == nullptr || !body->moved || !meets(*body, b, frame)) return;
+    const double part = frame.voxel / (b - body->carried).norm();
+    if (part >= share) return;
+    share = part;
+    holder = body;
+  });
+  if (holder == nullptr) return false;
+  const Vec3 to = holder->carried + share * (b - holder->carried);
+  bool trusted = true;
+  eachField(felt, [&](const FieldFrame& frame, int motion) {
+    const Body* body = of(motion);
+    if (body == holder) return;
+    const Vec3& from = body == nullptr ? proxy : body->carried;
+    if ((to - from).norm() <= frame.voxel) return;
+    const Box way{from.cwiseMin(to), from.cwiseMax(to)};
+    trusted = trusted && !(body == nullptr ? meets(way, frame) : meets(*body, to, frame));
+  });
+  if (trusted) end = to;
+  return trusted;
+}
+
+}  // namespace palpate
