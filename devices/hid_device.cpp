@@ -21,7 +21,7 @@ constexpr auto kFirstReport = std::chrono::seconds(1);
 constexpr auto kAsk = std::chrono::milliseconds(10);  // some firmware answers only
 constexpr auto kMend = std::chrono::milliseconds(50);
 constexpr std::int64_t kLongestSleep = 1000000;  // [ns] of the writer, which may be told to end
-constexpr double kLongestStep = 0.02;  // [s] that a puck's velocity lasts without being looked at
+constexpr double kLongestStep = 0.02;  // [s] that a puck moves, or weight grows, without a look
 using Clock = std::chrono::steady_clock;
 
 [[noreturn]] void throwGone(const std::string& name) {
@@ -148,7 +148,8 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
       host_(std::move(host)),
       port_(std::move(port)),
       mended_(profile_),
-      input_(profile_) {
+      input_(profile_),
+      tested_(tested) {
   counters_.resize(profile_.joints.size());
   home_raw_.assign(profile_.joints.size(), 0.0);
   counts_ = home_raw_;
@@ -244,6 +245,7 @@ void HidDevice::endThreads() noexcept {
 }
 
 HidDevice::~HidDevice() {
+  carry(false);
   write(Vec3::Zero());
   const auto end = Clock::now() + kMend;
   while (profile_.output && !gone_ && written_ != sent_ && Clock::now() < end) {
@@ -468,6 +470,10 @@ HandState HidDevice::read() noexcept {
   if (hand.fault == Fault::kNone && began != 0 && now - began > kWriteTime) {
     hand.fault = Fault::kWrite;
   }
+  // Its weight comes in as every force does, and goes at once.
+  upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
+  const double step = std::min(dt, kLongestStep) / kEngage;
+  carried_share_ = carries_ && upright_ ? std::min(1.0, carried_share_ + step) : 0.0;
   return hand;
 }
 
@@ -511,6 +517,32 @@ double HidDevice::heatMotors() noexcept {
   return dt;
 }
 
+std::array<double, kMostJoints> HidDevice::carried() const noexcept {
+  std::array<double, kMostJoints> raw{};
+  const double share = carries_ && upright_ ? carried_share_ : 0.0;
+  if (profile_.masses.empty() || share <= 0.0) return raw;
+  const Joints torques = carryingTorques(profile_, joints_);
+  double most = 1.0;
+  if (!tested_) {
+    const double weight = forceOf(profile_, pose_, torques).norm();
+    if (!(weight <= host_.carries)) most = host_.carries / weight;
+  }
+  for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
+    const HidJoint& joint = profile_.joints[i];
+    if (!joint.to) continue;
+    const ReportField& field = profile_.output->fields[*joint.to];
+    raw[i] = field.scale * torques[i] / (joint.ratio * joint.torque_constant);
+    double room = raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least;
+    if (joint.continuous > 0.0) room = std::min(room, joint.continuous * std::abs(field.scale));
+    if (std::abs(raw[i]) > room) most = std::min(most, std::max(room, 0.0) / std::abs(raw[i]));
+  }
+  for (double& r : raw) {
+    r *= most * share;
+    if (!std::isfinite(r)) return {};
+  }
+  return raw;
+}
+
 void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcept {
   const double dt = heatMotors();
   for (MotorHeat& motor : heat_) motor.tell(0.0);
@@ -520,22 +552,25 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   // direction is kept.
   std::array<double, kMostJoints> raw{};
   std::array<double, kMostJoints> room{};
+  const std::array<double, kMostJoints> weight = carried();
   double share = 1.0;
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const HidJoint& joint = profile_.joints[i];
     if (!joint.to) continue;
     const ReportField& field = profile_.output->fields[*joint.to];
+    const double none = field.offset + weight[i];
     raw[i] =
         field.scale * Kinematics::torque(pose_, i, force_D) / (joint.ratio * joint.torque_constant);
     if (!std::isfinite(raw[i])) {
       given_ = 0.0;
       return;
     }
-    room[i] = std::max(raw[i] > 0.0 ? field.most - field.offset : field.offset - field.least, 0.0);
+    const double end = raw[i] > 0.0 ? field.most - none : none - field.least;
+    room[i] = std::max(end, 0.0);
     if (std::abs(raw[i]) > room[i]) share = std::min(share, room[i] / std::abs(raw[i]));
   }
-  // Likewise where one is too hot for what is left. A hot one lets go at once; what it held back
-  // comes again as gently as any force.
+  // Likewise where one is too hot for what is left beside the weight that it carries. A hot one
+  // lets go at once; what it held back comes again as gently as any force.
   cool_ = std::min(1.0, cool_ + dt / kEngage);
   const auto unit = [&](std::size_t i) {
     return std::abs(profile_.output->fields[*profile_.joints[i].to].scale);
@@ -543,11 +578,13 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const double asked = share * std::abs(raw[i]);
     if (!(profile_.joints[i].continuous > 0.0) || !(asked > 0.0)) continue;
-    cool_ = std::min(cool_, unit(i) * heat_[i].allows(room[i] / unit(i)) / asked);
+    const double along = raw[i] > 0.0 ? weight[i] : -weight[i];
+    const double allowed = unit(i) * heat_[i].allows((room[i] + along) / unit(i)) - along;
+    cool_ = std::min(cool_, std::max(allowed, 0.0) / asked);
   }
   share *= cool_;
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
-    if (profile_.joints[i].to) heat_[i].tell(share * raw[i] / unit(i));
+    if (profile_.joints[i].to) heat_[i].tell((share * raw[i] + weight[i]) / unit(i));
   }
   given_ = share;
   if (share < 1.0) ++weakened_;
@@ -555,7 +592,7 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
     if (!profile_.joints[i].to) continue;
     const ReportField& field = profile_.output->fields[*profile_.joints[i].to];
     // Towards no force: rounding adds none.
-    const double wanted = share * raw[i];
+    const double wanted = share * raw[i] + weight[i];
     putRaw(report.subspan(1), field,
            field.type == ReportField::Type::kFloat ? wanted + field.offset
                                                    : std::round(field.offset) + std::trunc(wanted));

@@ -92,7 +92,9 @@ struct HidHost {
   /// is not known.
   MeasuredArm measured = {};
   TankUse tank = TankUse::kObserve;
-  double refill = 0.0;  ///< TankParams::refill [W].
+  double refill = 0.0;   ///< TankParams::refill [W].
+  double carries = 1.0;  ///< The most of its weight that an arm carries that has not passed its
+                         ///< test, at the tip [N]; others as their motors can.
   /// What reports and writes grow old by [ns]; called in ticks. The machine's clock, or a test's.
   std::int64_t (*now)() noexcept = nowNs;
 };
@@ -133,6 +135,10 @@ class HidDevice final : public Device {
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
+  void carry(bool may) noexcept override {
+    carries_ = may;
+    if (!may) carried_share_ = 0.0;
+  }
   [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
@@ -204,6 +210,8 @@ class HidDevice final : public Device {
   void encode(const Vec3& force_W, std::span<std::byte> report) noexcept;
   /// Lets the motors' heat follow what they were told until now; returns how long that was [s].
   double heatMotors() noexcept;
+  /// What motors give to carry the arm's weight, raw, within their limits.
+  [[nodiscard]] std::array<double, kMostJoints> carried() const noexcept;
   void lost() noexcept;
   void writeLoop() noexcept;
   void mendLoop() noexcept;
@@ -254,6 +262,10 @@ class HidDevice final : public Device {
   std::vector<MotorHeat> heat_;  ///< Of joints' motors.
   double cool_ = 1.0;            ///< Share of the force that their heat leaves.
   std::int64_t told_at_ = 0;     ///< [ns], last call of write(); 0: none yet.
+  bool tested_;
+  bool carries_ = false;        ///< carry() has allowed it,
+  bool upright_ = false;        ///< and so has the last reading.
+  double carried_share_ = 0.0;  ///< Of the weight, that is carried yet.
 
   Mailbox<Outgoing> out_;
   std::atomic<bool> rests_{false};            ///< What was published last drives no motor.

@@ -41,6 +41,9 @@ constexpr double kLeastAsked = 1e-3;
 constexpr double kMostHeating = 1e4;   // [s]
 constexpr double kLeastHeating = 0.1;  // [s]
 constexpr double kSame = 1e-4;         // [m]: so far apart two places are one
+constexpr double kMostMass = 5.0;      // [kg]
+constexpr double kMostCarried = 0.5;  // of what its field lets a motor have: the rest is to be felt
+constexpr std::size_t kMostMasses = 16;
 
 double positiveUpTo(const Node& node, double most, const char* unit) {
   (void)node.positive();
@@ -410,6 +413,33 @@ void readKinematics(const Node& node, const Fields& fields, HidProfile& profile)
   if (node.has("rate_control")) profile.rate_control = node.child("rate_control").positive();
 }
 
+void readGravity(const Node& node, HidProfile& profile) {
+  node.object({"down", "masses"});
+  if (node.has("down")) {
+    const auto v = node.child("down").numbers<3>();
+    const Vec3 down(v[0], v[1], v[2]);
+    if (!(down.norm() > 1e-6)) node.child("down").fail("it is no direction", "write [0, 0, -1]");
+    profile.down_D = down.normalized();
+  }
+  const Node masses = node.need("masses");
+  if (!masses.json().is_array() || masses.json().size() > kMostMasses) {
+    masses.fail("it is not a list of at most 16 masses", "write [{\"mass\": 0.1}]");
+  }
+  for (std::size_t i = 0; i < masses.json().size(); ++i) {
+    const Node at = masses.element(i).object({"mass", "link", "centre"});
+    HidMass mass;
+    mass.mass = positiveUpTo(at.need("mass"), kMostMass, "kilograms");
+    if (at.has("link")) {
+      const int last = static_cast<int>(profile.kinematics->links()) - 1;
+      mass.link = static_cast<std::size_t>(at.child("link").whole(0, last));
+      if (at.has("centre")) mass.centre = readPlace(at.child("centre"));
+    } else if (at.has("centre")) {
+      at.child("centre").fail("of no link", "add \"link\"; without both it is at the tip");
+    }
+    profile.masses.push_back(mass);
+  }
+}
+
 std::vector<HidStep> readSequence(const Node& node, const Fields& fields,
                                   const HidProfile& profile) {
   if (!node.json().is_array() || node.json().size() > kMostSteps) {
@@ -587,6 +617,12 @@ void checkFacts(const Node& root, const HidProfile& profile) {
                             profile.limits.force, motor.asked, motor.field, motor.room),
                 remedy);
     }
+    if (motor.carries > kMostCarried * motor.continuous) {
+      root.child("gravity").fail(
+          fmt::format("to carry its masses {} is asked for {:.3g}, of {:.3g} that it may hold",
+                      motor.field, motor.carries, motor.continuous),
+          "mend masses and centres, or counterweight it: more than half is not for this");
+    }
     if (strongest == nullptr || motor.asked / motor.room > strongest->asked / strongest->room) {
       strongest = &motor;
     }
@@ -606,8 +642,8 @@ void checkFacts(const Node& root, const HidProfile& profile) {
 
 HidProfile readProfile(const Node& root) {
   root.object({"$schema", "palpate_arm", "name", "description", "firmware", "match", "rate",
-               "input", "output", "flags", "kinematics", "mount", "open", "home", "close", "limits",
-               "sources"});
+               "input", "output", "flags", "kinematics", "gravity", "mount", "open", "home",
+               "close", "limits", "sources"});
   if (root.need("palpate_arm").number() != 1.0) {
     root.child("palpate_arm").fail("this program does not know that version", "write 1");
   }
@@ -666,6 +702,7 @@ HidProfile readProfile(const Node& root) {
   if (root.has("flags")) readFlags(root.child("flags"), fields, profile);
   readKinematics(root.need("kinematics"), fields, profile);
   checkSequences(input, profile);
+  if (root.has("gravity")) readGravity(root.child("gravity"), profile);
   if (root.has("mount")) {
     const Node mount = root.child("mount").object({"origin", "rotation_wxyz"});
     if (mount.has("origin")) profile.origin_D = readPlace(mount.child("origin"));
@@ -727,6 +764,13 @@ HidProfile readProfile(const Node& root) {
   }
   if (profile.output && motors == 0) {
     root.child("kinematics").fail("no joint has a motor", "name them, or remove \"output\"");
+  }
+  if (!profile.masses.empty() && motors == 0) {
+    root.child("gravity").fail("no joint has a motor to carry it", "remove it");
+  }
+  if (!profile.masses.empty() && profile.limits.continuous > 0.0) {
+    root.child("gravity").fail("limits/continuous knows nothing of what its motors carry",
+                               "give the motors' own, \"continuous\" and \"heating\" of joints");
   }
   if (profile.output && profile.firmware.empty()) {
     root.fail("nothing says how its firmware takes the force off when no message comes",

@@ -71,6 +71,13 @@ struct HidJoint {
   double heating = 0.0;     ///< Time constant of its winding's heat [s].
 };
 
+/// A mass that the arm's motors carry.
+struct HidMass {
+  double mass = 0.0;                ///< [kg]
+  std::optional<std::size_t> link;  ///< Of the kinematics; none: it is at the tip.
+  Vec3 centre = Vec3::Zero();       ///< In the link's frame (Kinematics::on) [m].
+};
+
 /// A step of a sequence: what a device needs before or after it is felt.
 struct HidStep {
   enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
@@ -119,6 +126,8 @@ struct HidProfile {
   double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: it is not.
   Mat3 world_from_device = Mat3::Identity();  ///< Of the arm in the hand's world:
   Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
+  std::vector<HidMass> masses;
+  Vec3 down_D = -Vec3::UnitZ();  ///< Where the masses fall to.
   std::vector<HidStep> open, home, close;
   HidLimits limits;
   std::map<std::string, std::string> sources;  ///< By JSON pointer: where numbers come from.

@@ -28,9 +28,17 @@ class Cartesian final : public Kinematics {
  public:
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
+    return on(2, Vec3::Zero(), joints);
+  }
+  [[nodiscard]] std::size_t links() const noexcept override { return 3; }
+  [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
+                           const Joints& joints) const noexcept override {
     ArmPose pose;
-    pose.position_D = {joints[0], joints[1], joints[2]};
-    for (int i = 0; i < 3; ++i) pose.jacobian[static_cast<std::size_t>(i)] = Vec3::Unit(i);
+    pose.position_D = place;
+    for (std::size_t i = 0; i <= link; ++i) {
+      pose.jacobian[i] = Vec3::Unit(static_cast<Eigen::Index>(i));
+      pose.position_D += joints[i] * pose.jacobian[i];
+    }
     return pose;
   }
 };
@@ -41,12 +49,17 @@ class Chain final : public Kinematics {
       : links_(links.begin(), links.end()), tip_(tip) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return links_.size(); }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
+    return on(links_.size() - 1, tip_, joints);
+  }
+  [[nodiscard]] std::size_t links() const noexcept override { return links_.size(); }
+  [[nodiscard]] ArmPose on(std::size_t end, const Vec3& place,
+                           const Joints& joints) const noexcept override {
     // Each joint's axis and a point on it, then what it moves.
     std::array<Vec3, kMostJoints> axis;
     std::array<Vec3, kMostJoints> point;
     Mat3 turned = Mat3::Identity();
     Vec3 origin = Vec3::Zero();
-    for (std::size_t i = 0; i < links_.size(); ++i) {
+    for (std::size_t i = 0; i <= end; ++i) {
       const ChainLink& link = links_[i];
       axis[i] = turned.col(2);
       point[i] = origin;
@@ -62,8 +75,8 @@ class Chain final : public Kinematics {
       turned = Mat3(turned * step);
     }
     ArmPose pose;
-    pose.position_D = origin + turned * tip_;
-    for (std::size_t i = 0; i < links_.size(); ++i) {
+    pose.position_D = origin + turned * place;
+    for (std::size_t i = 0; i <= end; ++i) {
       pose.jacobian[i] = axis[i].cross(pose.position_D - point[i]);
     }
     return pose;
@@ -79,18 +92,40 @@ class CapstanArm final : public Kinematics {
   CapstanArm(double a, double b, double c) : a_(a), b_(b), c_(c) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
-    const double ca = std::cos(joints[0]);
-    const double sa = std::sin(joints[0]);
+    return on(2, {c_, 0.0, 0.0}, joints);
+  }
+  [[nodiscard]] std::size_t links() const noexcept override { return 3; }
+  [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
+                           const Joints& joints) const noexcept override {
     const double cb = std::cos(joints[1]);
     const double sb = std::sin(joints[1]);
     const double cc = std::cos(joints[2]);
     const double sc = std::sin(joints[2]);
-    const double out = b_ * sb + c_ * sc;
+    // With A = 0: where it is, and by what it moves as B and C grow.
+    const Vec3 upper(sb, 0.0, cb);
+    const Vec3 upper_turns(cb, 0.0, -sb);
+    const Vec3 lower(sc, 0.0, -cc);
+    const Vec3 lower_turns(cc, 0.0, sc);
+    Vec3 at = place;
+    std::array<Vec3, 2> moves{Vec3::Zero(), Vec3::Zero()};
+    if (link == 1) {
+      at = {0.0, place.y(), a_};
+      at += place.x() * upper + place.z() * upper_turns;
+      moves[0] = place.x() * upper_turns - place.z() * upper;
+    } else if (link == 2) {
+      at = {0.0, place.y(), a_};
+      at += b_ * upper + place.x() * lower + place.z() * lower_turns;
+      moves = {b_ * upper_turns, place.x() * lower_turns - place.z() * lower};
+    }
+    const double ca = std::cos(joints[0]);
+    const double sa = std::sin(joints[0]);
+    Mat3 turn;
+    turn << ca, -sa, 0, sa, ca, 0, 0, 0, 1;
     ArmPose pose;
-    pose.position_D = {ca * out, sa * out, a_ + b_ * cb - c_ * cc};
-    pose.jacobian[0] = {-sa * out, ca * out, 0.0};
-    pose.jacobian[1] = {ca * b_ * cb, sa * b_ * cb, -b_ * sb};
-    pose.jacobian[2] = {ca * c_ * cc, sa * c_ * cc, c_ * sc};
+    pose.position_D = turn * at;
+    pose.jacobian[0] = Vec3::UnitZ().cross(pose.position_D);
+    pose.jacobian[1] = turn * moves[0];
+    pose.jacobian[2] = turn * moves[1];
     return pose;
   }
 
@@ -132,8 +167,36 @@ class Pantograph final : public Kinematics {
     pose.jacobian[1] = pull2 / det * Vec3(-rod.y(), rod.x(), 0.0);
     return pose;
   }
+  [[nodiscard]] std::size_t links() const noexcept override { return 4; }
+  [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
+                           const Joints& joints) const noexcept override {
+    // The motor's bar that it is, or that it begins at the end of.
+    const std::size_t motor = link < 2 ? 0 : 1;
+    const double bar = length_[motor == 0 ? 0 : 3];
+    const Vec3 out(std::cos(joints[motor]), std::sin(joints[motor]), 0.0);
+    const Vec3 base(motor == 0 ? 0.0 : -base_, 0.0, 0.0);
+    ArmPose pose = at(joints);
+    std::array<Vec3, 2> begins{Vec3::Zero(), Vec3::Zero()};  // as joints grow
+    std::array<Vec3, 2> turns = begins;                      // and its direction
+    Vec3 from = base;
+    Vec3 ahead = out;
+    if (link == 0 || link == 3) {
+      turns[motor] = left(out);
+    } else {
+      from = base + bar * out;
+      begins[motor] = bar * left(out);
+      ahead = (pose.position_D - from) / length_[link];
+      for (std::size_t i = 0; i < 2; ++i) turns[i] = (pose.jacobian[i] - begins[i]) / length_[link];
+    }
+    const auto offset = [&](const Vec3& x) -> Vec3 { return place.x() * x + place.y() * left(x); };
+    pose.position_D = from + offset(ahead) + place.z() * Vec3::UnitZ();
+    for (std::size_t i = 0; i < 2; ++i) pose.jacobian[i] = begins[i] + offset(turns[i]);
+    return pose;
+  }
 
  private:
+  static Vec3 left(const Vec3& v) noexcept { return {-v.y(), v.x(), 0.0}; }
+
   std::array<double, 4> length_;
   double base_;
 };
@@ -141,7 +204,7 @@ class Pantograph final : public Kinematics {
 class Delta final : public Kinematics {
  public:
   Delta(double base, double plate, double upper, double fore)
-      : shift_(base - plate), upper_(upper), fore_(fore) {}
+      : base_(base), shift_(base - plate), upper_(upper), fore_(fore) {}
   [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
     // Elbows, moved in by the plate's radius: the tip is where spheres about all three meet.
@@ -185,9 +248,29 @@ class Delta final : public Kinematics {
     }
     return pose;
   }
+  [[nodiscard]] std::size_t links() const noexcept override { return 4; }
+  [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
+                           const Joints& joints) const noexcept override {
+    ArmPose pose = at(joints);
+    if (link == 3) {
+      pose.position_D += place;
+      return pose;
+    }
+    const double angle = 2.0 * M_PI / 3.0 * static_cast<double>(link);
+    const Vec3 out(std::cos(angle), std::sin(angle), 0.0);
+    const Vec3 level = Vec3::UnitZ().cross(out);
+    const double c = std::cos(joints[link]);
+    const double s = std::sin(joints[link]);
+    const Vec3 along = c * out - s * Vec3::UnitZ();
+    const Vec3 up = s * out + c * Vec3::UnitZ();
+    pose.position_D = base_ * out + place.x() * along + place.y() * level + place.z() * up;
+    pose.jacobian = ArmPose::standing();
+    pose.jacobian[link] = place.z() * along - place.x() * up;
+    return pose;
+  }
 
  private:
-  double shift_, upper_, fore_;
+  double base_, shift_, upper_, fore_;
 };
 
 }  // namespace

@@ -85,6 +85,33 @@ void lookAbout(const HidProfile& profile, ProfileFacts& facts) {
 
 }  // namespace
 
+Joints carryingTorques(const HidProfile& profile, const Joints& joints) noexcept {
+  constexpr double kGravity = 9.80665;  // [m/s^2]
+  Joints torques{};
+  for (const HidMass& mass : profile.masses) {
+    const ArmPose at = mass.link ? profile.kinematics->on(*mass.link, mass.centre, joints)
+                                 : profile.kinematics->at(joints);
+    if (!at.reachable) return {};
+    for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+      torques[i] -= mass.mass * kGravity * at.jacobian[i].dot(profile.down_D);
+    }
+  }
+  return torques;
+}
+
+Vec3 forceOf(const HidProfile& profile, const ArmPose& pose, const Joints& torques) noexcept {
+  Mat3 square = Mat3::Zero();
+  Vec3 pull = Vec3::Zero();
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    if (!profile.joints[i].to) continue;
+    square += pose.jacobian[i] * pose.jacobian[i].transpose();
+    pull += torques[i] * pose.jacobian[i];
+  }
+  constexpr double kDamping = 1e-6;  // of the levers' squares, where there is no lever
+  square.diagonal().array() += kDamping * square.trace() + 1e-12;
+  return square.ldlt().solve(pull);
+}
+
 ProfileFacts factsOf(const HidProfile& profile) {
   const Kinematics& arm = *profile.kinematics;
   const Joints home = jointsAtHome(profile);
@@ -114,6 +141,8 @@ ProfileFacts factsOf(const HidProfile& profile) {
 
   facts.middle = middle;
   const ArmPose pose = arm.at(middle);
+  const Joints carries = carryingTorques(profile, middle);
+  facts.carried_W = profile.world_from_device * forceOf(profile, pose, carries);
   for (std::size_t i = 0; i < profile.joints.size(); ++i) {
     const HidJoint& joint = profile.joints[i];
     const double way = pose.jacobian[i].norm();
@@ -127,7 +156,8 @@ ProfileFacts factsOf(const HidProfile& profile) {
     facts.motors.push_back(
         {i, to.name, profile.limits.force * way / std::abs(joint.ratio * joint.torque_constant),
          room / std::abs(to.scale),
-         joint.continuous > 0.0 ? joint.continuous : room / std::abs(to.scale)});
+         joint.continuous > 0.0 ? joint.continuous : room / std::abs(to.scale),
+         std::abs(carries[i] / (joint.ratio * joint.torque_constant))});
   }
   lookAbout(profile, facts);
   return facts;

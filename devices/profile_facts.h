@@ -16,6 +16,7 @@ struct MotorFact {
                             ///< output's units: amperes, as a rule.
   double room = 0.0;        ///< The most that the field lets it have, of its two signs the smaller.
   double continuous = 0.0;  ///< Of that, what it can hold for ever: HidJoint::continuous, or all.
+  double carries = 0.0;     ///< For the profile's masses, as asked.
 };
 
 struct ProfileFacts {
@@ -27,6 +28,7 @@ struct ProfileFacts {
   double step = 0.0;  ///< What a position there may be off by, twice: the way of the tip by a
                       ///< count of every joint that counts [m].
   std::vector<MotorFact> motors;
+  Vec3 carried_W = Vec3::Zero();  ///< What its motors give at the tip to carry its masses [N].
   /// Project onto the directions of the hand's world that its joints move the tip in, and its
   /// motors push it in, at some pose about the middle: for most arms all, for a planar one those of
   /// a plane.
@@ -49,5 +51,14 @@ struct ProfileFacts {
 /// @param home_raw  Its raw number in the home pose, where that is how the arm is opened.
 [[nodiscard]] double jointAt(const HidProfile& profile, std::size_t joint, double raw,
                              double home_raw) noexcept PALPATE_NONBLOCKING;
+
+/// What joints must give to carry a profile's masses: the gradient of their potential energy [N m],
+/// [N] for one that slides; zero where the arm is not reachable. RT: no allocation; 0.3 us a mass.
+[[nodiscard]] Joints carryingTorques(const HidProfile& profile,
+                                     const Joints& joints) noexcept PALPATE_NONBLOCKING;
+/// The force at the tip that torques of the joints with motors make, the smallest that has them
+/// [N]. RT: no allocation.
+[[nodiscard]] Vec3 forceOf(const HidProfile& profile, const ArmPose& pose,
+                           const Joints& torques) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -14,7 +14,12 @@ namespace palpate {
 
 namespace {
 
+constexpr double kLetGo = 2.0;      // [s]
 constexpr double kRest = 1.0;       // [s]
+constexpr double kUneasy = 6.0;     // [s]: it never rests
+constexpr double kFell = 0.01;      // [m]: no hand that holds it still moves it so far
+constexpr double kCaught = 1.0;     // [s]
+constexpr double kGravity = 9.8;    // [m/s^2]
 constexpr double kRamp = 0.4;       // [N/s]
 constexpr double kMoved = 0.002;    // [m]
 constexpr double kBegun = 0.0003;   // [m]: beyond encoders' steps and trembling
@@ -32,7 +37,8 @@ constexpr double kAlike = 5.0;   // of masses along the axes
 constexpr double kRuler = 0.1;   // a hand with a ruler errs by less
 constexpr double kAxis = 0.999;  // cosine: an axis that is turned by less is none other
 constexpr int kRuns = 6;
-constexpr int kLatest = 20;  // samples, of a force
+constexpr std::int8_t kFall = -1;  // of samples
+constexpr int kLatest = 20;        // samples, of a force
 constexpr std::size_t kMostSamples = 60000;
 const char* const kAxes = "xyz";
 
@@ -104,6 +110,7 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
     started_ = true;
     began_ = entered_ = last_ = fresh_at_ = now;
     home_ = from_ = before_ = hand.position;
+    still_since_ = now;
   }
   const double dt = std::max(now - last_, 1e-6);
   last_ = now;
@@ -120,9 +127,11 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
     enter(Phase::kDone, now);
   }
 
-  if ((phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
+  const bool rests = phase_ == Phase::kRest || phase_ == Phase::kCatch;
+  if ((rests || phase_ == Phase::kRamp || phase_ == Phase::kPush || phase_ == Phase::kOppose) &&
       samples_.size() < kMostSamples) {
-    samples_.push_back({now - began_, hand.position - home_, sent, static_cast<std::int8_t>(run_)});
+    samples_.push_back({now - began_, hand.position - home_, sent,
+                        rests ? kFall : static_cast<std::int8_t>(run_)});
   }
   const double since = now - entered_;
   const Vec3 ahead = axis();
@@ -131,13 +140,31 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
   Vec3 force = Vec3::Zero();
   switch (phase_) {
     case Phase::kRest:
-      sum_ += hand.position - home_;
-      sum2_ += (hand.position - home_).squaredNorm();
+      // Anew whenever it moves: the hand lets go.
+      if (moved.norm() > kBegun) {
+        from_ = hand.position;
+        still_since_ = now;
+        rest_ = 0;
+        sum_.setZero();
+        sum2_ = 0.0;
+      }
+      sum_ += hand.position - from_;
+      sum2_ += (hand.position - from_).squaredNorm();
       ++rest_;
-      if (since > kRest) {
+      if (const Vec3 gone = hand.position - home_; gone.norm() > kFell) {
+        falls_ = gone.normalized();
+        enter(Phase::kCatch, now);
+      } else if ((since > kLetGo && now - still_since_ > kRest) || since > kUneasy) {
+        home_ = hand.position;
         run_ = -1;
         nextRun(now);
       }
+      break;
+    case Phase::kCatch:
+      force = -params_.force * falls_;
+      // Back, or held.
+      if (velocity_.dot(falls_) < kStill) caught_ = true;
+      if ((hand.position - home_).dot(falls_) < kMoved || since > kCaught) enter(Phase::kDone, now);
       break;
     case Phase::kRamp:
       level_ = std::min(params_.force, kRamp * since);
@@ -187,7 +214,34 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
   return phase_ == Phase::kDone ? Vec3(Vec3::Zero()) : force;
 }
 
-SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
+std::vector<SelfTest::Way> SelfTest::pushes(int axis) const {
+  std::vector<Way> ways;
+  const Vec3 along = params_.axes.along.col(axis);
+  for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
+    if (breakaway_[static_cast<std::size_t>(run)] == 0.0) continue;
+    Way way;
+    for (const Sample& s : samples_) {
+      if (s.run == run) way.path.push_back({s.time, s.position.dot(along), s.force.dot(along)});
+    }
+    ways.push_back(std::move(way));
+  }
+  return ways;
+}
+
+std::vector<SelfTest::Way> SelfTest::fall() const {
+  Way way;
+  bool gone = false;
+  for (const Sample& s : samples_) {
+    if (s.run != kFall) continue;
+    way.path.push_back({s.time, s.position.dot(falls_), s.force.dot(falls_)});
+    // A hand that let go has moved it by less, before it fell.
+    gone = gone || s.position.norm() > kFell;
+    if (!gone && s.position.norm() < kMoved) way.start = way.path.size();
+  }
+  return {std::move(way)};
+}
+
+SelfTest::Left SelfTest::fit(const std::vector<Way>& ways, double late, AxisResult& result) const {
   // Integrated twice: m (x - x0 - v0 t) + b int (x - x0) + c int (time ahead - time back) - bias
   // t^2 / 2 = int impulse, a row for every sample since the arm began to move. A velocity from two
   // positions would have the encoders' error many times over; x0 and v0 are unknown, their own in
@@ -203,24 +257,15 @@ SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
   const double whole = std::floor(late);
   const double part = late - whole;
   const auto back = static_cast<std::size_t>(whole);
-  for (int run = 2 * axis; run < 2 * axis + 2; ++run) {
-    const auto slot = static_cast<std::size_t>(run);
-    if (breakaway_[slot] == 0.0) continue;
-    struct Point {
-      double time, position, force;
-    };
-    std::vector<Point> path;
-    const Vec3 along = params_.axes.along.col(axis);
-    for (const Sample& s : samples_) {
-      if (s.run == run) path.push_back({s.time, s.position.dot(along), s.force.dot(along)});
-    }
+  for (const Way& way : ways) {
+    const std::vector<Way::Point>& path = way.path;
     if (path.size() < 8 * kHalf) continue;
     const auto speed = [&](std::size_t i) {
       return (path[i + kHalf].position - path[i - kHalf].position) /
              (path[i + kHalf].time - path[i - kHalf].time);
     };
     // The same rows for every delay.
-    std::size_t start = kHalf + kLatest + 1;
+    std::size_t start = std::max(way.start, kHalf + kLatest + 1);
     while (start + kHalf < path.size() && std::abs(speed(start)) < 0.01) ++start;
     if (start + kHalf >= path.size()) continue;
 
@@ -237,14 +282,14 @@ SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
       pushed += impulse * dt +
                 (older * part * (2.0 - part) + newer * (1.0 - part) * (1.0 - part)) * 0.5 * dt * dt;
       impulse += ((1.0 - part) * newer + part * older) * dt;
-      const double way = speed(i) > 0.0 ? 1.0 : -1.0;
-      turned += sense * dt + 0.5 * way * dt * dt;
-      sense += way * dt;
+      const double ahead = speed(i) > 0.0 ? 1.0 : -1.0;
+      turned += sense * dt + 0.5 * ahead * dt * dt;
+      sense += ahead * dt;
       area += 0.5 * (path[i].position + path[i - 1].position - 2.0 * path[start].position) * dt;
       const double t = path[i].time - path[start].time;
       Row row = Row::Zero();
       row.head<4>() << path[i].position - path[start].position, area, turned, -0.5 * t * t;
-      row.segment<2>(run % 2 == 0 ? 4 : 6) << t, 1.0;
+      row.segment<2>(&way == &ways[0] ? 4 : 6) << t, 1.0;
       normal += row * row.transpose();
       right += pushed * row;
       square += pushed * pushed;
@@ -252,7 +297,14 @@ SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
     }
   }
   const long freedom = rows - kUnknown;
-  if (freedom < 50) return {};
+  constexpr long kFew = 30;
+  if (freedom < kFew) return {};
+  // What cannot be told apart is shared out: friction and weight of what only falls; a way that is
+  // not there.
+  constexpr double kRidge = 1e-9;
+  for (int i = 0; i < kUnknown; ++i) {
+    normal(i, i) = normal(i, i) > 0.0 ? (1.0 + kRidge) * normal(i, i) : 1.0;
+  }
   const Eigen::LDLT<Eigen::Matrix<double, kUnknown, kUnknown>> solver(normal);
   const Row found = solver.solve(right);
   const Eigen::Matrix<double, kUnknown, kUnknown> inverse =
@@ -270,11 +322,11 @@ SelfTest::Left SelfTest::fit(int axis, double late, AxisResult& result) const {
   return {left, freedom};
 }
 
-void SelfTest::fitDelay(int axis, AxisResult& result) const {
+void SelfTest::fitDelay(const std::vector<Way>& ways, AxisResult& result) const {
   const AxisResult plain = result;
   const auto left = [&](double late) {
     AxisResult tried = plain;
-    return fit(axis, late, tried).square;
+    return fit(ways, late, tried).square;
   };
   double least = 0.0;
   for (int late = 1; late <= kLatest; ++late) {
@@ -292,7 +344,7 @@ void SelfTest::fitDelay(int axis, AxisResult& result) const {
     }
   }
   const double best = 0.5 * (least + most);
-  const Left found = fit(axis, best, result);
+  const Left found = fit(ways, best, result);
   if (found.freedom == 0) return;
   // The sum of squares grows by its mean where the delay is off by a standard error.
   constexpr double kFar = 1.0;  // samples
@@ -300,6 +352,36 @@ void SelfTest::fitDelay(int axis, AxisResult& result) const {
   const double mean = found.square / static_cast<double>(found.freedom);
   const double errors = grows > 0.0 ? std::sqrt(mean / grows) : kLatest;
   result.delay_error = kFar * errors * period();
+}
+
+std::string SelfTest::weigh(SelfTestResult& result) const {
+  AxisResult fell;
+  fitDelay(fall(), fell);
+  // Of one that only falls friction and weight are not told apart, but what is left of them is.
+  result.held = caught_ && !far_;
+  result.weight = result.held ? fell.bias : fell.bias - fell.coulomb;
+  std::string words = "let go of, it goes to " + text(result.falls) + " by itself";
+  if (!fell.fitted || !(result.weight > 0.0)) {
+    result.weight = 0.0;
+    return words + ": hold the tip still until you let go of it, and run it again";
+  }
+  const double mass = result.weight / kGravity;
+  words += result.held ? ", pushed by " + text(result.weight) + " N"
+                       : ", by " + text(result.weight) + " N more than its friction holds";
+  if (params_.down.isZero()) return words + ": counterweight it, or see what pulls it";
+  const double down = params_.down.dot(result.falls);
+  if (down > kStraight) {
+    return words + ": counterweight it, or have its motors carry it: add a mass of " + text(mass) +
+           " kg to gravity/masses of its profile, as {\"mass\": " + text(mass) +
+           "} at the tip, or links' masses and centres";
+  }
+  if (down < -kStraight) {
+    return words + ": that is up: its profile's gravity/masses are too heavy, by " + text(mass) +
+           " kg at the tip";
+  }
+  return words +
+         ": that is not down (gravity/down of its profile): see whether a spring, a cable or "
+         "a motor pulls it";
 }
 
 SelfTestResult SelfTest::result() const {
@@ -314,6 +396,11 @@ SelfTestResult SelfTest::result() const {
   const auto say = [&](std::string words) { result.problems.push_back(std::move(words)); };
   if (!done()) {
     say("it was ended early: run it again");
+    return result;
+  }
+  result.falls = falls_;
+  if (result.falls.norm() > 0.0) {
+    say(weigh(result));
     return result;
   }
   if (far_) {
@@ -359,7 +446,7 @@ SelfTestResult SelfTest::result() const {
       }
     }
     if (!axis.moved || axis.along <= kStraight) continue;
-    fitDelay(a, axis);
+    fitDelay(pushes(a), axis);
     // What no arm is: scales, of encoders or motors, are others than the profile's.
     if (!axis.fitted || axis.coulomb < -3.0 * axis.coulomb_error - 0.02) {
       say(name + ": its friction cannot be told: let go of it, or its steps are too coarse");

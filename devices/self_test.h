@@ -22,11 +22,12 @@ struct ArmAxes {
 [[nodiscard]] ArmAxes axesWithin(const Mat3& projector);
 
 struct SelfTestParams {
-  ArmAxes axes;             ///< Those that it is pushed along.
-  double force = 0.5;       ///< The largest [N].
-  double travel = 0.04;     ///< The farthest from where it begins [m]; farther ends the test.
-  double input_rate = 0.0;  ///< Positions a second that it is to have; 0: not judged.
-  double stale = 0.0;       ///< The longest pause between two of them [s]; 0: not judged.
+  ArmAxes axes;              ///< Those that it is pushed along.
+  double force = 0.5;        ///< The largest [N].
+  double travel = 0.04;      ///< The farthest from where it begins [m]; farther ends the test.
+  Vec3 down = Vec3::Zero();  ///< Where its masses fall to, a unit vector; zero: nobody knows.
+  double input_rate = 0.0;   ///< Positions a second that it is to have; 0: not judged.
+  double stale = 0.0;        ///< The longest pause between two of them [s]; 0: not judged.
 };
 
 /// What was found along one of ArmAxes.
@@ -52,8 +53,11 @@ struct SelfTestResult {
   std::array<AxisResult, 3> axes;
   /// What the arm says of a way that the user has measured along it, over that; 0: not measured.
   std::array<double, 3> scale{};
-  double noise = 0.0;                 ///< Of the position at rest, rms [m].
-  double slowest = 0.0;               ///< The longest pause between new positions [s].
+  Vec3 falls = Vec3::Zero();  ///< Let go of it goes there by itself, a unit vector; zero: it stays,
+  double weight = 0.0;        ///< pushed by this [N]; 0: not known,
+  bool held = false;     ///< and could be held: else it is what its friction does not hold of it.
+  double noise = 0.0;    ///< Of the position at rest, rms [m].
+  double slowest = 0.0;  ///< The longest pause between new positions [s].
   std::int64_t positions = 0;         ///< New ones, over
   double seconds = 0.0;               ///< [s].
   std::vector<std::string> problems;  ///< In words, with remedies; none: it has passed.
@@ -61,11 +65,12 @@ struct SelfTestResult {
 
 /// A test that is asked every tick what force it wants. Pure: no clock, no device.
 ///
-/// At rest for a second; then along +x, -x, +y, ... in turn, where it has motors: a force that
-/// grows by 0.4 N/s until the arm moves by 2 mm, is held for 12 mm, then opposed until it stands;
-/// then, where it is known to go where it is pushed, a weak spring brings it back. The friction is
-/// a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all that moved,
-/// for the delay of F that fits best. RT: next() takes no memory.
+/// Two seconds to let go of it, and at rest for one. If it falls it is pushed back, which tells its
+/// weight, and that is the end. Then along +x, -x, +y, ... in turn, where it has motors: a force
+/// that grows by 0.4 N/s until the arm moves by 2 mm, is held for 12 mm, then opposed until it
+/// stands; then, where it is known to go where it is pushed, a weak spring brings it back. The
+/// friction is a least-squares fit of m v' = F - b v - c sign(v) + bias, integrated twice, to all
+/// that moved, for the delay of F that fits best. RT: next() takes no memory.
 class SelfTest {
  public:
   explicit SelfTest(const SelfTestParams& params = {});
@@ -80,13 +85,24 @@ class SelfTest {
   [[nodiscard]] SelfTestResult result() const;
 
  private:
-  enum class Phase : std::uint8_t { kRest, kRamp, kPush, kOppose, kSettle, kReturn, kDone };
+  enum class Phase : std::uint8_t { kRest, kCatch, kRamp, kPush, kOppose, kSettle, kReturn, kDone };
   struct Sample {
     double time;
     Vec3 position, force;
     std::int8_t run;  ///< Which push it is of.
   };
+  /// One way of the arm, all of one push.
+  struct Way {
+    struct Point {
+      double time, position, force;
+    };
+    std::vector<Point> path;
+    std::size_t start = 0;  ///< Where it is the arm's own.
+  };
   [[nodiscard]] Vec3 axis() const noexcept;
+  /// Pushes along an axis, there and back.
+  [[nodiscard]] std::vector<Way> pushes(int axis) const;
+  [[nodiscard]] std::vector<Way> fall() const;
   void enter(Phase phase, double now) noexcept;
   void nextRun(double now) noexcept;
   /// What a fit leaves over.
@@ -94,10 +110,12 @@ class SelfTest {
     double square = 0.0;  ///< Sum over rows,
     long freedom = 0;     ///< more than there are unknowns by so many; 0: too few.
   };
-  /// With the force so many samples late, whole or parts of them; results by it.
-  Left fit(int axis, double late, AxisResult& result) const;
+  /// With the force so many samples late, whole or parts of them; results by it. One or two ways.
+  Left fit(const std::vector<Way>& ways, double late, AxisResult& result) const;
   /// With the force as late as leaves least.
-  void fitDelay(int axis, AxisResult& result) const;
+  void fitDelay(const std::vector<Way>& ways, AxisResult& result) const;
+  /// What is said of an arm that falls; fills in SelfTestResult::weight.
+  [[nodiscard]] std::string weigh(SelfTestResult& result) const;
   /// Of the ticks, mean [s].
   [[nodiscard]] double period() const noexcept {
     return (last_ - began_) / static_cast<double>(ticks_);
@@ -112,6 +130,9 @@ class SelfTest {
   double last_ = 0.0;
   std::int64_t ticks_ = 0;
   Vec3 home_ = Vec3::Zero();
+  Vec3 falls_ = Vec3::Zero();  ///< SelfTestResult::falls.
+  double still_since_ = 0.0;   ///< [s]
+  bool caught_ = false;        ///< It came to rest, or back.
   Vec3 from_ = Vec3::Zero();
   Vec3 before_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();

@@ -50,6 +50,10 @@ class Device {
   /// Sends a force [N] that has passed limitForce; it holds until the next one. A device in virtual
   /// time moves on by one tick. RT: no allocation, no lock.
   virtual void write(const Vec3& force) noexcept PALPATE_NONBLOCKING = 0;
+  /// Whether, from the next write on, its motors may carry the arm's own weight beside the force,
+  /// if the device knows it; at first not. It comes in over kEngage and goes at once. Told before
+  /// every write: only while the hand is ready and no fault is latched. RT: no allocation, no lock.
+  virtual void carry(bool /*may*/) noexcept PALPATE_NONBLOCKING {}
   /// What the motors' limits leave of the force that was written last, 0 to 1, direction kept;
   /// asked after every write. Rounding, lag and delay are ArmDissipation's. RT: no allocation, no
   /// lock.

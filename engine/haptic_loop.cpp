@@ -188,6 +188,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
 /// Nothing comes between the gate and here; where there is no scene there is no force.
 void HapticLoop::send(const Vec3& force, bool timed) noexcept {
   const auto start = std::chrono::steady_clock::now();
+  device_.carry(ready_ && state_.fault() == Fault::kNone);
   device_.write(force);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
   state_.weaken(device_.given());
@@ -202,6 +203,7 @@ void HapticLoop::send(const Vec3& force, bool timed) noexcept {
 }
 
 void HapticLoop::end() noexcept {
+  device_.carry(false);
   device_.write(Vec3::Zero());
 }
 

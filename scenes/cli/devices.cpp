@@ -30,8 +30,9 @@ namespace {
 volatile std::sig_atomic_t interrupted = 0;
 constexpr double kRate = 1000.0;
 constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
-constexpr double kSlew = 100.0;    // [N/s]: nothing of a test is sudden
-constexpr double kPatience = 5.0;  // [s] for the arm to be ready
+constexpr double kSlew = 100.0;     // [N/s]: nothing of a test is sudden
+constexpr double kMostForce = 3.0;  // [N]
+constexpr double kPatience = 5.0;   // [s] for the arm to be ready
 constexpr const char* kNoMotor = "it has no motor there, and gives no force";
 // A Teensy that waits for its program.
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
@@ -95,6 +96,7 @@ OrderedJson factsIn(const HidProfile& profile) {
   OrderedJson json;
   json["home"] = {facts.home_W.x(), facts.home_W.y(), facts.home_W.z()};
   json["step"] = facts.step;
+  json["carries"] = toJson(facts.carried_W);
   json["moves"] = namesOf(axesWithin(facts.moves));
   json["drives"] = namesOf(axesWithin(facts.drives));
   json["motors"] = OrderedJson::array();
@@ -102,7 +104,8 @@ OrderedJson factsIn(const HidProfile& profile) {
     json["motors"].push_back({{"field", motor.field},
                               {"asked", motor.asked},
                               {"most", motor.room},
-                              {"continuous", motor.continuous}});
+                              {"continuous", motor.continuous},
+                              {"carries", motor.carries}});
   }
   return json;
 }
@@ -149,6 +152,15 @@ int show(const Options& options) {
     say("  {} N in the middle ask at most {} of {}, which gives at most {}{}{}\n",
         rounded(profile.limits.force), rounded(motor.asked), motor.field, rounded(motor.room), ever,
         motor.asked > motor.continuous ? ": there it is weakened" : "");
+  }
+  if (!profile.masses.empty()) {
+    say("  in the middle its motors carry {} N of its weight at the tip, ({}, {}, {})",
+        rounded(facts.carried_W.norm()), rounded(facts.carried_W.x()), rounded(facts.carried_W.y()),
+        rounded(facts.carried_W.z()));
+    for (const MotorFact& motor : facts.motors) {
+      say(", by {} of {}", rounded(motor.carries), motor.field);
+    }
+    say("\n");
   }
   if (profile.output) {
     say("  {} N, {} N/m, {} N s/m, {} m about its middle\n", rounded(profile.limits.force),
@@ -314,7 +326,7 @@ std::optional<Ruled> measureWays(HidDevice& arm, double ruler) {
     from = to;
   }
   if (!from) return std::nullopt;
-  complain("devices: bring the tip to the middle, let go of it and press Enter");
+  complain("devices: bring the tip to the middle, hold it still and press Enter");
   if (!atEnter(arm)) return std::nullopt;
   return ruled;
 }
@@ -355,6 +367,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
   (void)becomeRealtime({}, awake);
   SelfTestParams params;
   params.axes = axesWithin(arm.read().drives);
+  params.down = arm.profile().world_from_device * arm.profile().down_D;
   params.force = force;
   params.input_rate = arm.profile().input_rate;
   params.stale = arm.info().watch.stale;
@@ -382,6 +395,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
     if (const Fault said = guardian_says.look(t); said != Fault::kNone) out.fault = said;
     if (out.fault != Fault::kNone) break;
     // Until it has spoken, is homed, is held.
+    arm.carry(hand.ready);
     if (!hand.ready) {
       arm.write(Vec3::Zero());
       if (test.begun() || t > kPatience) {
@@ -396,6 +410,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
     arm.write(limitForce(wanted, hand.position, dt, limits, limiter).force);
     if (watch.heart != nullptr) watch.heart->fetch_add(1);
   }
+  arm.carry(false);
   arm.write(Vec3::Zero());
   // What the profile has done afterwards is not to be overwritten.
   if (watch.heart != nullptr) guardian.forget(watch);
@@ -443,6 +458,8 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   json["writes"] = arm.writes().count;
   json["longest_write"] = 1e-9 * static_cast<double>(arm.writes().longest_ns);
   json["noise"] = r.noise;
+  json["falls"] = r.weight > 0.0 ? toJson(r.falls) : OrderedJson();
+  json["weight"] = r.weight > 0.0 ? OrderedJson(r.weight) : OrderedJson();
   json["resolution"] = OrderedJson::array();
   for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) {
     json["resolution"].push_back(arm.resolution()[i]);
@@ -472,8 +489,9 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
 }
 
 int test(const Options& options) {
-  if (!(options.force > 0.0 && options.force <= 3.0)) {
-    throw Error("--force", fmt::format("{} N is not above 0 and at most 3", options.force),
+  if (!(options.force > 0.0 && options.force <= kMostForce)) {
+    throw Error("--force",
+                fmt::format("{} N is not above 0 and at most {}", options.force, kMostForce),
                 "0.5 suffices for most arms");
   }
   if (const double r = options.ruler.value_or(0.0); r != 0.0 && !(r >= 0.02 && r <= 0.5)) {
@@ -481,9 +499,11 @@ int test(const Options& options) {
   }
   Guardian guardian;
   guardian.catchSignals(&interrupted);
-  const auto [arm, identity, numbered] = openArm(
-      options.test, {nullptr, [](const std::string& words) { complain("devices: " + words); },
-                     [] { return interrupted != 0; }});
+  HidHost host;
+  host.say = [](const std::string& words) { complain("devices: " + words); };
+  host.stop = [] { return interrupted != 0; };
+  host.carries = kMostForce;  // in a few centimetres, and the hand has let go of it
+  const auto [arm, identity, numbered] = openArm(options.test, std::move(host));
   if (!arm->profile().output) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
@@ -500,9 +520,9 @@ int test(const Options& options) {
     complain(fmt::format("devices: an arm that has not passed is pushed with {} N at most", force));
   }
   complain(
-      fmt::format("devices: let go of the arm: it is pushed with at most {} N, a few "
-                  "centimetres, for 25 s; Ctrl-C ends it",
-                  force));
+      fmt::format("devices: let go of the arm within a second{}: it is pushed with at most {} N, a "
+                  "few centimetres, for 25 s; Ctrl-C ends it",
+                  arm->profile().masses.empty() ? "" : " (its motors carry its weight)", force));
   Tested tested = run(*arm, guardian, force);
   if (ruled) tested.result.scale = ruled->scale;
   const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&

@@ -157,6 +157,26 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
        false},
       {"/input/0/fields/b/scale", 0.01, "a count of every joint moves the tip 0.01 m", false},
       {"/mount/origin", {0, 0, 100}, "/mount/origin/2: 100 is more than 2 metres", true},
+      {"/gravity", {{"masses", {{{"mass", 0}}}}}, "/gravity/masses/0/mass: 0 is not > 0", true},
+      {"/gravity", {{"masses", {{{"mass", 300}}}}}, "300 is more than 5 kilograms", true},
+      {"/gravity", {{"masses", 1}}, "/gravity/masses: it is not a list", true},
+      {"/gravity", {{"down", {0, 0, -1}}}, "/gravity: \"masses\" is missing", true},
+      {"/gravity",
+       {{"masses", {{{"mass", 0.1}}}}, {"down", {0, 0, 0}}},
+       "/gravity/down: it is no direction",
+       false},
+      {"/gravity",
+       {{"masses", {{{"mass", 0.1}, {"link", 3}}}}},
+       "/gravity/masses/0/link: 3 is not a whole number from 0 to 2",
+       false},
+      {"/gravity",
+       {{"masses", {{{"mass", 0.1}, {"centre", {0, 0, 0}}}}}},
+       "/gravity/masses/0/centre: of no link",
+       true},
+      {"/gravity",
+       {{"masses", {{{"mass", 0.1}}}}},
+       "/gravity: limits/continuous knows nothing of what its motors carry",
+       false},
       {"/mount/turned", 1, "known are origin, rotation_wxyz", true},
       {"/limits/force", 400, "400 is more than 100 newtons", true},
       {"/limits/slew", 1e9, "is more than 100000 N/s", true},
@@ -426,6 +446,37 @@ TEST_CASE("every geometry is read from a profile", "[profile]") {
               4, Vec3(0.2, 0.1, 0.2)) -
          makeChain(links, {0.01, 0, 0})->at({0.3, 0.3, 0.3, 0.1}).position_D)
             .norm() == 0.0);
+}
+
+TEST_CASE("what an arm carries of its weight is read", "[profile]") {
+  Json json = full();
+  json["limits"].erase("continuous");
+  json["limits"].erase("heating");
+  json["gravity"] = Json::parse(R"({"down": [0, 0, -2], "masses": [
+    {"mass": 0.1}, {"mass": 0.2, "link": 1, "centre": [0.1, 0, 0]}]})");
+  CHECK(schemaAccepts(json));
+  const HidProfile arm = parseHidProfile(json.dump(), "p.json");
+  CHECK(arm.down_D == Vec3(0, 0, -1));
+  REQUIRE(arm.masses.size() == 2);
+  CHECK_FALSE(arm.masses[0].link);
+  CHECK(arm.masses[1].link == 1U);
+  CHECK(arm.masses[1].centre.x() == 0.1);
+  // The second hangs on slides that do not go up and down.
+  const ProfileFacts facts = factsOf(arm);
+  CHECK((facts.carried_W - Vec3(0, 0, 0.1 * 9.80665)).norm() < 1e-4);
+  CHECK(facts.motors[2].carries == Approx(0.1 * 9.80665 / 2.0));
+  CHECK(facts.motors[0].carries == 0.0);
+  // No more than half of what a motor may be given, or can hold.
+  json["gravity"]["masses"][0]["mass"] = 1.0;
+  CHECK_THAT(trouble(json),
+             Contains("/gravity: to carry its masses fc is asked for 4.9, of 5 that"));
+  json["gravity"]["masses"][0]["mass"] = 0.1;
+  Json& motor = json["kinematics"]["joints"][2];
+  motor["heating"] = 10.0;
+  motor["continuous"] = 0.9;
+  CHECK_THAT(trouble(json), Contains("fc is asked for 0.49, of 0.9 that it may hold"));
+  motor["continuous"] = 1.0;
+  CHECK(trouble(json) == "none");
 }
 
 TEST_CASE("where an arm moves, and where its motors push it, is found", "[profile]") {

@@ -78,6 +78,54 @@ TEST_CASE("Jacobians are the derivatives of where the tip is", "[kinematics]") {
   }
 }
 
+TEST_CASE("points of links move as their Jacobians say, and the tip is one of them",
+          "[kinematics]") {
+  Random random(13);
+  for (const Arm& arm : arms()) {
+    CAPTURE(arm.name);
+    const Kinematics& model = *arm.model;
+    for (std::size_t link = 0; link < model.links(); ++link) {
+      double worst = 0.0;
+      double stretch = 0.0;
+      for (long n = 0; n < test::cases(300); ++n) {
+        const Joints q = arm.joints(random);
+        const Vec3 place = random.inCube(0.1);
+        const Vec3 other = random.inCube(0.1);
+        const ArmPose pose = model.on(link, place, q);
+        for (std::size_t i = 0; i < model.joints(); ++i) {
+          const double h = 1e-3;
+          const auto at = [&](double d) {
+            Joints moved = q;
+            moved[i] += d;
+            // A link is rigid: its points keep their distances.
+            const Vec3 here = model.on(link, place, moved).position_D;
+            const double apart = (model.on(link, other, moved).position_D - here).norm();
+            stretch = std::max(stretch, std::abs(apart - (other - place).norm()));
+            return here;
+          };
+          const Vec3 slope = (8.0 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12.0 * h);
+          worst = std::max(worst, (slope - pose.jacobian[i]).norm());
+        }
+      }
+      CAPTURE(link);
+      CHECK(worst < 1e-8);
+      CHECK(stretch < 1e-12);
+    }
+  }
+  const Joints q{1.2, 2.0, 0.4, 0.1, 0.2, 0.3};
+  const auto tipIs = [&](const Kinematics& model, std::size_t link, const Vec3& place) {
+    return (model.on(link, place, q).position_D - model.at(q).position_D).norm() < 1e-12;
+  };
+  const auto panto = makePantograph({0.08, 0.1, 0.12, 0.08}, 0.05);
+  CHECK(tipIs(*makeCartesian(), 2, Vec3::Zero()));
+  CHECK(tipIs(*makeCapstanArm(0.08, 0.2, 0.25), 2, {0.25, 0, 0}));
+  CHECK(tipIs(*panto, 1, {0.1, 0, 0}));
+  CHECK(tipIs(*panto, 2, {0.12, 0, 0}));
+  const auto delta = makeDelta(0.08, 0.03, 0.06, 0.12);
+  const Joints level{0.3, 0.3, 0.3};
+  CHECK((delta->on(3, Vec3::Zero(), level).position_D - delta->at(level).position_D).norm() == 0.0);
+}
+
 TEST_CASE("a force is given back by its torques", "[kinematics]") {
   // Virtual work, both ways: torques of a force do its work, and the force that those torques make
   // at the tip, by the Jacobian's transpose solved, is the same.

@@ -111,7 +111,20 @@ TEST_CASE("what is wrong with an arm is said in words", "[hid]") {
        "y: 0.5 N did not move it");
   says(tried(arm(0.1, 0.5, 0.7)), "x: 0.5 N did not move it");
   says(tried(good, {2000.0, 20.0}), "did not move it");
-  says(tried(good, {0, 0}, nullptr, {0, 0, -0.4}), "went farther");
+  const Run heavy = tried(good, {0, 0}, nullptr, {0, 0, -0.4});
+  says(heavy, "let go of, it goes to (0, 0, -1) by itself, pushed by 0.399 N");
+  CHECK(heavy.result.weight == Approx(0.4).margin(0.01));
+  CHECK(heavy.result.held);
+  // What to do about it is said of what falls; what rises is carried too much.
+  for (const double up : {-1.0, 1.0}) {
+    SelfTestParams params;
+    params.down = Vec3(0, 0, -1);
+    says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params),
+         up < 0.0 ? "add a mass of 0.0306 kg to gravity/masses"
+                  : "gravity/masses are too heavy, by 0.0306 kg");
+    params.down = Vec3(1, 0, 0);
+    says(tried(good, {0, 0}, nullptr, {0, 0, 0.3 * up}, params), "that is not down");
+  }
 }
 
 TEST_CASE("scales that are wrong are found where no arm moves so", "[hid]") {
