@@ -35,7 +35,7 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   return limits;
 }
 
-const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate) {
+ForceLimits checkedLimits(const DeviceInfo& info, double heartbeat, double rate) {
   const auto require = [&](bool good, const char* what, double value,
                            const char* remedy = "give a positive number") {
     if (good) return;
@@ -82,7 +82,7 @@ const DeviceInfo& checked(const DeviceInfo& info, double heartbeat, double rate)
             arm.period, "give at least 1/rate, or 0 for the loop's own");
   }
   require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
-  return info;
+  return limits;
 }
 
 }  // namespace
@@ -91,11 +91,11 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
                        const LoopWatch& watch)
     : device_(device),
       sink_(sink),
-      late_(std::max(checked(device.info(), heartbeat, rate).watch.late, 3.0 / rate)),
+      late_(std::max(device.info().watch.late, 3.0 / rate)),
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
-      state_(limitsAt(device.info(), rate)) {}
+      state_(checkedLimits(device.info(), heartbeat, rate)) {}
 
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "engine/limit_force.h"
-
 namespace palpate {
 
 double allowedByHeat(double continuous, double peak, double heat) noexcept {

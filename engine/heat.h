@@ -5,6 +5,8 @@
 
 namespace palpate {
 
+inline constexpr double kWarm = 0.8;  ///< Share of the heat at which a continuous limit sets in.
+
 /// What is left of `peak` for what can hold `continuous` for ever and is so hot: all of it up to
 /// kWarm of continuous^2, from there on less, at continuous^2 and beyond just that.
 ///

@@ -84,8 +84,8 @@ struct LimitedForce {
 /// since a ramp of a limited force would grow by more than that.
 ///
 /// The continuous limit: `heat` follows |force|^2 with the time constant `heating`. Up to
-/// kWarm of continuous^2 the peak is allowed, from there on less, and at continuous^2 just that,
-/// so that the heat never goes beyond.
+/// kWarm of continuous^2 the peak is allowed, from there on less, and at continuous^2 just that
+/// (allowedByHeat), so that the heat never goes beyond.
 ///
 /// @param wanted    Any bits [N].
 /// @param hand      As read [m], any bits; only the tank looks at it.
@@ -96,7 +96,5 @@ struct LimitedForce {
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,
                                       const ForceLimits& limits, LimiterState& state,
                                       bool fresh = true) noexcept PALPATE_NONBLOCKING;
-
-inline constexpr double kWarm = 0.8;  ///< Share of the heat at which the continuous limit sets in.
 
 }  // namespace palpate
