@@ -7,6 +7,7 @@
 #include <unistd.h>
 #include <utility>
 
+#include "devices/pace.h"
 #include "devices/profile_facts.h"
 #include "engine/error.h"
 
@@ -213,7 +214,7 @@ void HidDevice::begin() {
     info_.limits.tank.refill = host_.refill;
     info_.mass = host_.measured.mass;
   }
-  read_at_ = heard_at_ = counted_at_ = moved_at_ = host_.now();
+  read_at_ = heard_at_ = counted_at_ = moved_at_ = written_at_ = host_.now();
   knowFlags(read_at_);
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
@@ -393,7 +394,7 @@ HandState HidDevice::read() noexcept {
     if (port && plugging != plugging_seen_) {
       plugging_seen_ = plugging;
       heard_ = false;
-      heard_at_ = now;
+      heard_at_ = written_at_ = now;
       for (Unwrapped& counter : counters_) counter.forget();
       input_.adopt(mended_);
       moved_at_ = now;
@@ -413,7 +414,7 @@ HandState HidDevice::read() noexcept {
     if (paused) {
       heard_ = false;
       if (!silent()) heard_at_ = now;
-      moved_at_ = now;
+      moved_at_ = written_at_ = now;
       std::fill(flags_at_.begin(), flags_at_.end(), kNever);
     }
     Got got = port ? input_.takeNewest(*port) : Got::kGone;
@@ -466,10 +467,7 @@ HandState HidDevice::read() noexcept {
     }
   }
   lookAtFlags(now, hand);
-  const std::int64_t began = write_began_.load(std::memory_order_relaxed);
-  if (hand.fault == Fault::kNone && began != 0 && now - began > kWriteTime) {
-    hand.fault = Fault::kWrite;
-  }
+  lookAtWrites(now, hand);
   // Its weight comes in as every force does, and goes at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= profile_.limits.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
@@ -488,6 +486,16 @@ void HidDevice::lookAtFlags(std::int64_t now, HandState& hand) noexcept {
       hand.fault = Fault::kStale;
     }
   }
+}
+
+void HidDevice::lookAtWrites(std::int64_t now, HandState& hand) noexcept {
+  if (const std::uint32_t written = written_; written != written_seen_) {
+    written_seen_ = written;
+    written_at_ = now;
+  }
+  if (written_seen_ == sent_ || hand.fault != Fault::kNone) return;
+  const auto period = static_cast<std::int64_t>(1e9 / profile_.output_rate);
+  if (now - written_at_ > kWriteTime + period) hand.fault = Fault::kWrite;
 }
 
 void HidDevice::lookForMotion(std::int64_t now) noexcept {
@@ -601,6 +609,7 @@ void HidDevice::encode(const Vec3& force_W, std::span<std::byte> report) noexcep
 
 void HidDevice::write(const Vec3& force) noexcept {
   if (!profile_.output) return;
+  if (written_ == sent_) written_at_ = host_.now();
   const std::span<std::byte> report = std::span(out_.draft().bytes).first(zero_.size());
   encode(force, report);
   rests_.store(std::equal(report.begin(), report.end(), zero_.begin()), std::memory_order_relaxed);
@@ -626,18 +635,15 @@ void HidDevice::writeLoop() noexcept {
   request.lock_memory = false;
   request.awake = false;
   (void)becomeRealtime(request, StayAwake(false));
-  // The next write is due, by the machine's clock, at an even pace; half a period sooner is soon
-  // enough, so that a loop of the same rate is not held up by its unevenness. What takes the force
-  // off is due at once.
-  const auto period = static_cast<std::int64_t>(1e9 / profile_.output_rate);
-  std::int64_t due = nowNs();
+  // By the machine's clock. What takes the force off goes at once.
+  Pace pace(profile_.output_rate, nowNs());
   bool drives = false;
   for (std::uint32_t seen = 0;;) {
     sent_.wait(seen, std::memory_order_acquire);
-    while (!quit_ && !(drives && rests_) && nowNs() < due - period / 2) {
-      sleepUntil(std::min(due - period / 2, nowNs() + kLongestSleep));
+    while (!quit_ && !(drives && rests_) && nowNs() < pace.from()) {
+      sleepUntil(std::min(pace.from(), nowNs() + kLongestSleep));
     }
-    due = std::max(due, nowNs()) + period;
+    pace.go(nowNs());
     seen = sent_.load(std::memory_order_acquire);
     if (quit_) return;
     out_.refresh();
@@ -645,11 +651,9 @@ void HidDevice::writeLoop() noexcept {
     const Using port(open_port_, writing_);
     if (!port) continue;
     const std::int64_t began = host_.now();
-    write_began_.store(began, std::memory_order_relaxed);
     const auto report = std::span(out_.current().bytes).first(zero_.size());
     const bool good = port->write(report);
     drives = !std::equal(report.begin(), report.end(), zero_.begin());
-    write_began_.store(0, std::memory_order_relaxed);
     longest_ns_ = std::max<std::int64_t>(longest_ns_, host_.now() - began);
     ++count_;
     written_ = seen;

@@ -119,8 +119,9 @@ struct HidWrites {
 /// nobody has read for longer than HidLimits::stale the arm is not ready until a fresh one comes.
 ///
 /// A device that is gone is Fault::kGone until it is back, one whose counters may have gone round
-/// unseen Fault::kMiscounted first, a write that has not come back in 20 ms
-/// Fault::kWrite, an arm that is not homed, not enabled or beyond its own reach is not ready.
+/// unseen Fault::kMiscounted first, where no force has gone out for 20 ms beyond a period of the
+/// output's rate although one was to Fault::kWrite, an arm that is not homed, not enabled or beyond
+/// its own reach is not ready.
 class HidDevice final : public Device {
  public:
   /// Runs the profile's "open" and "home" (slow), on this thread, and "close" where they fail.
@@ -197,6 +198,8 @@ class HidDevice final : public Device {
                const std::function<bool()>& stop);
   /// No flag of a report is older than it may be; `hand` is stale, or not ready, where one is.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
+  /// No force waits for longer than it may, in its writer or in a write.
+  void lookAtWrites(std::int64_t now, HandState& hand) noexcept;
   /// What the energy tank may rely on, in the pose that it is in.
   [[nodiscard]] ArmDissipation dissipation() const noexcept;
   /// After such a pause the counters of joints can still be followed [s].
@@ -263,15 +266,16 @@ class HidDevice final : public Device {
   double cool_ = 1.0;            ///< Share of the force that their heat leaves.
   std::int64_t told_at_ = 0;     ///< [ns], last call of write(); 0: none yet.
   bool tested_;
-  bool carries_ = false;        ///< carry() has allowed it,
-  bool upright_ = false;        ///< and so has the last reading.
-  double carried_share_ = 0.0;  ///< Of the weight, that is carried yet.
+  bool carries_ = false;            ///< carry() has allowed it,
+  bool upright_ = false;            ///< and so has the last reading.
+  double carried_share_ = 0.0;      ///< Of the weight, that is carried yet.
+  std::uint32_t written_seen_ = 0;  ///< Of written_,
+  std::int64_t written_at_ = 0;     ///< and since when that is so while more is sent [ns].
 
   Mailbox<Outgoing> out_;
-  std::atomic<bool> rests_{false};            ///< What was published last drives no motor.
-  std::atomic<std::uint32_t> sent_{0};        ///< Counts what is published,
-  std::atomic<std::uint32_t> written_{0};     ///< and what the writer is done with.
-  std::atomic<std::int64_t> write_began_{0};  ///< [ns]; 0: no write is on its way.
+  std::atomic<bool> rests_{false};         ///< What was published last drives no motor.
+  std::atomic<std::uint32_t> sent_{0};     ///< Counts what is published,
+  std::atomic<std::uint32_t> written_{0};  ///< and what the writer is done with.
   std::atomic<std::int64_t> count_{0}, weakened_{0}, longest_ns_{0};
 
   std::thread writer_;

@@ -21,7 +21,8 @@ struct DeviceInfo {
   double workspace_radius = 0.1;  ///< [m], about the origin of W.
   double mass = 0.0;              ///< That a hand feels in free space [kg]; 0: not known.
   double output_rate = 0.0;       ///< Forces a second that it takes [Hz]: of a loop that is faster
-                                  ///< the newest; 0: all.
+                                  ///< the newest, a period of this later at most; of others each
+                                  ///< at once. 0: all.
   std::string source;             ///< Of the numbers above.
   WatchLimits watch;              ///< What a hand on it may do.
   bool hand = true;               ///< A force may reach one; false for recorded paths.

@@ -23,10 +23,10 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   if (info.hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
   ArmDissipation& arm = limits.tank.arm;
   if (arm.period == 0.0) arm.period = kClock / rate;
-  // A force waits until the device takes the next one, or never goes out. Whether what is known of
-  // the delay had such waits in it nobody says.
+  // Where there are more than the device takes a force waits until that takes the next one, or goes
+  // out as that one. Whether what is known of the delay had such waits in it nobody says.
   if (info.output_rate > 0.0 && info.output_rate < rate) {
-    const double waits = 1.0 / info.output_rate - 1.0 / rate;
+    const double waits = 1.0 / info.output_rate;
     const double early = std::max(0.0, arm.delay - arm.doubt - waits);
     const double late = arm.delay + arm.doubt + waits;
     arm.delay = 0.5 * (early + late);

@@ -15,6 +15,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "devices/pace.h"
 #include "devices/simulated_device.h"
 #include "engine/error.h"
 #include "engine/haptic_loop.h"
@@ -218,6 +219,21 @@ void await(What what) {
   }
 }
 
+/// Ticks a loop in virtual time: its force has gone out before more time passes.
+void tickOut(HapticLoop& loop, const HidDevice& device, TickTime& time) {
+  const std::int64_t before = device.writes().count;
+  pass(time.dt);
+  time.now += time.dt;
+  loop.tick(time);
+  const auto end = std::chrono::steady_clock::now() + 600s;
+  while (device.writes().count == before) {
+    if (std::chrono::steady_clock::now() > end) FAIL("it did not go out in 600 s");
+    std::this_thread::yield();
+  }
+}
+/// So many forces a second no test in virtual time waits for.
+constexpr double kAtOnce = 1e9;  // [Hz]
+
 }  // namespace
 
 TEST_CASE("positions are read and forces sent, in the profile's units and frame", "[hid]") {
@@ -241,6 +257,7 @@ TEST_CASE("positions are read and forces sent, in the profile's units and frame"
 TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays", "[hid]") {
   // Two motors that hold 1 and 0.5 for ever, and may be given 4.
   HidProfile profile = slides();
+  profile.output_rate = kAtOnce;
   const std::array<double, 2> holds{1.0, 0.5};
   const std::array<double, 2> heating{2.0, 5.0};
   for (std::size_t i = 0; i < 2; ++i) {
@@ -480,6 +497,7 @@ TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
     } else {
       profile.joints[2].to.reset();
     }
+    profile.output_rate = kAtOnce;
     FakeArm arm;
     const auto device = open(arm, profile, true, host);
     arm.giveCounts(0, 0, 0);
@@ -515,10 +533,8 @@ TEST_CASE("no force is promised along what an arm has no motor for", "[hid]") {
     double along = 0.0;
     for (int i = 0; i < 2000; ++i) {
       arm.giveCounts(i % 2, 0, 0);
-      pass(1e-3);
-      time.now += 1e-3;
       held.at = std::max(test::kBallRadius + 0.01 - 1e-5 * i, test::kBallRadius - 0.004);
-      loop.tick(time);
+      tickOut(loop, *device, time);
       REQUIRE(loop.latest().fault == Fault::kNone);
       const Vec3 force = loop.latest().report.force;
       REQUIRE(force.z() == Approx(0.0).margin(1e-12));
@@ -590,12 +606,76 @@ TEST_CASE("a write that does not come back is a fault", "[hid]") {
   Held held(arm);
   device->write({1, 0, 0});
   await([&] { return arm.holding.load(); });
-  pass(0.02);
+  pass(0.021);  // 20 ms and a period
   CHECK(device->read().fault == Fault::kNone);
   pass(0.001);
   CHECK(device->read().fault == Fault::kWrite);
   held.letGo();
   await([&] { return device->read().fault == Fault::kNone; });
+}
+
+TEST_CASE("a force that does not go out is a fault, whatever its writer waits for",
+          "[hid][safety]") {
+  // It waits for the pace, by the machine's clock: by the test's that never comes.
+  HidProfile profile = slides();
+  profile.output_rate = 1e-3;
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  device->write({1, 0, 0});
+  await([&] { return device->writes().count == 1; });
+  const auto readFor = [&](double seconds) {
+    HandState hand;
+    for (int i = 0; i < std::lround(seconds / 0.04); ++i) {
+      pass(0.04);
+      arm.giveCounts(0, 0, 0);
+      hand = device->read();
+    }
+    return hand;
+  };
+  // Nothing is to go out.
+  CHECK(readFor(2000.0).fault == Fault::kNone);
+  device->write({2, 0, 0});
+  CHECK(readFor(1000.0).fault == Fault::kNone);
+  CHECK(readFor(0.04).fault == Fault::kWrite);
+  // Whoever has not looked for a while does not know.
+  pass(0.1);
+  CHECK(device->read().fault == Fault::kNone);
+}
+
+TEST_CASE("at their own pace no forces wait, however late some come", "[hid][passivity]") {
+  // Ticks of a clock, each late by up to the way to the next, some of them left out; and a writer
+  // that takes the newest when it may. What another overtakes goes out as that one.
+  test::Random random(7);
+  const long cases = test::cases(2000);
+  for (long i = 0; i < cases; ++i) {
+    const double takes = random.logUniform(100.0, 5000.0);
+    const double rate = i % 2 == 0 ? takes : takes * random.logUniform(0.2, 5.0);
+    CAPTURE(takes, rate);
+    const auto when = [&](double slot, double late) {
+      return std::llround(1e9 * (slot + late) / rate);
+    };
+    const double typical = random.logUniform(0.01, 1.0);
+    std::vector<std::int64_t> asked;
+    for (int k = 0; k < 300; ++k) {
+      if (random.integer(50) == 0) continue;
+      const double late = typical * (random.integer(20) == 0 ? 0.99 : 0.1 * random.uniform(0, 1));
+      asked.push_back(when(k, late));
+    }
+    Pace pace(takes, 0);  // it begins before the loop
+    std::int64_t longest = 0;
+    long gone = 0;
+    for (std::size_t k = 0; k < asked.size(); ++gone) {
+      const std::int64_t goes = std::max(asked[k], pace.from());
+      longest = std::max(longest, goes - asked[k]);
+      pace.go(goes);
+      while (k < asked.size() && asked[k] <= goes) ++k;
+    }
+    // What HapticLoop tells the tank of it.
+    const std::int64_t told = takes < rate ? std::llround(1e9 / takes) : 0;
+    REQUIRE(longest <= told);
+    const double seconds = 1e-9 * static_cast<double>(asked.back() - asked.front() + longest);
+    REQUIRE(static_cast<double>(gone) <= seconds * takes * (1.0 + 1e-5) + 2.0);
+  }
 }
 
 TEST_CASE("unplugged it is gone, plugged in again it is there, and its count begins anew",
@@ -873,6 +953,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
   // ball as far as anybody knows.
   FakeArm arm;
   HidProfile profile = slides();
+  profile.output_rate = kAtOnce;
   profile.limits.force = 8.0;
   HidHost host;
   host.measured.coulomb = 0.1;
@@ -884,9 +965,7 @@ TEST_CASE("an arm that says the same count for ever gets no force for ever", "[h
   int z = 4000;
   const auto tick = [&] {
     arm.giveCounts(0, 0, z);
-    pass(1e-3);
-    time.now += 1e-3;
-    loop.tick(time);
+    tickOut(loop, *device, time);
     return loop.latest().report;
   };
   for (int i = 0; i < 1000; ++i) (void)tick();

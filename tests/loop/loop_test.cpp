@@ -342,11 +342,11 @@ TEST_CASE("a device that takes fewer forces than there are ticks has them later"
     CHECK(at(takes, 1000.0).delay == 2e-3);
     CHECK(at(takes, 1000.0).doubt == 0.5e-3);
   }
-  // Waits of 1 ms: 0.5 to 3.5 ms; of 4 ms: 0 to 6.5.
-  CHECK(at(500.0, 1000.0).delay == Approx(2e-3));
-  CHECK(at(500.0, 1000.0).doubt == Approx(1.5e-3));
-  CHECK(at(200.0, 1000.0).delay == Approx(3.25e-3));
-  CHECK(at(200.0, 1000.0).doubt == Approx(3.25e-3));
+  // Waits of up to 1.25 ms: 0.25 to 3.75 ms; of 5 ms: 0 to 7.5.
+  CHECK(at(800.0, 1000.0).delay == Approx(2e-3));
+  CHECK(at(800.0, 1000.0).doubt == Approx(1.75e-3));
+  CHECK(at(200.0, 1000.0).delay == Approx(3.75e-3));
+  CHECK(at(200.0, 1000.0).doubt == Approx(3.75e-3));
   // So more forces may be on their way at once than the tank remembers.
   CHECK_THROWS_AS(at(20.0, 2000.0), DeviceError);
   for (const double bad : {-1.0, std::nan(""), static_cast<double>(INFINITY)}) {
