@@ -8,7 +8,8 @@ namespace palpate {
 /// Its winding's heat follows the square of its current with one time constant; at what it can hold
 /// for ever it is as hot as it may be. While cool it may have its peak, from kWarm of that heat on
 /// less (allowedByHeat), at all of it what it can hold: its heat never goes beyond, also where what
-/// it is told holds for kHold, until a guardian takes it off.
+/// it is told holds for kHold, until a guardian takes it off. It begins as hot as it may be: what
+/// it did before nobody knows.
 class MotorHeat {
  public:
   static constexpr double kHold = 0.02;  ///< [s]
@@ -16,7 +17,7 @@ class MotorHeat {
   /// @param continuous  What it can hold for ever, in any unit; 0: all that it is ever told.
   /// @param heating     [s], of its winding; > 0 where continuous is.
   MotorHeat(double continuous, double heating) noexcept
-      : continuous_(continuous), heating_(heating) {}
+      : continuous_(continuous), heating_(heating), heat_(continuous * continuous) {}
 
   /// Time has passed [s] with what it was told last. RT: no allocation.
   void pass(double dt) noexcept PALPATE_NONBLOCKING;
@@ -26,7 +27,7 @@ class MotorHeat {
 
  private:
   double continuous_, heating_;
-  double heat_ = 0.0;  ///< Mean of the squares of what it was told.
+  double heat_;  ///< Mean of the squares of what it was told.
   double told_ = 0.0;
 };
 

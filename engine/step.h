@@ -26,12 +26,15 @@ namespace palpate {
 /// What the proxy remembers from tick to tick, and the memory that the tick works in.
 class ProxyState {
  public:
-  /// `limits`: of the device that the force goes to. Allocates; the tick does not.
+  /// `limits`: of the device that the force goes to. Allocates; the tick does not. What the device
+  /// did before nobody knows: it begins as hot as it may be.
   explicit ProxyState(const ForceLimits& limits = {})
       : limits_(limits),
         memories_(kMaxModes),
         felt_(1 + kMaxNearParts),
-        forces_(kMaxPrimitives, Vec3::Zero()) {}
+        forces_(kMaxPrimitives, Vec3::Zero()) {
+    limiter_.heat = limits.continuous * limits.continuous;
+  }
 
   /// Cuts the force at the next tick, for the first cause that is given.
   void cut(Fault fault) noexcept {

@@ -17,6 +17,7 @@
 #include "devices/self_test.h"
 #include "devices/simulated_device.h"
 #include "engine/limit_force.h"
+#include "tests/support/random.h"
 
 using namespace palpate;
 using Catch::Contains;
@@ -338,4 +339,59 @@ TEST_CASE("weight is carried while the arm may be driven, within its motors' lim
   const Vec3 held = after(520, true);
   const Vec3 tip = forceOf(profile, pose, {held.x(), held.y(), held.z()});
   CHECK(tip.norm() == Approx(3.0).epsilon(1e-2));
+}
+
+TEST_CASE("no motor that carries weight becomes hotter than it may, whatever force is beside it",
+          "[hid][gravity][safety]") {
+  HidProfile profile = woody();
+  profile.masses = {{0.1, std::nullopt, Vec3::Zero()}, {0.05, 1, {0.1, 0.02, 0.0}}};
+  profile.limits.force = 100.0;
+  const ArmPose pose = profile.kinematics->at({0.0, 0.3, M_PI / 2});
+  const Joints weight = carryingTorques(profile, {0.0, 0.3, M_PI / 2});
+  test::Random random(17);
+  for (const double holds : {0.35, 0.1}) {  // more than its weight asks, and less
+    CAPTURE(holds);
+    for (HidJoint& joint : profile.joints) {
+      joint.continuous = holds;
+      joint.heating = 2.0;
+    }
+    HeavyArm arm(profile, ArmParams{}, {});
+    HidDevice device(profile, std::make_unique<Port>(arm), true, inVirtualTime());
+    std::int64_t count = 0;
+    Vec3 heat = Vec3::Constant(holds * holds);  // from whoever had it before
+    Vec3 told = Vec3::Zero();
+    double hottest = 0.0;
+    double off = 0.0;  // from what was to be given beside the weight
+    long whole = 0;    // times that the weight was all there
+    const long cases = test::cases(20000);
+    for (long i = 0; i < cases; ++i) {
+      const double dt = random.uniform(0.0, MotorHeat::kHold);
+      arm.waits = true;
+      virtual_now += std::llround(1e9 * dt);
+      heat += -std::expm1(-dt / 2.0) * (told.cwiseAbs2() - heat);
+      hottest = std::max(hottest, heat.maxCoeff() / (holds * holds));
+      (void)device.read();
+      device.carry(random.integer(3000) != 0);
+      const Vec3 force = (random.integer(3) == 0 ? 2.0 : 8.0) * random.direction();
+      device.write(force);
+      awaitWrites(device, ++count);
+      told = kTorque * arm.motors();
+      REQUIRE(told.cwiseAbs().maxCoeff() <= 1.0 + 1e-9);
+      // What is told is the weight's share, less at first, and the force's.
+      Vec3 carried = told;
+      for (std::size_t j = 0; j < 3; ++j) {
+        carried[static_cast<Eigen::Index>(j)] -= device.given() * pose.jacobian[j].dot(force);
+      }
+      const Vec3 all(weight[0], weight[1], weight[2]);
+      const double share = carried.dot(all) / all.squaredNorm();
+      off = std::max(off, (carried - share * all).norm());
+      if (share > 0.999) ++whole;
+      REQUIRE(share > -1e-3);
+      REQUIRE(share * all.cwiseAbs().maxCoeff() <=
+              std::min(1.001 * all.cwiseAbs().maxCoeff(), holds + 2.0 * kTorque));
+    }
+    CHECK(hottest <= 1.0);
+    CHECK(off < 3.0 * kTorque);
+    CHECK((whole > cases / 2) == (holds > 0.2));
+  }
 }

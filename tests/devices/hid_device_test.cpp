@@ -266,8 +266,8 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
   }
   FakeArm arm;
   const auto device = open(arm, profile);
-  // Their windings by what has been sent, held until the next.
-  std::array<double, 2> heat{};
+  // Their windings by what has been sent, held until the next. Somebody else has driven them.
+  std::array<double, 2> heat{holds[0] * holds[0], holds[1] * holds[1]};
   std::array<double, 2> hottest{};
   std::array<int, 3> driven{};
   double share = 1.0;
@@ -287,6 +287,13 @@ TEST_CASE("no motor becomes hotter than it may for ever, and the direction stays
       REQUIRE(std::abs(driven[static_cast<std::size_t>(a)] - 1e3 * share * force[a]) < 1.0 + 1e-6);
     }
   };
+
+  // Hot from before it has what it holds; rested, its peak.
+  step({2.5, 0.0, 2.0}, 0.0);
+  CHECK(2.5 * share == Approx(1.0));
+  step({0.4, 0.2, 0.0}, 1e-3);
+  for (int i = 0; i < 40; ++i) step(Vec3::Zero(), 0.5);
+  CHECK(heat[0] < 1e-3);
 
   // Pushed without an end: all at first, then gradually less, at last what it holds.
   double last = 1.0;

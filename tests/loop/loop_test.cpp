@@ -354,6 +354,32 @@ TEST_CASE("a device that takes fewer forces than there are ticks has them later"
   }
 }
 
+TEST_CASE("a device begins as hot as it may be: nobody knows what it did before",
+          "[loop][safety]") {
+  TestDevice device;
+  device.about.limits.continuous = 1.0;
+  device.about.limits.heating = 2.0;
+  device.hand.position = kOut;
+  HapticLoop loop(device, 1000.0);
+  loop.publish(ballScene(ballField(), 6.0));
+  TickTime time;
+  double heat = 1.0;
+  double most = 0.0;
+  for (int i = 0; i < 6000; ++i) {
+    time.now += kDt;
+    heat += -std::expm1(-kDt / 2.0) * (device.sent.squaredNorm() - heat);
+    REQUIRE(heat <= 1.0 + 1e-9);
+    // Pressed as soon as it is engaged; let go of, and once more.
+    const bool pressed = (i > 550 && i < 1500) || i > 4000;
+    double& z = device.hand.position.z();
+    z += std::clamp((pressed ? test::kBallRadius - 0.008 : kOut.z()) - z, -5e-4, 5e-4);
+    loop.tick(time);
+    REQUIRE(loop.latest().fault == Fault::kNone);
+    most = std::max(most, device.sent.norm());
+  }
+  CHECK(most > 3.0);
+}
+
 TEST_CASE("limits of a hand that are none are refused", "[loop][safety]") {
   for (const double bad : {0.0, -1.0, std::nan(""), static_cast<double>(INFINITY)}) {
     for (double WatchLimits::*limit :
