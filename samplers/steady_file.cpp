@@ -8,6 +8,7 @@
 #include <cstring>
 #include <fcntl.h>
 #include <string>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <utility>
@@ -52,8 +53,9 @@ int nameless(const std::filesystem::path& folder) {
   return named;
 }
 
-/// All of a file, as far as it goes: 0, or errno.
+/// All of a file, as far as it goes, from its beginning: 0, or errno.
 int copyAll(int from, int to) {
+  if (to < 0 || lseek(from, 0, SEEK_SET) < 0) return errno;
   constexpr std::size_t kPiece = std::size_t{1} << 30U;
   for (bool by_system = true;;) {
     if (by_system) {
@@ -78,26 +80,30 @@ int copyAll(int from, int to) {
   }
 }
 
+/// A copy that nobody else has, among the temporary files or in memory.
+int copyOf(int file, const std::filesystem::path& path) {
+  std::error_code error;
+  const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
+  if (!error) {
+    Descriptor copy(nameless(folder));
+    if (copyAll(file, copy.get()) == 0) return copy.release();
+  }
+  Descriptor copy(memfd_create("palpate", MFD_CLOEXEC));
+  const int trouble = copyAll(file, copy.get());
+  if (trouble == 0) return copy.release();
+  throw VolumeError(
+      path.string(),
+      std::string("others may change it, and it cannot be copied (") + std::strerror(trouble) + ")",
+      "make room for temporary files, or name a folder for them in TMPDIR");
+}
+
 }  // namespace
 
 SteadyFile::SteadyFile(const std::filesystem::path& path) {
   Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0)
     throw VolumeError(path.string(), "it cannot be read", "check its permissions");
-  if (!lease(file.get())) {
-    std::error_code error;
-    const std::filesystem::path folder = std::filesystem::temp_directory_path(error);
-    Descriptor copy(error ? -1 : nameless(folder));
-    const int trouble = error            ? error.value()
-                        : copy.get() < 0 ? errno
-                                         : copyAll(file.get(), copy.get());
-    if (trouble == 0) {
-      file_ = copy.release();
-    } else {
-      trouble_ = "others may change it, and it cannot be copied to " + folder.string() + " (" +
-                 std::strerror(trouble) + ")";
-    }
-  }
+  if (!lease(file.get())) file_ = copyOf(file.get(), path);
   if (file_ < 0) file_ = file.release();
   place_ = "/proc/self/fd/" + std::to_string(file_);
 }

@@ -87,8 +87,6 @@ class VdbCheck::Walk {
     }
   }
 
-  [[nodiscard]] bool hasTable() const noexcept { return has_offsets_; }
-
   std::uint64_t tree(const std::string& name) {
     if (!has_offsets_) return size_;  // it has been walked
     std::uint64_t bytes = 0;
@@ -553,10 +551,6 @@ VdbCheck::VdbCheck(const std::filesystem::path& file, const std::string& called)
 }
 
 VdbCheck::~VdbCheck() = default;
-
-bool VdbCheck::hasTable() const noexcept {
-  return walk_->hasTable();
-}
 
 std::uint64_t VdbCheck::tree(const std::string& grid) {
   return walk_->tree(grid);

@@ -29,9 +29,6 @@ class VdbCheck {
   VdbCheck& operator=(const VdbCheck&) = delete;
   ~VdbCheck();
 
-  /// The file says where its grids begin and end.
-  [[nodiscard]] bool hasTable() const noexcept;
-
   /// Walks the tree of a grid, by its name as users call it, or the one that it shares; returns how
   /// much of the file is read for it [bytes]. Costs what the tree takes, however many grids there
   /// are.

@@ -2,20 +2,23 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cinttypes>
 #include <cstdio>
 #include <exception>
 #include <fstream>
+#include <map>
 #include <mutex>
-#include <numeric>
 #include <optional>
 #include <sys/mman.h>
+#include <tuple>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
 
 #include <openvdb/io/DelayedLoadMetadata.h>
 #include <openvdb/io/File.h>
+#include <tbb/task_arena.h>
 
 #include "engine/error.h"
 #include "samplers/parallel.h"
@@ -87,7 +90,11 @@ class GridReader : private openvdb::io::Archive {
       openvdb::io::GridDescriptor d;
       (void)d.read(stream_);
       const auto& [name, kept] = *grids_.emplace(d.uniqueName(), d).first;
-      by_name_.emplace(openvdb::io::GridDescriptor::nameAsString(name), &kept);
+      const std::string called = openvdb::io::GridDescriptor::nameAsString(name);
+      const std::string stem = openvdb::io::GridDescriptor::stripSuffix(name);
+      by_name_.emplace(called, &kept);
+      ++alike_[called];
+      if (stem != called) ++alike_[stem];
       d.seekToEnd(stream_);
     }
   }
@@ -96,6 +103,12 @@ class GridReader : private openvdb::io::Archive {
   /// OpenVDB's name of the tree.
   [[nodiscard]] const std::string& type(const std::string& name) const {
     return by_name_.at(name)->gridType();
+  }
+  /// Whether it has its own tree, and OpenVDB's reader, which asks by name, finds it by that one.
+  [[nodiscard]] bool plain(const std::string& name) const {
+    const openvdb::io::GridDescriptor& d = *by_name_.at(name);
+    return !d.isInstance() && alike_.at(name) == 1 &&
+           openvdb::io::GridDescriptor::stringAsUniqueName(name) == d.uniqueName();
   }
 
   openvdb::GridBase::Ptr read(const std::string& name) {
@@ -135,9 +148,11 @@ class GridReader : private openvdb::io::Archive {
   std::unordered_map<std::string, openvdb::io::GridDescriptor> grids_;  ///< By unique names.
   std::unordered_map<std::string, const openvdb::io::GridDescriptor*> by_name_;  ///< As users call
                                                                                  ///< them.
+  std::unordered_map<std::string, int> alike_;  ///< Grids that this may mean.
 };
 
-/// An OpenVDB file, checked; its errors turned into ours.
+/// An OpenVDB file, opened and checked once; its errors turned into ours. What is const may be done
+/// by several threads at once.
 class VdbFile {
  public:
   explicit VdbFile(const std::filesystem::path& path) : path_(path) {
@@ -160,63 +175,59 @@ class VdbFile {
     guarded([&] {
       check_.emplace(steady_->place(), path_.string());
       reader_.emplace(steady_->place());
-      if (!steady_->trouble().empty() && !check_->hasTable()) {
-        throw VolumeError(path.string(), steady_->trouble(),
-                          "make room there, or name another folder in TMPDIR");
-      }
       file_.emplace(steady_->place().string());
       // OpenVDB need not copy it: it stays as it is, and the leaves are read before this ends.
       file_->setCopyMaxBytes(0);
-      file_->open(/*delayLoad=*/steady_->trouble().empty());
+      file_->open();
+      for (auto name = file_->beginName(); name != file_->endName(); ++name) {
+        names_.push_back(*name);
+      }
+      known_.insert(names_.begin(), names_.end());
+      findVectors();
     });
-    for (auto name = file_->beginName(); name != file_->endName(); ++name) names_.push_back(*name);
-    known_.insert(names_.begin(), names_.end());
   }
 
+  /// As users call them.
   [[nodiscard]] const std::vector<std::string>& names() const noexcept { return names_; }
-
-  /// The grid, the leaves of a large one still on disk, to be read in parallel; of a type that
-  /// cannot be felt, all but its tree.
-  openvdb::GridBase::Ptr read(const std::string& name) {
-    openvdb::GridBase::Ptr grid;
-    guarded([&] {
-      if (!isFeltType(typeOf(name))) {
-        grid = reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
-        return;
-      }
-      const std::uint64_t bytes = check_->tree(name);
-      if (reader_->has(name) && (bytes < kSmallGrid || !steady_->trouble().empty())) {
-        grid = reader_->read(name);
-        return;
-      }
-      mapped_ += bytes;
-      grid = file_->readGrid(name);
-    });
-    if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
-    return grid;
+  /// The vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of one type.
+  [[nodiscard]] const std::vector<std::string>& vectors() const noexcept { return vectors_; }
+  /// All, a vector's three as that vector, where the first of them is.
+  [[nodiscard]] std::vector<std::string> listed() const {
+    std::unordered_map<std::string, std::string> instead;  // of a component; empty: nothing
+    for (const std::string& vector : vectors_) {
+      const auto parts = componentsOf(vector);
+      instead[parts[0]] = vector;
+      instead[parts[1]] = instead[parts[2]] = "";
+    }
+    std::vector<std::string> names;
+    for (const std::string& name : names_) {
+      const auto other = instead.find(name);
+      const std::string& one = other == instead.end() ? name : other->second;
+      if (other == instead.end() || !one.empty()) names.push_back(one);
+    }
+    return names;
   }
 
-  /// The vectors that the file keeps by component: NAME.x, NAME.y and NAME.z, scalars of one type.
-  [[nodiscard]] std::vector<std::string> joinedNames() {
-    const auto has = [&](const std::string& name) { return known_.count(name) != 0; };
-    std::vector<std::string> joined;
-    guarded([&] {
-      for (const std::string& name : names_) {
-        if (name.size() < 3 || !name.ends_with(".x")) continue;
-        const std::string stem = name.substr(0, name.size() - 2);
-        const auto parts = componentsOf(stem);
-        if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
-        const auto type = [&](std::size_t c) { return typeOf(parts[c]); };
-        const bool scalar =
-            type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
-        if (scalar && type(1) == type(0) && type(2) == type(0)) joined.push_back(stem);
-      }
-    });
-    return joined;
+  /// As loadVolume.
+  [[nodiscard]] std::shared_ptr<const Volume> load(const std::string& grid,
+                                                   const LoadOptions& options) const {
+    std::string wanted = grid;
+    if (wanted.empty() && names_.size() == 1) wanted = names_.front();
+    if (wanted.empty() && names_.size() == 3 && vectors_.size() == 1) wanted = vectors_.front();
+    const bool there = known_.count(wanted) != 0 ||
+                       std::find(vectors_.begin(), vectors_.end(), wanted) != vectors_.end();
+    if (!there || (wanted.empty() && names_.size() > 1)) throwNoGrid(wanted);
+    auto [info, data] = prepared(wanted, options);
+    if (!info.refusal.empty()) {
+      const auto colon = info.refusal.find(": ");
+      throw VolumeError(path_.string() + ": grid \"" + wanted + "\"", info.refusal.substr(0, colon),
+                        info.refusal.substr(colon + 2));
+    }
+    return std::make_shared<Volume>(std::move(info), std::move(data));
   }
 
   /// A grid, or a vector of three, ready to be felt or with its refusal.
-  Prepared prepared(const std::string& name, const LoadOptions& options) {
+  [[nodiscard]] Prepared prepared(const std::string& name, const LoadOptions& options) const {
     Prepared out;
     double begun = 0.0;  // of the parts, all of them 1
     double share = 1.0;
@@ -245,9 +256,60 @@ class VdbFile {
   }
 
  private:
+  /// The grid, the leaves of a large one still on disk, to be read in parallel; of a type that
+  /// cannot be felt, all but its tree. One at a time.
+  [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
+    openvdb::GridBase::Ptr grid;
+    // Nobody who waits in here for a loop of OpenVDB's is given another grid to read.
+    tbb::this_task_arena::isolate([&] {
+      const std::lock_guard lock(reading_);
+      if (!isFeltType(typeOf(name))) {
+        grid = reader_->has(name) ? reader_->readMetadata(name) : file_->readGridMetadata(name);
+        return;
+      }
+      const std::uint64_t bytes = check_->tree(name);
+      if (reader_->has(name) && (bytes < kSmallGrid || !reader_->plain(name))) {
+        grid = reader_->read(name);
+        return;
+      }
+      mapped_ += bytes;
+      grid = file_->readGrid(name);
+    });
+    if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");
+    return grid;
+  }
+
   /// OpenVDB's name of the tree.
-  [[nodiscard]] std::string typeOf(const std::string& name) {
+  [[nodiscard]] std::string typeOf(const std::string& name) const {
     return reader_->has(name) ? reader_->type(name) : file_->readGridMetadata(name)->type();
+  }
+
+  void findVectors() {
+    const auto has = [&](const std::string& name) { return known_.count(name) != 0; };
+    for (const std::string& name : names_) {
+      if (name.size() < 3 || !name.ends_with(".x")) continue;
+      const std::string stem = name.substr(0, name.size() - 2);
+      const auto parts = componentsOf(stem);
+      if (!has(parts[1]) || !has(parts[2]) || has(stem)) continue;
+      const auto type = [&](std::size_t c) { return typeOf(parts[c]); };
+      const bool scalar =
+          type(0) == openvdb::FloatGrid::gridType() || type(0) == openvdb::DoubleGrid::gridType();
+      if (scalar && type(1) == type(0) && type(2) == type(0)) vectors_.push_back(stem);
+    }
+  }
+
+  [[noreturn]] void throwNoGrid(const std::string& wanted) const {
+    if (names_.empty()) throw VolumeError(path_.string(), "it holds no grid", "write one into it");
+    std::vector<std::string> names = vectors_;
+    names.insert(names.end(), names_.begin(), names_.end());
+    std::string all;
+    for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+    if (wanted.empty() && names_.size() > 1) {
+      throw VolumeError(path_.string(), "it holds more than one grid", "name one of " + all);
+    }
+    const std::string near = nearestName(wanted, names);
+    throw VolumeError(path_.string(), "there is no grid \"" + wanted + "\"",
+                      near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
   }
 
   /// OpenVDB's message in one line.
@@ -275,13 +337,55 @@ class VdbFile {
   std::filesystem::path path_;
   std::string canonical_;  ///< As the system's list of maps has it; empty if it cannot be known.
   std::optional<SteadyFile> steady_;
-  std::optional<VdbCheck> check_;
-  std::optional<openvdb::io::File> file_;
-  std::optional<GridReader> reader_;  ///< Has no grid where there is no table of contents.
-  std::vector<std::string> names_;    ///< As users call them.
+  mutable std::mutex reading_;  ///< Who has it may use the next three.
+  mutable std::optional<VdbCheck> check_;
+  mutable std::optional<openvdb::io::File> file_;
+  mutable std::optional<GridReader> reader_;  ///< Has no grid where there is no table of contents.
+  std::vector<std::string> names_;
+  std::vector<std::string> vectors_;
   std::unordered_set<std::string> known_;
-  std::uint64_t mapped_ = 0;  ///< Read since the system was last told to let go of it.
+  /// Read since the system was last told to let go of it.
+  mutable std::atomic<std::uint64_t> mapped_{0};
 };
+
+/// How far many are who work together, told one at a time.
+class Together {
+ public:
+  Together(std::size_t count, const std::function<void(double)>& told)
+      : done_(count, 0.0), told_(told) {}
+  void tell(std::size_t i, double done) {
+    if (!told_) return;
+    const std::lock_guard lock(mutex_);
+    if (done >= 1.0 && done_[i] < 1.0) ++whole_;
+    sum_ += done - done_[i];
+    done_[i] = done;
+    told_(whole_ == done_.size() ? 1.0 : sum_ / static_cast<double>(done_.size()));
+  }
+
+ private:
+  std::mutex mutex_;
+  std::vector<double> done_;
+  double sum_ = 0.0;
+  std::size_t whole_ = 0;
+  const std::function<void(double)>& told_;
+};
+
+LoadResult tryLoad(const VdbFile& file, const std::string& grid, const LoadOptions& options) {
+  LoadResult result;
+  try {
+    result.volume = file.load(grid, options);
+  } catch (...) {
+    result.error = std::current_exception();
+  }
+  return result;
+}
+
+/// inParallel, where its threads take up nothing else before it ends: no more files are open at
+/// once than there are threads.
+template <class Body>
+void inParallelAlone(std::size_t count, Body body) {
+  tbb::this_task_arena::isolate([&] { inParallel(count, body); });
+}
 
 }  // namespace
 
@@ -315,28 +419,14 @@ bool isVdb(const std::filesystem::path& file) noexcept {
 }
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {
-  VdbFile vdb(file);
-  std::unordered_map<std::string, std::string> instead;  // of a component; empty: nothing
-  for (const std::string& joined : vdb.joinedNames()) {
-    const auto parts = componentsOf(joined);
-    instead[parts[0]] = joined;
-    instead[parts[1]] = instead[parts[2]] = "";
-  }
-  std::vector<std::string> names;
-  for (const std::string& name : vdb.names()) {
-    const auto other = instead.find(name);
-    const std::string& listed = other == instead.end() ? name : other->second;
-    if (other == instead.end() || !listed.empty()) names.push_back(listed);
-  }
-  return names;
+  return VdbFile(file).listed();
 }
 
 std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
-  VdbFile vdb(file);
+  const VdbFile vdb(file);
   std::vector<std::string> names = vdb.names();
   if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
-  const std::vector<std::string> joined = vdb.joinedNames();
-  names.insert(names.end(), joined.begin(), joined.end());
+  names.insert(names.end(), vdb.vectors().begin(), vdb.vectors().end());
   std::vector<GridInfo> infos;
   infos.reserve(names.size());
   for (const std::string& name : names) infos.push_back(vdb.prepared(name, {}).info);
@@ -345,67 +435,80 @@ std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
 
 std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, const std::string& grid,
                                          const LoadOptions& options) {
-  VdbFile vdb(file);
-  std::vector<std::string> names = vdb.names();
-  if (names.empty()) throw VolumeError(file.string(), "it holds no grid", "write one into it");
-  const std::vector<std::string> joined = vdb.joinedNames();
-
-  std::string wanted = grid;
-  if (wanted.empty() && names.size() == 1) wanted = names.front();
-  if (wanted.empty() && names.size() == 3 && joined.size() == 1) wanted = joined.front();
-  names.insert(names.begin(), joined.begin(), joined.end());
-  std::string all;
-  for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
-  if (wanted.empty() && names.size() > 1) {
-    throw VolumeError(file.string(), "it holds more than one grid", "name one of " + all);
-  }
-  if (std::find(names.begin(), names.end(), wanted) == names.end()) {
-    const std::string near = nearestName(wanted, names);
-    throw VolumeError(file.string(), "there is no grid \"" + wanted + "\"",
-                      near.empty() ? "there are: " + all : "did you mean \"" + near + "\"?");
-  }
-
-  auto [info, data] = vdb.prepared(wanted, options);
-  if (!info.refusal.empty()) {
-    const auto colon = info.refusal.find(": ");
-    throw VolumeError(file.string() + ": grid \"" + wanted + "\"", info.refusal.substr(0, colon),
-                      info.refusal.substr(colon + 2));
-  }
-  return std::make_shared<Volume>(std::move(info), std::move(data));
+  return VdbFile(file).load(grid, options);
 }
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
                                     const std::function<void(double)>& progress) {
-  std::vector<LoadResult> results(requests.size());
-  std::vector<double> done(requests.size(), 0.0);
-  std::mutex telling;
-  // What is asked for twice is loaded once.
-  const auto first_like = [&](std::size_t i) {
-    return static_cast<std::size_t>(std::find(requests.begin(), requests.end(), requests[i]) -
-                                    requests.begin());
+  // Each file is opened once, and what is asked for twice is loaded once.
+  using What = std::tuple<std::string, NonFinite, int>;
+  struct File {
+    std::map<What, std::size_t> known;
+    std::vector<std::size_t> wanted;
   };
-  inParallel(requests.size(), [&](std::size_t i) {
+  std::map<std::filesystem::path, File> by_path;
+  std::vector<std::size_t> first(requests.size());
+  for (std::size_t i = 0; i < requests.size(); ++i) {
     const VolumeRequest& request = requests[i];
-    const auto tell = [&](double part) {
-      if (!progress) return;
-      const std::lock_guard lock(telling);
-      done[i] = part;
-      progress(std::accumulate(done.begin(), done.end(), 0.0) /
-               static_cast<double>(requests.size()));
-    };
+    File& file = by_path[request.file];
+    const What what{request.grid, request.non_finite, request.smooth};
+    first[i] = file.known.emplace(what, i).first->second;
+    if (first[i] == i) file.wanted.push_back(i);
+  }
+  std::vector<std::pair<const std::filesystem::path*, const std::vector<std::size_t>*>> files;
+  for (const auto& [path, file] : by_path) files.emplace_back(&path, &file.wanted);
+
+  std::vector<LoadResult> results(requests.size());
+  Together together(requests.size(), progress);
+  inParallel(files.size(), [&](std::size_t f) {
+    const std::vector<std::size_t>& wanted = *files[f].second;
+    std::optional<VdbFile> file;
+    std::exception_ptr error;
     try {
-      if (first_like(i) == i) {
-        results[i].volume =
-            loadVolume(request.file, request.grid, {request.non_finite, request.smooth, tell});
-      }
+      file.emplace(*files[f].first);
     } catch (...) {
-      results[i].error = std::current_exception();
+      error = std::current_exception();
     }
-    tell(1.0);
+    inParallelAlone(wanted.size(), [&](std::size_t j) {
+      const std::size_t i = wanted[j];
+      const auto tell = [&](double done) { together.tell(i, done); };
+      results[i] = error ? LoadResult{nullptr, error}
+                         : tryLoad(*file, requests[i].grid,
+                                   {requests[i].non_finite, requests[i].smooth, tell});
+      tell(1.0);
+    });
   });
   for (std::size_t i = 0; i < requests.size(); ++i) {
-    if (first_like(i) != i) results[i] = results[first_like(i)];
+    if (first[i] == i) continue;
+    results[i] = results[first[i]];
+    together.tell(i, 1.0);
   }
+  return results;
+}
+
+std::vector<FileResult> loadFiles(const std::vector<std::filesystem::path>& files,
+                                  const std::function<void(double)>& progress) {
+  std::vector<FileResult> results(files.size());
+  Together together(files.size(), progress);
+  inParallel(files.size(), [&](std::size_t f) {
+    FileResult& result = results[f];
+    try {
+      const VdbFile file(files[f]);
+      result.names = file.listed();
+      result.volumes.resize(result.names.size());
+      const std::function<void(double)> tell = [&](double done) { together.tell(f, done); };
+      Together within(result.names.size(), tell);
+      inParallelAlone(result.names.size(), [&](std::size_t i) {
+        LoadOptions options;
+        options.progress = [&](double done) { within.tell(i, done); };
+        result.volumes[i] = tryLoad(file, result.names[i], options);
+        options.progress(1.0);
+      });
+    } catch (const VolumeError&) {
+      result.error = std::current_exception();
+    }
+    together.tell(f, 1.0);
+  });
   return results;
 }
 

@@ -132,10 +132,22 @@ struct LoadResult {
   std::exception_ptr error;
 };
 
-/// Loads in parallel, equal requests once. `progress` is told of all together, from any thread but
-/// one at a time; it may not use TBB.
+/// Loads in parallel, equal requests once; opens each file once. `progress` is told of all
+/// together, from any thread but one at a time; it may not use TBB.
 [[nodiscard]] std::vector<LoadResult> loadVolumes(
     const std::vector<VolumeRequest>& requests,
+    const std::function<void(double done)>& progress = nullptr);
+
+/// All that is in a file.
+struct FileResult {
+  std::vector<std::string> names;   ///< As gridNames.
+  std::vector<LoadResult> volumes;  ///< Of each.
+  std::exception_ptr error;         ///< Of the file itself, a VolumeError; else null.
+};
+
+/// Loads all grids of files in parallel, opens each file once. `progress` as of loadVolumes.
+[[nodiscard]] std::vector<FileResult> loadFiles(
+    const std::vector<std::filesystem::path>& files,
     const std::function<void(double done)>& progress = nullptr);
 
 /// "level set", "fog volume", "staggered" or "unknown".

@@ -420,24 +420,26 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
         (path / "scene.json").string() +
         ": it is not read: only the volumes of this folder are; name it to feel it");
   }
-  std::vector<VolumeRequest> requests;
-  for (const std::filesystem::path& file : files) {
+  const std::vector<FileResult> loaded = loadFiles(files, progress);
+  std::vector<std::pair<std::size_t, std::size_t>> grids;  // of which file, and which there
+  for (std::size_t f = 0; f < files.size(); ++f) {
+    for (std::size_t g = 0; g < loaded[f].names.size(); ++g) grids.emplace_back(f, g);
     try {
-      for (const std::string& grid : gridNames(file)) requests.push_back({file, grid});
+      if (loaded[f].error) std::rethrow_exception(loaded[f].error);
     } catch (const VolumeError& e) {
       if (files.size() == 1) throw;
       spec.notes.push_back(std::string(e.what()) + "; it is left out");
     }
   }
-  const std::vector<LoadResult> loaded = loadVolumes(requests, progress);
   std::string first;
-  for (std::size_t i = 0; i < requests.size(); ++i) {
+  for (const auto& [f, g] : grids) {
+    const LoadResult& result = loaded[f].volumes[g];
     VolumeSpec volume;
-    volume.file = requests[i].file;
-    volume.grid = requests[i].grid;
-    volume.volume = loaded[i].volume;
+    volume.file = files[f];
+    volume.grid = loaded[f].names[g];
+    volume.volume = result.volume;
     try {
-      if (loaded[i].error) std::rethrow_exception(loaded[i].error);
+      if (result.error) std::rethrow_exception(result.error);
     } catch (const VolumeError& e) {
       spec.notes.emplace_back(e.what());
       continue;

@@ -519,6 +519,15 @@ void writeOwn(const fs::path& folder) {
   auto twin = openvdb::FloatGrid::create(ball->treePtr());
   twin->setName("twin");
   write("twins.vdb", {ball, twin, ball}, usual);
+  // One whose name is what users call another by, which shares its tree, or lends it.
+  auto literal = ball->deepCopy();
+  literal->setName("density[0]");
+  auto alike = openvdb::FloatGrid::create(literal->treePtr());
+  alike->setName("density");
+  auto second = fog->deepCopy();
+  second->setName("density");
+  write("lends.vdb", {literal, alike, second}, usual);
+  write("borrows.vdb", {alike, literal, second}, usual);
   std::ofstream stream(folder / "stream.vdb", std::ios::binary);
   openvdb::io::Stream out(stream);
   out.setCompression(usual);

@@ -3,6 +3,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdlib>
 #include <ctime>
 #include <fcntl.h>
@@ -10,6 +11,7 @@
 #include <limits>
 #include <optional>
 #include <set>
+#include <sys/resource.h>
 #include <thread>
 #include <unistd.h>
 
@@ -63,6 +65,36 @@ class NoRoom {
  private:
   std::optional<std::string> was_;
 };
+
+/// A file of grids of one size and random values: two of equal size differ in nothing else.
+void writeRough(const std::filesystem::path& file, const std::vector<std::string>& names, int n,
+                std::uint64_t seed) {
+  Random random(seed);
+  openvdb::GridPtrVec grids;
+  for (const std::string& name : names) {
+    grids.push_back(makeGrid<openvdb::FloatGrid>(
+        n, Transform::createLinearTransform(1.0),
+        [&](const Vec3d&) { return static_cast<float>(random.uniform(0.0, 1.0)); }, name));
+  }
+  openvdb::io::File out(file.string());
+  out.setCompression(openvdb::io::COMPRESS_NONE);
+  out.write(grids);
+}
+
+std::string bytesOf(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>()};
+}
+
+/// What the system has read or copied for this program [bytes].
+double readSoFar() {
+  std::ifstream io("/proc/self/io");
+  std::string word;
+  double bytes = 0.0;
+  io >> word >> bytes;
+  REQUIRE(word == "rchar:");
+  return bytes;
+}
 
 }  // namespace
 
@@ -217,6 +249,115 @@ TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
   }
 }
 
+TEST_CASE("what was checked is what is read, whatever others write meanwhile", "[volume]") {
+  // Somebody has it open and writes another vector over it once the first component is read.
+  const TemporaryFolder folder;
+  const std::vector<std::string> names{"vel.x", "vel.y", "vel.z"};
+  writeRough(folder / "a.vdb", names, 24, 1);
+  writeRough(folder / "b.vdb", names, 24, 2);
+  const std::string other = bytesOf(folder / "b.vdb");
+  const GridInfo whole = loadVolume(folder / "a.vdb", "vel")->info();
+  REQUIRE(whole.mean != loadVolume(folder / "b.vdb", "vel")->info().mean);
+  for (const bool room : {true, false}) {
+    CAPTURE(room);
+    const NoRoom none(room);
+    const auto file = folder / "felt.vdb";
+    std::filesystem::copy_file(folder / "a.vdb", file,
+                               std::filesystem::copy_options::overwrite_existing);
+    REQUIRE(std::filesystem::file_size(file) == other.size());
+    const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
+    LoadOptions options;
+    options.progress = [&](double) {
+      REQUIRE(pwrite(ours, other.data(), other.size(), 0) == static_cast<ssize_t>(other.size()));
+    };
+    const GridInfo info = loadVolume(file, "vel", options)->info();
+    close(ours);
+    CHECK(bytesOf(file) == other);
+    CHECK(info.mean == whole.mean);
+    CHECK(info.highest == whole.highest);
+  }
+}
+
+TEST_CASE("what others may change and what cannot be copied is not read", "[volume]") {
+  const TemporaryFolder folder;
+  writeRough(folder / "a.vdb", {"density"}, 12, 1);
+  const NoRoom none(false);
+  const int ours = open((folder / "a.vdb").c_str(), O_RDWR | O_CLOEXEC);
+  rlimit was{};
+  getrlimit(RLIMIT_FSIZE, &was);
+  auto* const handled = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1000, was.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+  const std::string why = refusal(folder / "a.vdb");
+  setrlimit(RLIMIT_FSIZE, &was);
+  (void)std::signal(SIGXFSZ, handled);
+  CHECK_THAT(why, Contains("others may change it, and it cannot be copied (File too large): make"));
+  CHECK(refusal(folder / "a.vdb") == "no error");
+  close(ours);
+}
+
+TEST_CASE("a file is read once, however many of its grids are asked for", "[volume]") {
+  const TemporaryFolder folder;
+  std::vector<std::string> names;
+  for (int i = 10; i < 50; ++i) names.push_back("grid" + std::to_string(i));
+  const auto file = folder / "many.vdb";
+  writeRough(file, names, 20, 1);
+  const auto size = static_cast<double>(std::filesystem::file_size(file));
+  std::vector<VolumeRequest> requests;
+  for (const std::string& name : names) requests.push_back({file, name});
+  const auto times = [&](const auto& load) {
+    const double before = readSoFar();
+    load();
+    return (readSoFar() - before) / size;
+  };
+  for (const bool others : {false, true}) {
+    const int ours = others ? open(file.c_str(), O_RDWR | O_CLOEXEC) : -1;
+    const double asked = times([&] {
+      for (const LoadResult& result : loadVolumes(requests)) {
+        REQUIRE(result.volume->info().active_voxels == 8000);
+      }
+    });
+    const double all = times([&] {
+      const std::vector<FileResult> results = loadFiles({file});
+      REQUIRE(results[0].names == names);
+      for (const LoadResult& result : results[0].volumes) {
+        REQUIRE(result.volume->info().active_voxels == 8000);
+      }
+    });
+    if (ours >= 0) close(ours);
+    WARN("read " << asked << " and " << all << " times" << (others ? ", copied" : ""));
+    // To be checked, to be read, and what stands about the grids; and to be copied.
+    CHECK(asked < (others ? 4.0 : 3.0));
+    CHECK(all < (others ? 4.0 : 3.0));
+  }
+}
+
+TEST_CASE("files are loaded whole, each by itself", "[volume]") {
+  const TemporaryFolder folder;
+  writeRough(folder / "a.vdb", {"vel.x", "density", "vel.y", "vel.z"}, 6, 1);
+  auto bad = block();
+  bad->tree().setValue(openvdb::Coord(3, 3, 3), std::numeric_limits<float>::infinity());
+  writeVdb(folder / "b.vdb", {block(8, "good"), bad});
+  std::ofstream(folder / "c.vdb") << "this is no volume at all, just text\n";
+  std::vector<double> told;
+  const auto results =
+      loadFiles({folder / "a.vdb", folder / "c.vdb", folder / "b.vdb", folder / "none.vdb"},
+                [&](double done) { told.push_back(done); });
+  REQUIRE(results.size() == 4);
+  CHECK(results[0].names == gridNames(folder / "a.vdb"));
+  CHECK(results[0].names == std::vector<std::string>{"density", "vel"});
+  CHECK(results[0].volumes[1].volume->info().vector);
+  CHECK(results[2].names == gridNames(folder / "b.vdb"));
+  for (std::size_t i = 0; i < 2; ++i) {
+    CHECK((results[2].volumes[i].volume != nullptr) == (results[2].names[i] == "good"));
+    CHECK((results[2].volumes[i].error != nullptr) == (results[2].names[i] != "good"));
+  }
+  CHECK_THROWS_WITH(std::rethrow_exception(results[1].error), Contains("not a .vdb file"));
+  CHECK_THROWS_WITH(std::rethrow_exception(results[3].error), Contains("no such file"));
+  CHECK(std::is_sorted(told.begin(), told.end()));
+  CHECK(told.back() == 1.0);
+}
+
 TEST_CASE("a tree of a type that cannot be felt is never read", "[volume]") {
   const TemporaryFolder folder;
   auto labels = makeGrid<openvdb::Int32Grid>(
@@ -279,6 +420,47 @@ TEST_CASE("grids of equal name are told apart", "[volume]") {
   writeVdb(folder / "a.vdb", {block(8), block(9)});
   CHECK(gridNames(folder / "a.vdb") == std::vector<std::string>{"density[0]", "density[1]"});
   CHECK(loadVolume(folder / "a.vdb", "density[1]")->info().active_voxels == 729);
+}
+
+TEST_CASE("a grid that shares a tree has that one, whatever others are called", "[volume]") {
+  const TemporaryFolder folder;
+  Random random(5);
+  for (const int n : {8, 80}) {  // read through, and out of a map
+    CAPTURE(n);
+    const auto rough = [&](double least, const char* name) {
+      return makeGrid<openvdb::FloatGrid>(
+          n, Transform::createLinearTransform(1.0),
+          [&](const Vec3d&) { return static_cast<float>(random.uniform(least, least + 1.0)); },
+          name);
+    };
+    const auto shared = [](const openvdb::FloatGrid::Ptr& grid, const char* name) {
+      auto twin = openvdb::FloatGrid::create(grid->treePtr());
+      twin->setName(name);
+      return twin;
+    };
+    const auto lowest = [&](const std::string& name) {
+      return std::floor(loadVolume(folder / "a.vdb", name)->info().lowest);
+    };
+    // The second of two of one name lends its tree.
+    const auto first = rough(1.0, "density");
+    const auto second = rough(2.0, "density");
+    writeVdb(folder / "a.vdb", {first, second, shared(second, "twin")});
+    CHECK(lowest("density[0]") == 1.0);
+    CHECK(lowest("density[1]") == 2.0);
+    CHECK(lowest("twin") == 2.0);
+    // One that is called as users call the first of two, which has its tree, or lends it.
+    const auto literal = rough(3.0, "density[0]");
+    const auto twin = shared(literal, "density");
+    for (const bool lends : {true, false}) {
+      CAPTURE(lends);
+      openvdb::GridPtrVec grids{literal, twin, first};
+      if (!lends) std::swap(grids[0], grids[1]);
+      writeVdb(folder / "a.vdb", grids);
+      CHECK(lowest("density[0]") == 3.0);
+      CHECK(lowest("density[1]") == 1.0);
+      for (const GridInfo& info : describeGrids(folder / "a.vdb")) CHECK(info.refusal.empty());
+    }
+  }
 }
 
 TEST_CASE("what cannot be felt is refused with reason and remedy", "[volume]") {
