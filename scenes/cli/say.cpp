@@ -36,21 +36,23 @@ Character firstOf(std::string_view text) {
   return {bytes, point, true};
 }
 
-/// Not for a terminal: controls, line ends, marks that turn the direction of writing, and what has
-/// no meaning. None is beyond 16 bits.
+/// Not for a terminal: Unicode's controls, line ends and format characters (Cc, Zl, Zp, Cf), its
+/// ignorable ones (Default_Ignorable_Code_Point, but for the variation selectors of 16 bits, which
+/// emoji have), and what has no meaning. They move the cursor, turn the direction of writing, or
+/// are not seen, so that two names look like one.
 bool isHidden(char32_t point) {
-  constexpr std::array<std::pair<char32_t, char32_t>, 9> kHidden{{{0x00, 0x1f},
-                                                                  {0x7f, 0x9f},
-                                                                  {0x61c, 0x61c},
-                                                                  {0x200e, 0x200f},
-                                                                  {0x2028, 0x202e},
-                                                                  {0x2066, 0x206f},
-                                                                  {0xfeff, 0xfeff},
-                                                                  {0xfff0, 0xfffb},
-                                                                  {0xfffe, 0xffff}}};
-  return std::any_of(kHidden.begin(), kHidden.end(), [&](const auto& range) {
-    return range.first <= point && point <= range.second;
-  });
+  constexpr std::array<std::pair<char32_t, char32_t>, 27> kHidden{
+      {{0x00, 0x1f},       {0x7f, 0x9f},       {0xad, 0xad},       {0x34f, 0x34f},
+       {0x600, 0x605},     {0x61c, 0x61c},     {0x6dd, 0x6dd},     {0x70f, 0x70f},
+       {0x890, 0x891},     {0x8e2, 0x8e2},     {0x115f, 0x1160},   {0x17b4, 0x17b5},
+       {0x180e, 0x180e},   {0x200b, 0x200f},   {0x2028, 0x202e},   {0x2060, 0x206f},
+       {0x3164, 0x3164},   {0xfdd0, 0xfdef},   {0xfeff, 0xfeff},   {0xffa0, 0xffa0},
+       {0xfff0, 0xfffb},   {0x110bd, 0x110bd}, {0x110cd, 0x110cd}, {0x13430, 0x1343f},
+       {0x1bca0, 0x1bca3}, {0x1d173, 0x1d17a}, {0xe0000, 0xe0fff}}};
+  return (point & 0xfffeU) == 0xfffe ||
+         std::any_of(kHidden.begin(), kHidden.end(), [&](const auto& range) {
+           return range.first <= point && point <= range.second;
+         });
 }
 
 std::string escaped(const Character& character, unsigned char byte) {
@@ -66,7 +68,8 @@ std::string escaped(const Character& character, unsigned char byte) {
       break;
   }
   const auto point = static_cast<unsigned>(character.point);
-  return point < 0x80 ? fmt::format("\\x{:02x}", point) : fmt::format("\\u{:04x}", point);
+  if (point < 0x80) return fmt::format("\\x{:02x}", point);
+  return point < 0x10000 ? fmt::format("\\u{:04x}", point) : fmt::format("\\U{:08x}", point);
 }
 
 bool beginsCharacter(char byte) {
@@ -114,7 +117,11 @@ std::string dump(const OrderedJson& json, int indent) {
   for (std::string_view rest = plain; !rest.empty();) {
     const Character character = firstOf(rest);
     if (character.point >= 0x7f && isHidden(character.point)) {
-      out += fmt::format("\\u{:04x}", static_cast<unsigned>(character.point));
+      const auto point = static_cast<unsigned>(character.point);
+      // Beyond 16 bits a pair of surrogates.
+      out += point < 0x10000 ? fmt::format("\\u{:04x}", point)
+                             : fmt::format("\\u{:04x}\\u{:04x}", 0xd7c0U + (point >> 10U),
+                                           0xdc00U + (point & 0x3ffU));
     } else {
       out += rest.substr(0, character.bytes);
     }

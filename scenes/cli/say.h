@@ -32,9 +32,10 @@ template <class... Args>
 class Legible {
  public:
   /// What `text` is shown as: printable UTF-8 in one line, of `most` characters at most (>= 40). A
-  /// line's end is \n, a byte that is no UTF-8 or a control \x1b, a control beyond ASCII or a mark
-  /// that turns the direction of writing \u202e; of what is too long the middle is left out, and
-  /// its length told. What is legible stays as it is. Takes some four times the memory of `text`.
+  /// line's end is \n, a byte that is no UTF-8 or a control \x1b, what is not seen beyond ASCII
+  /// (controls, marks that turn the direction of writing, characters of no width) \u202e or
+  /// \U000e0041; of what is too long the middle is left out, and its length told. What is legible
+  /// stays as it is. Takes some four times the memory of `text`.
   explicit Legible(std::string_view text, std::size_t most = kLongestName);
 
   [[nodiscard]] const std::string& text() const noexcept { return text_; }

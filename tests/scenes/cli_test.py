@@ -1059,6 +1059,23 @@ class Hostile(Case):
                     self.legible(verb, file)
                 shutil.rmtree(folder)
 
+    def test_what_is_not_seen_is_escaped(self):
+        points = [c for c in map(chr, range(0x110000))
+                  if unicodedata.category(c) in ("Cf", "Zl", "Zp")]
+        points += "\u034f\u115f\u1160\u17b4\u17b5\u2065\u3164\uffa0\U000e0100\U000e01ef\U0001fffe"
+        self.assertGreater(len(points), 160)
+        for i in range(0, len(points), 12):
+            name = "a" + "b".join(points[i:i + 12]) + "c"
+            shown = "a" + "b".join(f"\\u{ord(c):04x}" if ord(c) < 0x10000 else
+                                   f"\\U{ord(c):08x}" for c in points[i:i + 12]) + "c"
+            self.assertIn(shown.encode(), self.legible("check", name).stderr)
+            file = os.fsencode(self.dir) + b"/" + name.encode() + b".vdb"
+            shutil.copy(self.dir / "ball.vdb", file)
+            said = self.legible("check", file, "--json").stdout
+            self.assertIn(name, json.loads(said)["scene"])
+            for c in points[i:i + 12]:
+                self.assertNotIn(c.encode(), said)
+
     def test_of_grids(self):
         whole = (self.dir / "mixed.vdb").read_bytes()
         for name in (b"\xff\x80\xc3(", "\u202eg".encode(), "\x85\x9b".encode()):
