@@ -147,6 +147,40 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
   CHECK(limited <= 0.005 * static_cast<double>(cases));  // 8 of 5,000
 }
 
+TEST_CASE("where frictions have no common answer each goes on to hold what it held",
+          "[modes][friction]") {
+  // Two to four walls about a point, and a hand that goes from place to place within them.
+  Random random(64);
+  const long cases = test::cases(3000);
+  long limited = 0;
+  long weaker = 0;  // than it held was the best trial
+  for (long i = 0; i < cases; ++i) {
+    Balance b;
+    const int planes = 2 + random.integer(3);
+    for (int j = 0; j < planes; ++j) {
+      REQUIRE(b.set.tryAdd(
+          {PrimitiveKind::kPlane, Vec3::Zero(), random.direction(), random.uniform(0.5, 3.0)}));
+      REQUIRE(b.set.tryAddFriction(Vec3::Zero(), random.uniform(0.3, 1.5)));
+    }
+    for (int at = 0; at < 5; ++at) {
+      const std::vector<double> held = b.start.strengths;
+      const bool remembered = b.start.count > 0;
+      const SolveResult result = b.solve(random.inCube(5e-3));
+      if (result.status != SolveStatus::kIterationLimit) continue;
+      ++limited;
+      const auto links = b.set.links();
+      for (std::size_t l = 0; remembered && l < links.size(); ++l) {
+        const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
+        CAPTURE(i, at, l, held[l], most);
+        REQUIRE(b.strength(links[l]) >= std::min(held[l], most));
+        if (b.start.best[l] < std::min(held[l], most)) ++weaker;
+      }
+    }
+  }
+  CAPTURE(limited, weaker);
+  CHECK(weaker > cases / 1000);
+}
+
 TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {
   // Two walls with friction, a load that passes from one to the other, a slow push along: with
   // Coulomb's law unmet the walls must go on to hold. k times the hand's step is 4 mN a tick.
