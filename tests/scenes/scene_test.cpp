@@ -842,6 +842,15 @@ TEST_CASE("a bare .vdb gets a mode that suits each grid", "[scene]") {
   CHECK(spec.graph.modes[0].kind == ModeKind::kSurface);
   CHECK(spec.graph.modes[1].kind == ModeKind::kViscosity);
   CHECK(spec.graph.modes[2].kind == ModeKind::kFollow);
+  // From -4 to 12, 4 in the mean: from nothing where it is least to all where it is most.
+  for (const auto& [mode, most] : {std::pair{0, 2.0}, std::pair{1, 0.5}}) {
+    const ModeSpec& guess = spec.graph.modes[static_cast<std::size_t>(mode)];
+    const TransferFunction& strength = guess.strength.factors.at(0).curve;
+    CHECK(strength(-4.0) == Approx(0.0).margin(1e-12));
+    CHECK(strength(4.0) == Approx(0.5 * most));
+    CHECK(strength(11.9) < most);
+    CHECK(strength(12.0) == Approx(most));
+  }
 
   // A folder: every grid that can be felt, in the order of the files, placed like the first.
   spec = openScene(folder.path());
