@@ -456,6 +456,7 @@ std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,
     if (first[i] == i) file.wanted.push_back(i);
   }
   std::vector<std::pair<const std::filesystem::path*, const std::vector<std::size_t>*>> files;
+  files.reserve(by_path.size());
   for (const auto& [path, file] : by_path) files.emplace_back(&path, &file.wanted);
 
   std::vector<LoadResult> results(requests.size());
