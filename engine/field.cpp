@@ -33,6 +33,17 @@ std::uint64_t nextFieldId() noexcept {
   return next++;
 }
 
+Mat3 ScalarField::gradientJacobian(const Vec3& p_W, FieldCache& cache) const noexcept {
+  const double step = 1e-3 * frame_.voxel;
+  Mat3 out;
+  for (int a = 0; a < 3; ++a) {
+    const Vec3 aside = step * Vec3::Unit(a);
+    const Vec3 ahead = sample(p_W + aside, cache).gradient;
+    out.col(a) = (ahead - sample(p_W - aside, cache).gradient) / (2.0 * step);
+  }
+  return out;
+}
+
 Crossing ScalarField::firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                 FieldCache& cache) const noexcept {
   constexpr int kMostSteps = 256;

@@ -73,6 +73,10 @@ class ScalarField {
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
+  /// How `gradient` turns, d gradient_i / d p_j [its unit / m], both in W. Cheap after sample() at
+  /// the same place. This one takes differences of six samples. RT: no allocation.
+  [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
+                                              FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
   /// At every place within so many metres of p_W there is nothing: inside is false, the value the
   /// background, the derivatives zero. 0: nothing is known. RT: no allocation.
   /// Cost: a few ns.

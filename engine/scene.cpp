@@ -49,7 +49,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
                      "give a share of a voxel, as 0.01");
   }
   if (step.max_substeps < 1 || step.max_substeps > 64) {
-    throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 8");
+    throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
   }
   auto scene = std::make_unique<Scene>();
   if (parts.empty() || !spec.modes.empty()) scene->graph = compileGraph(spec, fields);
@@ -200,6 +200,16 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     scalar(magnitude.to, v.value.norm(), v.inside);
   }
   return count;
+}
+
+Mat3 BoundGraph::gradientJacobian(const Skin& skin, const Vec3& p_W,
+                                  std::span<const Body> bodies) const noexcept {
+  const auto i = static_cast<std::size_t>(skin.field);
+  const Body* body = bodyOf(graph->scalar_motions[i], bodies);
+  const Vec3& p = body == nullptr ? p_W : body->seen;
+  const Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
+  if (body == nullptr) return by;
+  return body->pose.rotation * by * body->pose.rotation.transpose();
 }
 
 void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noexcept {

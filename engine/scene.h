@@ -18,10 +18,10 @@ namespace palpate {
 
 /// Accuracy of the motion within a tick.
 struct StepParams {
-  int max_substeps = 8;  ///< The proxy moves at most a voxel at a time where there is data; after
-                         ///< so many moves in which a primitive held it, the rest of the way waits
-                         ///< for the next tick. 1 to 64. Moves in which nothing holds it are free,
-                         ///< up to kMostSubsteps in all.
+  int max_substeps = 16;  ///< The proxy moves at most a voxel at a time where there is data; after
+                          ///< so many moves in which a primitive held it, the rest of the way waits
+                          ///< for the next tick. 1 to 64. Moves in which nothing holds it are free,
+                          ///< up to kMostSubsteps in all.
   double tolerance_voxels = 0.01;  ///< How far the proxy may be off its surface or stream by its
                                    ///< motion, of the volume as interpolated [voxels]: above 0, at
                                    ///< most kMostTolerance.
@@ -104,6 +104,11 @@ struct BoundGraph {
     const auto i = static_cast<std::size_t>(skin.field);
     return graph->scalar_fields[i]->firstFall(from, to, level, skin.sign, caches[i]);
   }
+  /// ScalarField::gradientJacobian of a surface's field in W, where sample() has read it.
+  /// RT: no allocation.
+  [[nodiscard]] Mat3 gradientJacobian(const Skin& skin, const Vec3& p_W,
+                                      std::span<const Body> bodies) const noexcept
+      PALPATE_NONBLOCKING;
   /// Along a stream, in the resting frame of its field, an index into Graph::vector_fields; see
   /// VectorField::trace. RT: no allocation.
   [[nodiscard]] Trace trace(int field, const Vec3& p,

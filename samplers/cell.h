@@ -141,6 +141,21 @@ class TrilinearKernel {
     }
   }
 
+  /// How the gradient's rows (of the first component) change by the index, [row][index].
+  [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
+    const double x = t.x();
+    const double y = t.y();
+    const double z = t.z();
+    std::array<std::array<double, 3>, 3> by;
+    for (std::size_t r = 0; r < 3; ++r) {
+      const std::size_t n = (r + 1) * kC;
+      const double uv = c_[4][n] + c_[7][n] * z;
+      by[r] = {c_[1][n] + c_[5][n] * z + uv * y, c_[2][n] + c_[6][n] * z + uv * x,
+               c_[3][n] + c_[5][n] * x + (c_[6][n] + c_[7][n] * x) * y};
+    }
+    return by;
+  }
+
   /// The value alone.
   [[gnu::always_inline]] void value(const Vec3& t, std::array<double, kC>& v) const noexcept {
     const double x = t.x();
@@ -263,6 +278,25 @@ class SplineKernel {
     }
   }
 
+  /// How the gradient's rows (of the first component) change by the index, [row][index]: central
+  /// differences of the piece's polynomial, exact for degree 2 and to 1e-6 for 3.
+  [[nodiscard]] std::array<std::array<double, 3>, 3> turning(const Vec3& t) const noexcept {
+    constexpr double kAside = 1e-3;
+    std::array<std::array<double, 3>, 3> by;
+    for (std::size_t a = 0; a < 3; ++a) {
+      Row ahead;
+      Row back;
+      const Vec3 aside = kAside * Vec3::Unit(static_cast<Eigen::Index>(a));
+      read(t + aside, ahead);
+      read(t - aside, back);
+      for (std::size_t r = 0; r < 3; ++r) {
+        const std::size_t n = (r + 1) * kC;
+        by[r][a] = (ahead[n] - back[n]) / (2.0 * kAside);
+      }
+    }
+    return by;
+  }
+
  private:
   /// Coefficients of the splines about a piece, a stride apart, to those of its polynomial.
   static void toPolynomial(double* c, std::size_t stride) noexcept {
@@ -309,6 +343,9 @@ class NearestKernel {
     for (std::size_t c = 0; c < 4 * kC; ++c) row_[c] = at[c][0];
   }
   [[gnu::always_inline]] void read(const Vec3& /*t*/, Row& row) const noexcept { row = row_; }
+  [[nodiscard]] static std::array<std::array<double, 3>, 3> turning(const Vec3& /*t*/) noexcept {
+    return {};
+  }
 
  private:
   Row row_;

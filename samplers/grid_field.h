@@ -279,6 +279,20 @@ class GridReader {
     return times(map_.gradient_from_index, cache.kernel.slope(t));
   }
 
+  /// As ScalarField::gradientJacobian.
+  [[nodiscard]] Mat3 turning(const Vec3& p_W, Cache& cache) const noexcept {
+    Mat3 by = Mat3::Zero();
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return by;
+    const auto rows = cache.kernel.turning(t);
+    for (Eigen::Index a = 0; a < 3; ++a) {
+      const auto n = static_cast<std::size_t>(a);
+      const Vec3 column(rows[0][n], rows[1][n], rows[2][n]);
+      by.col(a) = Kernel::kBlendsRows ? column : times(map_.gradient_from_index, column);
+    }
+    return by * map_.index_from_world;
+  }
+
   /// As ScalarField::firstFall, exact: walks the cells on the way. One whose corners are all on the
   /// free side cannot hold the level; in the others the value is a cubic. Trilinear scalars only.
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
@@ -583,6 +597,10 @@ class VdbScalarField final : public GridField<ScalarField, GridT, Kernel, 1> {
     } else {
       return sample(p_W, memory).gradient;
     }
+  }
+
+  [[nodiscard]] Mat3 gradientJacobian(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return this->readers()[0].turning(p_W, Base::cachesIn(memory)[0]);
   }
 
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,

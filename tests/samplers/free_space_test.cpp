@@ -70,6 +70,9 @@ class Blind : public ScalarField {
   [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& cache) const noexcept override {
     return field_->cellGradient(p_W, cache);
   }
+  [[nodiscard]] Mat3 gradientJacobian(const Vec3& p_W, FieldCache& cache) const noexcept override {
+    return field_->gradientJacobian(p_W, cache);
+  }
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                    FieldCache& cache) const noexcept override {
     return field_->firstFall(a_W, b_W, level, sign, cache);

@@ -325,6 +325,36 @@ TEST_CASE("the gradient of a linear function is exact under any affine map and p
   }
 }
 
+TEST_CASE("how the gradient turns is what its differences say, in any placement", "[samplers]") {
+  const auto kind = GENERATE(Interpolation::kTrilinear, Interpolation::kQuadratic,
+                             Interpolation::kCubic, Interpolation::kNearest);
+  openvdb::Mat4R matrix = openvdb::Mat4R::identity();
+  matrix.setToScale(openvdb::Vec3R(0.7, 0.7, 1.4));
+  const auto grid = makeGrid<openvdb::DoubleGrid>(
+      16, Transform::createLinearTransform(matrix), [](const Vec3d& p) {
+        return std::sin(p[0]) * std::cos(0.7 * p[1]) + 0.3 * p[2] * p[0] - 0.1 * p[1] * p[2];
+      });
+  const Placement placement = test::slanted();
+  Probe probe(fieldOf(grid, placement, kind));
+  Random random(6);
+  constexpr double kStep = 1e-8;  // [m], far within a cell
+  for (int i = 0; i < 1000; ++i) {
+    const Vec3 index(random.uniform(4, 11), random.uniform(4, 11), random.uniform(4, 11));
+    const Vec3 cell = (index - index.array().round().matrix()).cwiseAbs();
+    // Away from the faces of a trilinear cell, or of a spline's piece.
+    if (cell.minCoeff() < 0.01 || cell.maxCoeff() > 0.49) continue;
+    const Vec3 p = placement(Vec3(0.7, 0.7, 1.4).cwiseProduct(index));
+    const Mat3 by = probe.gradientJacobian(p);
+    Mat3 differences;
+    for (int a = 0; a < 3; ++a) {
+      const Vec3 aside = kStep * Vec3::Unit(a);
+      differences.col(a) =
+          (probe.scalar(p + aside).gradient - probe.scalar(p - aside).gradient) / (2.0 * kStep);
+    }
+    REQUIRE((by - differences).norm() <= 1e-4 * (1.0 + differences.norm()));
+  }
+}
+
 TEST_CASE("Jacobian, curl and divergence of a linear field are exact, and turn with the volume",
           "[samplers]") {
   Mat3 J;

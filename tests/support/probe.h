@@ -26,6 +26,7 @@ struct Probe {
       : Probe(makeVdbField(volume, Placement{})) {}
   ScalarSample scalar(const Vec3& p) { return std::get<0>(field)->sample(p, cache); }
   Vec3 cellGradient(const Vec3& p) { return std::get<0>(field)->cellGradient(p, cache); }
+  Mat3 gradientJacobian(const Vec3& p) { return std::get<0>(field)->gradientJacobian(p, cache); }
   VectorSample vector(const Vec3& p) { return std::get<1>(field)->sample(p, cache); }
 };
 
