@@ -16,20 +16,14 @@ constexpr double kSight = 2.0;
 constexpr double kStep = 0.5;
 /// A proxy this near its surface is on it: kinks that differ by rounding only are one [voxels].
 constexpr double kOnIt = 1e-9;
-/// Two walls whose normals' cosine is less are two walls.
-constexpr double kTurn = 0.99;
-/// Where the continuous normal and the cell's own differ by more (their cosine is less) there is an
-/// edge, and the cell's own is the surface's.
-constexpr double kSharp = 0.9;
 /// A flow that turns by less than this share of its speed over a voxel has no vortex: rounding.
 constexpr double kNoVortex = 1e-5;
 /// Pushed this far through its surface, a proxy has left it [voxels].
 constexpr double kYield = 0.05;
-/// A balance this near a plane is held by it [voxels].
-constexpr double kHeld = 1e-4;
-/// A proxy that is farther above its surface is not on it [voxels].
-constexpr double kAbove = 0.01;
-/// The way of a proxy along its surface is swept this far above it [voxels].
+/// A proxy that is farther before its plane has left it [voxels].
+constexpr double kLeft = 1e-4;
+/// The way of a proxy along its surface is swept this far above it, as a share of the way, which
+/// counts as a voxel at most.
 constexpr double kLift = 0.25;
 
 /// v/|v| if that is a direction.
@@ -133,7 +127,8 @@ bool emit(const FrontShapeMode& mode, const Place& place) noexcept {
     memory.wall = {p, place.midway(q)};
     memory.placed = mode.snap > 0.0;
   }
-  const auto& [anchor, normal] = memory.wall;
+  const Vec3& anchor = memory.wall.anchor;
+  const Vec3& normal = memory.wall.normal;
   const double strength = mode.strength(place.at);
   if (mode.two_sided) return addSlab(place.set, anchor, normal, strength);
   return add(place.set, PrimitiveKind::kPlane, anchor, normal, strength);
@@ -180,10 +175,12 @@ bool emit(const UserMode& mode, const Place& place) noexcept {
 
 /// Where the surface is, seen from where properties were read.
 struct Sight {
-  bool clear = false;   ///< Data, a normal, and the surface within kSight.
-  double height = 0.0;  ///< Signed distance from the surface, > 0 on the free side [voxels].
-  double bend = 0.0;    ///< |normal - that of the cell's own polynomial|
+  bool data = false;    ///< There is a value and a normal,
+  bool clear = false;   ///< and the surface is within kSight.
+  double height = 0.0;  ///< Along the normal from the surface, > 0 on the free side [voxels].
   Vec3 normal = Vec3::UnitX();
+  Vec3 across = Vec3::UnitX();  ///< Of the slope that V really has there,
+  double off = 0.0;             ///< the height along that [voxels].
 };
 
 Sight look(const Skin& skin, double level, const Place& place) noexcept {
@@ -191,64 +188,23 @@ Sight look(const Skin& skin, double level, const Place& place) noexcept {
   const Properties::Scalar& value = place.scalar(skin.value);
   const Vec3& gradient = place.vector(skin.gradient).value;
   const Vec3& own = place.vector(skin.cell_gradient).value;
-  Vec3 steepest;
   if (!value.inside || !unit(skin.sign * gradient, sight.normal)) return sight;
+  sight.data = true;
   // The slope that V really has along the normal, where that is not degenerate.
-  if (unit(skin.sign * own, steepest)) {
-    if (steepest.dot(sight.normal) < kSharp) sight.normal = steepest;
-    sight.bend = (sight.normal - steepest).norm();
-  }
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
-  sight.height = skin.sign * (value.value - level) / slope * skin.metres_per_unit / skin.voxel;
-  sight.clear = std::abs(sight.height) <= kSight;
+  const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
+  sight.height = above / slope;
+  // How far off it is, by the steeper of the two: deep in a groove the normal points out of it
+  // while the cell's slope points across, and what lies along the normal is no distance.
+  if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
+  sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
+  sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());
   return sight;
-}
-
-/// The surface as it is now seen is another wall than the one remembered. If that one led behind
-/// the new one, they make a concave edge, and both stay; before it, the edge is convex and was
-/// left.
-void meetWalls(const Sight& sight, bool touched, ModeMemory& memory) noexcept {
-  if (sight.normal.dot(memory.wall.normal) >= kTurn) return;
-  const Wall left = memory.wall;
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    if (sight.normal.dot(memory.others[i].normal) < kTurn) continue;
-    memory.others[i] = left;  // back on a wall that is known
-    return;
-  }
-  if (!touched && sight.height >= 0.0) {
-    memory.other_count = 0;
-    return;
-  }
-  if (memory.other_count == memory.others.size()) {
-    std::move(memory.others.begin() + 1, memory.others.end(), memory.others.begin());
-    --memory.other_count;
-  }
-  memory.others[memory.other_count++] = left;
-}
-
-/// Forgets the other walls but those that `keep` holds for.
-template <class Keep>
-void keepOthers(ModeMemory& memory, Keep&& keep) noexcept {
-  const auto begin = memory.others.begin();
-  const auto end = begin + static_cast<std::ptrdiff_t>(memory.other_count);
-  const auto kept = std::remove_if(begin, end, [&](const Wall& other) { return !keep(other); });
-  memory.other_count = static_cast<std::size_t>(kept - begin);
-}
-
-/// Another wall that still holds the proxy where the surface is lower belongs to a convex edge that
-/// the proxy has come over.
-void leaveEdges(const Skin& skin, const Sight& sight, const Vec3& x, ModeMemory& memory) noexcept {
-  if (sight.height <= kAbove) return;
-  keepOthers(memory, [&](const Wall& other) {
-    return std::abs(other.normal.dot(x - other.anchor)) >= kAbove * skin.voxel;
-  });
 }
 
 void forgetWalls(ModeMemory& memory) noexcept {
   memory.placed = memory.touched = false;
-  memory.other_count = 0;
-  memory.missing = memory.bend = memory.turn = memory.way = 0.0;
 }
 
 /// Puts the plane on the surface.
@@ -260,44 +216,30 @@ void placeWall(const Skin& skin, const Sight& sight, const Place& place) noexcep
     // and the plane stays; before it the proxy is past an edge, and what it meets next is found by
     // its way.
     if (sight.height >= 0.0) forgetWalls(memory);
-    memory.read = x;
-    memory.missing = memory.bend = memory.turn = 0.0;
     return;
   }
-  if (memory.placed) meetWalls(sight, memory.touched, memory);
-  if (!memory.touched) leaveEdges(skin, sight, x, memory);
-  memory.turn = memory.placed ? (sight.normal - memory.wall.normal).norm() : 0.0;
-  memory.way = (x - memory.read).norm() / skin.voxel;
-  memory.bend = sight.bend;
   const double height = std::clamp(sight.height, -kStep, kStep);
-  memory.missing = std::abs(sight.height - height);
   const bool on_it = std::abs(height) < kOnIt;
-  memory.wall = {on_it ? x : Vec3(x - height * skin.voxel * sight.normal), sight.normal};
-  memory.read = x;
-  memory.placed = true;
+  memory.wall.anchor = on_it ? x : Vec3(x - height * skin.voxel * sight.normal);
+  memory.wall.normal = sight.normal;
+  memory.wall.across = sight.across;
+  memory.wall.height = std::clamp(sight.off, -kStep, kStep) * skin.voxel;
+  memory.placed = memory.seen = true;
   memory.touched = false;
 }
 
-/// Adds the walls that are remembered.
-bool addWalls(const Skin& skin, double strength, double friction, const Place& place) noexcept {
+/// Adds the wall that is remembered.
+bool addWall(double strength, double friction, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
-  const Vec3& p = place.stand.proxy;
-  // A plane is trusted as far as a voxel from where it was placed.
-  keepOthers(memory, [&](const Wall& other) {
-    return !((place.stand.read - other.anchor).norm() > skin.voxel);
-  });
-  bool room = true;
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    const auto& [anchor, normal] = memory.others[i];
-    room = addSurface(place.set, anchor, normal, strength, friction, p) && room;
-  }
-  return addSurface(place.set, memory.wall.anchor, memory.wall.normal, strength, friction, p) &&
-         room;
+  const Wall& wall = memory.wall;
+  if (strength > 0.0) memory.plane = static_cast<int>(place.set.size());
+  return addSurface(place.set, wall.anchor, wall.normal, strength, friction, place.stand.proxy);
 }
 
 /// Paper: through the proxy. Once it has held the proxy, on the surface of that place.
 void see(const SurfaceMode& mode, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
+  memory.seen = false;
   const Skin& skin = mode.skin;
   if (!memory.holds) memory.captured = false;
   if (memory.holds && !memory.captured) {
@@ -315,8 +257,10 @@ void see(const SurfaceMode& mode, const Place& place) noexcept {
     return;
   }
   forgetWalls(memory);
-  memory.wall = {place.stand.proxy, sight.normal};
-  memory.read = place.stand.read;
+  memory.wall.anchor = place.stand.proxy;
+  memory.wall.normal = memory.wall.across = sight.normal;
+  memory.wall.height = sight.normal.dot(place.stand.read - place.stand.proxy);
+  memory.seen = true;
   memory.placed = true;
 }
 
@@ -331,7 +275,7 @@ bool emit(const SurfaceMode& mode, const Place& place) noexcept {
   if (!gradient.inside || gradient.value.isZero(0.0)) return true;
   bool room = true;
   if (memory.placed) {
-    room = addWalls(mode.skin, mode.strength(place.at), mode.friction(place.at), place);
+    room = addWall(mode.strength(place.at), mode.friction(place.at), place);
   }
   return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at)) && room;
 }
@@ -345,6 +289,7 @@ double strengthOf(const IsosurfaceMode& mode, const Place& place) noexcept {
 /// Which side is the proxy on, and where is the plane?
 void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
+  memory.seen = false;
   const Skin& skin = mode.skin;
   const Sight sight = look(skin, mode.level, place);
   const bool touched = memory.touched;
@@ -360,8 +305,8 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
       if (free) memory.contact = Contact::kOutside;
       break;
     case Contact::kOutside:
-      // Nothing holds where the strength is zero.
-      if ((!free || touched) && (!sight.clear || strengthOf(mode, place) <= 0.0)) {
+      // Nothing holds where there are no data or no strength.
+      if ((!free || touched) && (!sight.data || strengthOf(mode, place) <= 0.0)) {
         memory.contact = Contact::kInside;
       }
       break;
@@ -380,15 +325,19 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
   if (memory.contact == Contact::kYielded) {
     // On the surface where that is seen, else where it was while pushed through. Deep in a thin
     // wall the normal turns over: that is the other side, not the surface pushed through.
-    memory.other_count = 0;
     if (sight.clear && sight.normal.dot(memory.wall.normal) > 0.5) {
-      memory.wall = {place.stand.read - sight.height * skin.voxel * sight.normal, sight.normal};
-      memory.read = place.stand.read;
+      memory.wall.anchor = place.stand.read - sight.height * skin.voxel * sight.normal;
+      memory.wall.normal = sight.normal;
+      memory.wall.across = sight.across;
+      memory.wall.height = sight.off * skin.voxel;
+      memory.seen = true;
     }
     return;
   }
   // In contact, or found behind the surface.
   const bool meets = memory.placed || touched || !free;
+  // Read too far behind it for its plane to be seen: the one that is remembered holds.
+  if (memory.placed && memory.contact == Contact::kOutside && !free && !sight.clear) return;
   if (memory.contact == Contact::kInside || !meets || !sight.clear) {
     forgetWalls(memory);
     return;
@@ -409,33 +358,7 @@ bool emit(const IsosurfaceMode& mode, const Place& place) noexcept {
   }
   if (!memory.placed) return room;
   const double strength = memory.share * strengthOf(mode, place);
-  return addWalls(skin, strength, mode.friction(place.at), place) && room;
-}
-
-/// Of a surface's walls the one that x is deepest behind, and how far [m].
-double deepest(const Vec3& x, const ModeMemory& memory, std::size_t& which) noexcept {
-  double most = memory.wall.normal.dot(memory.wall.anchor - x);
-  which = memory.others.size();
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    const double past = memory.others[i].normal.dot(memory.others[i].anchor - x);
-    if (!(past > most)) continue;
-    most = past;
-    which = i;
-  }
-  return most;
-}
-
-double doubtOf(const Skin& skin, const Vec3& x, const ModeMemory& memory) noexcept {
-  if (!memory.placed) return 0.0;
-  const Vec3& q = memory.wall.normal;
-  const Vec3 way = (x - memory.read) / skin.voxel;
-  const double down = q.dot(way);
-  const double left = (way - down * q).norm();
-  constexpr double kLeastWay = 0.05;
-  // A plane that does not hold may be short of its surface.
-  const bool holds = q.dot(x - memory.wall.anchor) <= kHeld * skin.voxel;
-  return left * (memory.bend + 0.5 * memory.turn * left / std::max(memory.way, kLeastWay)) +
-         0.1 * memory.bend * std::abs(down) + (holds ? memory.missing : 0.0);
+  return addWall(strength, mode.friction(place.at), place) && room;
 }
 
 }  // namespace
@@ -479,6 +402,7 @@ double Transfer::anywhere(const Properties& properties) const noexcept {
 bool addPrimitives(const Mode& mode, const Properties& properties, const Stand& stand,
                    ModeMemory& memory, PrimitiveSet& set) noexcept {
   const std::size_t before = set.size();
+  memory.plane = -1;
   const Place place{properties, stand, memory, set};
   const bool room = std::visit([&](const auto& m) { return emit(m, place); }, mode);
   memory.emitted = static_cast<int>(set.size() - before);
@@ -486,88 +410,44 @@ bool addPrimitives(const Mode& mode, const Properties& properties, const Stand& 
 }
 
 void carry(const Pose& by, ModeMemory& memory) noexcept {
-  const auto move = [&by](Wall& wall) {
-    wall.anchor = by(wall.anchor);
-    wall.normal = by.rotation * wall.normal;
-  };
-  move(memory.wall);
-  for (Wall& wall : memory.others) move(wall);
-  memory.read = by(memory.read);
+  Wall& wall = memory.wall;
+  wall.anchor = by(wall.anchor);
+  wall.normal = by.rotation * wall.normal;
+  wall.turn = by.rotation * wall.turn * by.rotation.transpose();
+  wall.across = by.rotation * wall.across;
   memory.before = by.rotation * memory.before;
 }
 
-double doubt(const Mode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
-  if (const auto* surface = std::get_if<SurfaceMode>(&mode)) {
-    return doubtOf(surface->skin, x, memory);
-  }
-  if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) {
-    return memory.contact == Contact::kOutside ? doubtOf(iso->skin, x, memory) : 0.0;
-  }
-  return 0.0;
+const Skin* skinOf(const Mode& mode) noexcept {
+  if (const auto* surface = std::get_if<SurfaceMode>(&mode)) return &surface->skin;
+  if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) return &iso->skin;
+  return nullptr;
 }
 
-void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept {
-  const auto* surface = std::get_if<SurfaceMode>(&mode);
-  if (surface == nullptr) return;
-  std::size_t which = 0;
-  const double past = memory.placed ? deepest(x, memory, which) : 0.0;
-  memory.holds = memory.placed && std::abs(past) <= kHeld * surface->skin.voxel;
+void weigh(const Mode& mode, std::span<const Primitive> primitives, std::span<const Vec3> forces,
+           ModeMemory& memory) noexcept {
+  const auto i = static_cast<std::size_t>(memory.plane);
+  const bool bears = memory.plane >= 0 && i < primitives.size();
+  memory.load = bears ? loadOf(primitives[i], forces[i]) : Load::kNone;
+  if (std::holds_alternative<SurfaceMode>(mode)) memory.holds = memory.load == Load::kHeld;
 }
 
-void settle(const Mode& mode, const Vec3& proxy, const Vec3& x, ModeMemory& memory) noexcept {
-  if (proxy == x) memory.let_go = false;
+void settle(const Mode& mode, const Vec3& proxy, bool arrived, ModeMemory& memory) noexcept {
+  if (arrived) memory.let_go = false;
   memory.touched = false;
   const auto* iso = std::get_if<IsosurfaceMode>(&mode);
   if (iso == nullptr || memory.contact != Contact::kOutside || !memory.placed) return;
-  std::size_t which = 0;
-  const double past = deepest(proxy, memory, which);
-  if (which < memory.other_count) std::swap(memory.wall, memory.others[which]);
-  std::size_t any = 0;
-  if (past > kYield * iso->skin.voxel && deepest(x, memory, any) > kYield * iso->skin.voxel) {
+  const double past = memory.wall.normal.dot(memory.wall.anchor - proxy) / iso->skin.voxel;
+  if (memory.load == Load::kYielding && past > kYield) {
     memory.contact = Contact::kYielded;
-  } else if (past < -kHeld * iso->skin.voxel) {
+  } else if (memory.load == Load::kNone && past < -kLeft) {
     forgetWalls(memory);
   }
 }
 
-void letIn(ModeMemory& memory) noexcept {
-  memory.contact = Contact::kInside;
-  forgetWalls(memory);
-}
-
-double pastWalls(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
-  std::size_t which = 0;
-  return memory.placed ? deepest(x, memory, which) / mode.skin.voxel : -1.0;
-}
-
-bool givesWay(const IsosurfaceMode& mode, const Vec3& x, const ModeMemory& memory) noexcept {
-  return pastWalls(mode, x, memory) > kHeld;
-}
-
-double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept {
-  const Skin& skin = mode.skin;
-  const auto& value = read.scalars[static_cast<std::size_t>(skin.value)];
-  const auto& own = read.vectors[static_cast<std::size_t>(skin.cell_gradient)];
-  if (!value.inside || !own.inside) return -1.0;
-  const double under = -skin.sign * (value.value - mode.level);
-  const double slope = own.value.norm();
-  if (!(under > 0.0) || !(slope > 0.0)) return -1.0;
-  if (!(mode.strength.at(read, skin.value, mode.level) > 0.0)) return -1.0;
-  return under / slope * skin.metres_per_unit / skin.voxel;
-}
-
-Vec3 liftOff(const IsosurfaceMode& mode, const ModeMemory& memory) noexcept {
+Vec3 liftOff(const IsosurfaceMode& mode, double way, const ModeMemory& memory) noexcept {
   if (!memory.placed) return Vec3::Zero();
-  Vec3 sum = memory.wall.normal;
-  for (std::size_t i = 0; i < memory.other_count; ++i) sum += memory.others[i].normal;
-  double least = sum.dot(memory.wall.normal);
-  for (std::size_t i = 0; i < memory.other_count; ++i) {
-    least = std::min(least, sum.dot(memory.others[i].normal));
-  }
-  // In a slot there is no room to be lifted far.
-  constexpr double kFarthest = 2.0;
-  const double scale = std::min(1.0 / std::max(least, 1e-3), kFarthest / sum.norm());
-  return kLift * mode.skin.voxel * scale * sum;
+  return kLift * std::min(way, mode.skin.voxel) * memory.wall.normal;
 }
 
 }  // namespace palpate

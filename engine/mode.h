@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "engine/newton.h"
 #include "engine/placement.h"
 #include "engine/primitive.h"
 #include "engine/properties.h"
@@ -72,8 +73,7 @@ struct SurfaceMode {
 };
 
 /// A plane (eq. 13) on the surface V = level, once the proxy has come to it; remembers on which
-/// side it is. In a concave edge or corner up to three walls hold. With friction each has its line
-/// (eq. 11).
+/// side it is. With friction it has a line (eq. 11).
 struct IsosurfaceMode {
   Skin skin;
   double level = 0.0;   ///< V0, in the data's unit.
@@ -162,6 +162,9 @@ using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode,
 struct Wall {
   Vec3 anchor = Vec3::Zero();   ///< [m]
   Vec3 normal = Vec3::UnitX();  ///< Outward.
+  Mat3 turn = Mat3::Zero();     ///< How that turns with the place [1/m],
+  Vec3 across = Vec3::UnitX();  ///< the surface's own slope where it was read, outwards,
+  double height = 0.0;          ///< and how far above it that is [m].
 };
 
 /// What a mode remembers between ticks. `contact` is isosurface's.
@@ -173,25 +176,20 @@ struct ModeMemory {
     kInside,   ///< On the solid side: free to move and to leave.
   };
   Contact contact = Contact::kUnknown;
-  int emitted = 0;       ///< Primitives of this mode in the last balance.
-  Wall wall;             ///< A surface's plane; snap-drag's as well.
-  bool placed = false;   ///< There is one.
-  bool touched = false;  ///< The way of the proxy met the surface where properties are read next.
-  bool let_go = false;   ///< Snapped off its front, until the proxy has come to rest.
-  std::array<Wall, 2> others;  ///< In a concave edge or corner: the other walls.
-  std::size_t other_count = 0;
+  int emitted = 0;          ///< Primitives of this mode in the last balance.
+  Wall wall;                ///< A surface's plane; snap-drag's as well.
+  bool placed = false;      ///< There is one,
+  bool seen = false;        ///< put on the surface by the last reading,
+  int plane = -1;           ///< the primitive of the last balance that it is; -1: none,
+  Load load = Load::kNone;  ///< and what that did there.
+  bool touched = false;   ///< The way of the proxy met the surface where properties are read next.
+  bool let_go = false;    ///< Snapped off its front, until the proxy has come to rest.
   bool holds = false;     ///< The last balance lies on a surface's plane or a stream's line,
   bool captured = false;  ///< and the plane on V = level.
   double level = 0.0;
   double share = 1.0;          ///< Of its strength, where a yielded surface fades.
   Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
   double stride = 0.5;         ///< Of the next trace [voxels].
-  // What the next error estimate is made of: see doubt().
-  double missing = 0.0;      ///< From the plane to the surface, where that is too far [voxels].
-  double bend = 0.0;         ///< |q - q'|, q the normal and q' that of the cell's own polynomial.
-  double turn = 0.0;         ///< |q - p|, p the normal of the plane before,
-  double way = 0.0;          ///< read so far from each other [voxels],
-  Vec3 read = Vec3::Zero();  ///< the plane here [m].
 };
 
 /// Where the primitives of a mode belong.
@@ -214,40 +212,24 @@ struct Stand {
 /// Moves what a mode remembers along with its volume. RT: no allocation.
 void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// An estimate of how far x, the last balance, is from where it would be if properties had been
-/// read there [voxels]. 0 for modes whose primitives do not turn. RT: no allocation.
-[[nodiscard]] double doubt(const Mode& mode, const Vec3& x,
-                           const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+/// The surface that a mode is, if it is one; else null.
+[[nodiscard]] const Skin* skinOf(const Mode& mode) noexcept;
 
-/// Tells a mode where the last balance is, by the solver: on its plane or not. RT: no allocation.
-void weigh(const Mode& mode, const Vec3& x, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
-
-/// Tells a mode where the proxy has come to, and the last balance x, so that it can notice having
-/// been left or pushed through: a proxy that is behind a wall because its way was cut is not.
+/// Tells a mode what the last balance has of it: `primitives`, and the `forces` of each.
 /// RT: no allocation.
-void settle(const Mode& mode, const Vec3& proxy, const Vec3& x,
+void weigh(const Mode& mode, std::span<const Primitive> primitives, std::span<const Vec3> forces,
+           ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Tells a mode where the proxy has come to, and whether that is the balance: a surface that bears
+/// no load is left, one that gave all its strength and has the proxy behind it is pushed through,
+/// and nothing else ends a contact but missing data. RT: no allocation.
+void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Off its surfaces by a fraction of a voxel, on the free side of all the walls that a mode
-/// remembers: whence the way to the next place is swept. Zero where there is none. RT: no
-/// allocation.
-[[nodiscard]] Vec3 liftOff(const IsosurfaceMode& mode, const ModeMemory& memory) noexcept;
-
-/// How far the place where properties were read is behind the surface, along the slope there
-/// [voxels]; below zero before it, and where nothing would hold there. RT: no allocation.
-[[nodiscard]] double depthOf(const IsosurfaceMode& mode, const Properties& read) noexcept;
-
-/// Nothing of an isosurface holds the proxy any more, as if it had been found behind it. RT: no
-/// allocation.
-void letIn(ModeMemory& memory) noexcept;
-
-/// How far x is behind the walls that a mode remembers, the one that it is deepest behind [voxels];
-/// below zero before them, and where there is none. RT: no allocation.
-[[nodiscard]] double pastWalls(const IsosurfaceMode& mode, const Vec3& x,
-                               const ModeMemory& memory) noexcept;
-
-/// True where x is behind a wall that a mode remembers: pressed through. RT: no allocation.
-[[nodiscard]] bool givesWay(const IsosurfaceMode& mode, const Vec3& x,
-                            const ModeMemory& memory) noexcept;
+/// Off its surface by a fraction of a way so long [m], on the free side: whence that is swept. The
+/// chord of a surface that bends by a radius of half the way or more is free so. Zero where there
+/// is none. RT: no allocation.
+[[nodiscard]] Vec3 liftOff(const IsosurfaceMode& mode, double way,
+                           const ModeMemory& memory) noexcept;
 
 }  // namespace palpate

@@ -4,6 +4,8 @@
 #include <cstddef>
 #include <limits>
 
+#include "engine/turning.h"
+
 namespace palpate {
 
 namespace {
@@ -107,8 +109,9 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
     const Stand stand{proxy, proxy, probe, nullptr};
     scratch.clear();
     for (std::size_t i = 0; i < bound.graph->modes.size(); ++i) {
-      (void)addPrimitives(bound.graph->modes[i], fresh.properties, stand, fresh.memories[i],
-                          scratch);
+      const Mode& mode = bound.graph->modes[i];
+      (void)addPrimitives(mode, fresh.properties, stand, fresh.memories[i], scratch);
+      readTurn(mode, bound, fresh.properties, proxy, {}, fresh.memories[i]);
     }
   });
 }

@@ -7,6 +7,8 @@
 #include <limits>
 #include <span>
 
+#include "engine/turning.h"
+
 namespace palpate {
 
 /// The parts of one hapticStep that share its arguments.
@@ -30,7 +32,6 @@ class Tick {
       std::fill(state_.memories_.begin(), state_.memories_.end(), ModeMemory{});
       state_.near_.forget();
       state_.known_ = false;
-      state_.stuck_ = 0;
       state_.warm_.forget();
       state_.friction_.forget();
       // A stiffness that a swapped scene does not vary is that scene's; one that it does goes on.
@@ -48,7 +49,6 @@ class Tick {
   /// Steps 1 and 2: properties, primitives, balance, until the proxy has arrived. Returns
   /// proxy - probe [m]; false in `good` where a sample spoilt the balance.
   Vec3 moveProxy(StepReport& report, bool& good) noexcept {
-    stood_at_ = state_.proxy_;
     const int moves = bodies_.empty() ? 1
                                       : bodies_.plan(felt(), state_.time_, state_.proxy_, probe_,
                                                      scene_.step.max_substeps, report);
@@ -63,8 +63,6 @@ class Tick {
       offset_ = state_.proxy_ - probe_;
       good = follow(parts - part, report);
     }
-    const bool stays = was_deep_ && (state_.proxy_ - stood_at_).norm() <= kFree;
-    state_.stuck_ = stays ? std::min(state_.stuck_ + 1, kStuck) : 0;
     settleModes();
     bodies_.arrive();
     return offset_;
@@ -82,9 +80,10 @@ class Tick {
   /// A way that the proxy may go.
   struct Way {
     Vec3 end;
-    bool clear = true;  ///< It leads to the balance.
-    bool cut = false;   ///< Else: only as far as the data can be trusted. Or it met a surface.
-    bool near = true;   ///< To where properties were read last.
+    bool clear = true;         ///< It leads to the balance.
+    bool cut = false;          ///< Else: only as far as the data can be trusted,
+    bool close = false;        ///< or as Newton's step is. Or it met a surface.
+    bool near = true;          ///< To where properties were read last.
     Vec3 lift = Vec3::Zero();  ///< What met a surface went so far above the proxy's own way [m].
     bool swept = true;         ///< All of it, for the surfaces on it.
   };
@@ -136,22 +135,22 @@ class Tick {
 
   /// The volumes stand; the proxy goes where the balance puts it. First by the primitives of the
   /// last reading; then properties are read where that led, planes placed anew, and the balance
-  /// found again, until it would not move if they were read once more. False where a sample spoilt
+  /// found again, until Newton's step on it is within the tolerance. False where a sample spoilt
   /// the balance. At least `later` readings are left over.
   bool follow(int later, StepReport& report) noexcept {
-    sampled_ = onward_ = false;
+    sampled_ = onward_ = arrived_ = false;
     rail_ = {};
     read_at_ = state_.proxy_;
-    deep_ = out_ = false;
-    deep_at_.setConstant(std::numeric_limits<double>::quiet_NaN());  // none yet
-    most_ = 0.0;
+    trust_ = std::numeric_limits<double>::infinity();
+    least_ = std::numeric_limits<double>::infinity();
+    Vec3 from = standsFor();  // of the last reading
     bool cut = false;
     bool met_free = false;
-    if (!balance(true, report)) return false;
+    if (!balance(true, from, report)) return false;
     for (;;) {
       Way way = advance(false, report);
-      const bool known = sampled_ && !deep_ && (way.near || !cut);
-      const bool arrived = known && way.clear && !doubtful();
+      const bool known = sampled_ && (way.near || !cut);
+      const bool arrived = known && way.clear && steady();
       const bool spent = sampled_ && (held_ + later >= scene_.step.max_substeps ||
                                       report.substeps + later >= kMostSubsteps ||
                                       (strays_ && strayed_ > kMostStrays));
@@ -162,108 +161,126 @@ class Tick {
       const bool meets = free && !way.clear && (strays_ ? strayed_ <= kMostStrays : !met_free);
       met_free = met_free || (meets && !strays_);
       if (arrived || (spent && !meets)) {
-        if (!arrived) worsen(report, StepStatus::kSubstepLimit);
+        if (!arrived && (later == 0 || free)) worsen(report, StepStatus::kSubstepLimit);
         if (free) {
           state_.lost_ = state_.lost_ || !way.clear || !way.swept;
+          arrived_ = true;
           moveTo({target_}, report);
           return true;
         }
+        if (arrived && certified()) {
+          target_ = way.end = balance_;
+          offset_of_target_ = offset_of_balance_;
+        }
+        if (!arrived && least_ < step_.norm()) {
+          read_at_ = least_at_;
+          target_ = least_target_;
+          offset_of_target_ = target_ - probe_;
+          way = advance(false, report);
+        }
         way.end -= way.lift;
-        if (deep_) way = {findStay(report), false};
+        if (!arrived) pressThrough(way, report);
+        arrived_ = arrived;
         moveTo(way, report);
         return true;
       }
       cut = way.cut;
-      out_ = out_ || (way.end - deep_at_).norm() <= kFree;
       read(way.end, report);
-      deep_ = behindAWall();
-      if (deep_) deep_at_ = way.end;
-      was_deep_ = was_deep_ || deep_;
-      if (cut && !deep_) {
+      const Vec3 went = read_at_ - from;
+      from = read_at_;
+      if (cut) {
         moveTo(way, report);
         rail_ = {};
         if (strays_) meetParts(report);
       }
-      if (!balance(false, report)) return false;
-      if (deep_) {
-        read_at_ = state_.proxy_;
-        onward_ = false;  // the next way is swept from where the proxy stands
-        if (state_.stuck_ >= kStuck) letThrough();
-      }
-      const bool met = !way.clear && !way.cut;
+      if (!balance(false, from, report)) return false;
+      trust(went);
+      const bool met = !way.clear && !way.cut && !way.close;
       if (met || offset_of_balance_.norm() > kFree) ++held_;
     }
   }
 
-  /// True where properties were read so far behind a surface that holds that no proxy belongs
-  /// there: between walls that meet at an acute angle a plane may lead behind another one. A proxy
-  /// that stands so deep itself, in a thin wall that was seen from its other side, is let out where
-  /// else it would come to the same place again and again.
-  [[nodiscard]] bool behindAWall() const noexcept {
-    return anyMode(felt(), [&](const Mode& mode, const ModeMemory& memory, const Felt& felt,
-                               std::size_t) { return isBehind(mode, memory, felt); });
-  }
-  [[nodiscard]] static bool isDeep(const IsosurfaceMode* mode, const ModeMemory& memory,
-                                   const Felt& felt) noexcept {
-    return mode != nullptr && memory.contact == ModeMemory::Contact::kOutside &&
-           depthOf(*mode, *felt.properties) > kDeep;
-  }
-  [[nodiscard]] bool isBehind(const Mode& any, const ModeMemory& memory,
-                              const Felt& felt) const noexcept {
-    const auto* mode = std::get_if<IsosurfaceMode>(&any);
-    if (!isDeep(mode, memory, felt) || givesWay(*mode, target_, memory)) return false;
-    const double stands = pastWalls(*mode, carriedWith(*mode, felt), memory);
-    return !(out_ && stands > kDeep && pastWalls(*mode, read_at_, memory) < stands);
+  /// Where the proxy stands for the planes that are remembered: carried along by the volume whose
+  /// surface holds it.
+  [[nodiscard]] Vec3 standsFor() const noexcept {
+    Vec3 at = state_.proxy_;
+    (void)anyMode(
+        felt(), [&](const Mode& mode, const ModeMemory& memory, const Felt& felt, std::size_t i) {
+          const Body* body = bodies_.of(felt.graph().mode_motions[i]);
+          if (skinOf(mode) == nullptr || !memory.placed || body == nullptr || !body->moved)
+            return false;
+          at = body->carried;
+          return true;
+        });
+    return at;
   }
 
-  /// Where the proxy stands for a surface: carried along by the volume that this is of.
-  [[nodiscard]] const Vec3& carriedWith(const IsosurfaceMode& mode,
-                                        const Felt& felt) const noexcept {
-    const Body* body = bodies_.of(motionOf(mode, felt));
-    return body == nullptr ? state_.proxy_ : body->carried;
+  /// The trust region of Newton's step, after a way: a step that turns back on it halves it.
+  void trust(const Vec3& went) noexcept {
+    const double step = step_.norm();
+    if (turning_count_ > 0 && step < least_) {
+      least_ = step;
+      least_at_ = read_at_;
+      least_target_ = target_;
+    }
+    if (step_.dot(went) < -0.25 * went.squaredNorm()) {
+      trust_ = 0.5 * std::min(went.norm(), step);
+    } else {
+      trust_ *= 2.0;
+    }
+    went_ = went.norm();
   }
+
+  /// As far off the hand as all that was placed can hold the proxy [m].
+  [[nodiscard]] double reachOfStrengths() const noexcept {
+    double most = 0.0;
+    for (const Primitive& primitive : state_.primitives_.items()) most += primitive.strength;
+    return most / state_.stiffness_.value;
+  }
+
+  /// Nothing holds more than its strength: what waits and is pulled by more than all that was
+  /// placed can hold comes through, as far as it was read.
+  void pressThrough(Way& way, StepReport& report) noexcept {
+    if (turning_count_ == 0 || rail_.of != nullptr) return;
+    const Vec3 offset = way.end - probe_;
+    const double held = reachOfStrengths();
+    if (!(offset.norm() > held)) return;
+    eachMode(felt(), [](const Mode&, ModeMemory& memory, const Felt&, std::size_t) {
+      if (memory.plane >= 0) memory.load = Load::kYielding;
+    });
+    read_at_ = way.end;
+    target_ = probe_ + held / offset.norm() * offset;
+    offset_of_target_ = target_ - probe_;
+    trust_ = std::numeric_limits<double>::infinity();
+    way = advance(false, report);
+    way.end -= way.lift;
+  }
+
+  /// What is left after Newton's step is within the tolerance: the step itself is; or, where planes
+  /// alone hold, it is so much shorter than the way that led to it that what follows would be, and
+  /// the slopes that it leads over differ so little that it stays on them.
+  [[nodiscard]] bool steady() const noexcept {
+    if (turning_count_ == 0) return true;
+    const double tolerance = scene_.step.tolerance_voxels * voxel_;
+    const double step = step_.norm();
+    if (offset_of_target_.norm() > reachOfStrengths() + tolerance) return false;
+    if (step <= tolerance) return true;
+    if (turning_count_ != state_.primitives_.size() || step > kFalls * went_) return false;
+    double bend = 0.0;
+    for (const TurningPlane& plane : turning()) {
+      bend =
+          std::max(bend, (state_.primitives_.items()[plane.index].direction - plane.across).norm());
+    }
+    return std::max(step * step / went_, bend * step) <= kRest * tolerance;
+  }
+  /// The balance itself is where it was read, to the tolerance.
+  [[nodiscard]] bool certified() const noexcept {
+    return turning_count_ > 0 &&
+           (balance_ - read_at_).norm() <= scene_.step.tolerance_voxels * voxel_;
+  }
+
   [[nodiscard]] static int motionOf(const IsosurfaceMode& mode, const Felt& felt) noexcept {
     return felt.graph().scalar_motions[static_cast<std::size_t>(mode.skin.field)];
-  }
-
-  /// Where a proxy stands that has no way: of the places to which the volumes carried it the one
-  /// at which walls would have to be pressed through least. On the way there it stops at a surface
-  /// that it had not met.
-  [[nodiscard]] Vec3 findStay(StepReport& report) const noexcept {
-    const auto pressed = [&](const Vec3& x) {
-      double sum = 0.0;
-      eachMode(felt(), [&](const Mode& any, const ModeMemory& memory, const Felt& felt,
-                           std::size_t) {
-        const auto* mode = std::get_if<IsosurfaceMode>(&any);
-        if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
-        const double strength = mode->strength.at(*felt.properties, mode->skin.value, mode->level);
-        sum += strength * mode->skin.voxel * std::max(pastWalls(*mode, x, memory), 0.0);
-      });
-      return sum;
-    };
-    Vec3 at = state_.proxy_;
-    double least = bodies_.empty() ? 0.0 : pressed(at);
-    for (const Body& body : bodies_.items()) {
-      if (!body.moved) continue;
-      const double sum = pressed(body.carried);
-      if (!(sum < least)) continue;
-      least = sum;
-      at = body.carried;
-    }
-    if (at == state_.proxy_) return at;
-    double share = 1.0;
-    eachMode(felt(), [&](const Mode& any, const ModeMemory& memory, const Felt& felt, std::size_t) {
-      const auto* mode = std::get_if<IsosurfaceMode>(&any);
-      if (mode == nullptr || memory.placed || memory.contact != ModeMemory::Contact::kOutside) {
-        return;
-      }
-      const Body* body = bodies_.of(motionOf(*mode, felt));
-      const Vec3 from = body == nullptr ? state_.proxy_ : body->from;
-      const Vec3 to = body == nullptr ? at : body->pose.toRest(at);
-      const Crossing crossing = sweep(*mode, felt, from, to, report);
-      if (crossing.found) share = std::min(share, crossing.share);
-    });
-    return state_.proxy_ + share * (at - state_.proxy_);
   }
 
   /// Where a way first falls through a surface, both in the resting frame of its volume.
@@ -284,31 +301,6 @@ class Tick {
     return crossing;
   }
 
-  /// What was placed: what can hold, and what pushes.
-  void noteStrengths() noexcept {
-    double most = 0.0;
-    pushed_.setZero();
-    for (const Primitive& primitive : state_.primitives_.items()) {
-      if (primitive.kind == PrimitiveKind::kForce) {
-        pushed_ += primitive.strength * primitive.direction;
-      } else {
-        most += primitive.strength;
-      }
-    }
-    most_ = std::max(most_, most);
-  }
-
-  /// A proxy that has had no way to its balance for some ticks would stay for ever. Where the
-  /// spring pulls with twice what all that was placed can hold, the surfaces that it may not go
-  /// behind let it through. With less a thin wall that a fast hand strokes would open.
-  void letThrough() noexcept {
-    if ((state_.stiffness_.value * (probe_ - state_.proxy_) + pushed_).norm() <= 2.0 * most_)
-      return;
-    eachMode(felt(), [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
-      if (isDeep(std::get_if<IsosurfaceMode>(&any), memory, felt)) letIn(memory);
-    });
-  }
-
   /// Properties at a place.
   void read(const Vec3& at, StepReport& report) noexcept {
     ++report.substeps;
@@ -320,8 +312,9 @@ class Tick {
     sampled_ = onward_ = true;
   }
 
-  /// Places the primitives and finds their balance: target_.
-  bool balance(bool foreseen, StepReport& report) noexcept {
+  /// Places the primitives, finds their balance, and by Newton's step from where they were read,
+  /// `from`, target_.
+  bool balance(bool foreseen, const Vec3& from, StepReport& report) noexcept {
     placePrimitives(foreseen, report);
     // What the curve led aside of the tangent waits for the next tick.
     const bool on_rail = rail_.of != nullptr;
@@ -335,17 +328,25 @@ class Tick {
       worsen(report, StepStatus::kIterationLimit);
     }
     report.iterations += solved.iterations;
-    if (state_.stuck_ >= kStuck) noteStrengths();
     if (!foreseen) {
       report.error_bound = solved.error_bound;
       report.solver = solved.solver;
     }
-    target_ = solved.proxy;
+    balance_ = solved.proxy;
     offset_of_balance_ = on_rail ? Vec3(solved.proxy - probe_) : solved.offset;
     eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
-      weigh(mode, target_, memory);
+      weigh(mode, state_.primitives_.items(), state_.forces_, memory);
     });
+    const Vec3 residual = balance_ - from;
+    step_ = newtonStep(balance_, from, k, state_.primitives_.items(), state_.forces_, turning());
+    const Vec3 beyond = step_ - residual;
+    target_ = balance_ + beyond;
+    offset_of_target_ = offset_of_balance_ + beyond;
     return true;
+  }
+
+  [[nodiscard]] std::span<const TurningPlane> turning() const noexcept {
+    return {state_.turning_.data(), turning_count_};
   }
 
   /// How far the proxy may go towards the balance; `unread`: nothing is to be read on the way.
@@ -357,7 +358,11 @@ class Tick {
     const double reach =
         unread ? std::numeric_limits<double>::infinity() : reachFrom(from, target_);
     way.near = length <= kNear * reach;
-    if (!(length <= reach)) {
+    if (length > trust_ && trust_ < reach && !steady()) {
+      way.clear = false;
+      way.close = true;
+      way.end = from + (trust_ / length) * line;
+    } else if (!(length <= reach)) {
       way.clear = false;
       way.cut = true;
       if (bodies_.empty() || onward_ || !bodies_.follow(felt(), state_.proxy_, target_, way.end)) {
@@ -445,9 +450,10 @@ class Tick {
     eachMode(felt(), [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t) {
       const auto* mode = std::get_if<IsosurfaceMode>(&any);
       if (mode == nullptr || memory.contact != ModeMemory::Contact::kOutside) return;
-      if (givesWay(*mode, target_, memory)) return;
+      if (memory.load == Load::kYielding) return;
       const Body* body = bodies_.of(motionOf(*mode, felt));
-      const Vec3 lift = liftOff(*mode, memory);
+      const Vec3 lift =
+          liftOff(*mode, (way.end - (onward_ ? read_at_ : state_.proxy_)).norm(), memory);
       // What led to the last reading is known to be free.
       Vec3 from = (onward_ ? read_at_ : state_.proxy_) + lift;
       Vec3 to = way.end + lift;
@@ -474,39 +480,23 @@ class Tick {
     if (met == nullptr) return;
     met->touched = true;
     // Where nothing of it held the proxy before, there it has come to.
-    way = {end, false, !met->placed, way.near, way.lift};
-  }
-
-  /// True where a proxy that goes there stays, in the world or carried along.
-  [[nodiscard]] bool staysAt(const Vec3& x) const noexcept {
-    if ((x - state_.proxy_).norm() <= kFree) return true;
-    const auto all = bodies_.items();
-    return std::any_of(all.begin(), all.end(), [&](const Body& body) {
-      return body.moved && (x - body.carried).norm() <= kFree;
-    });
+    way = {end, false, !met->placed, false, way.near, way.lift};
   }
 
   /// The proxy goes there; what it adds to the spring's energy is counted.
   void moveTo(const Way& way, StepReport& report) noexcept {
     const Vec3 before = offset_;
-    if ((state_.proxy_ - stood_at_).norm() <= kFree && staysAt(way.end)) stood_at_ = way.end;
     state_.proxy_ = way.end;
-    offset_ = way.clear ? offset_of_balance_ : Vec3(state_.proxy_ - probe_);
+    offset_ = way.clear ? offset_of_target_ : Vec3(state_.proxy_ - probe_);
     report.waiting = rail_.waiting;
     report.injected += std::max(0.0, state_.stiffness_.value * offset_.dot(offset_ - before));
     bodies_.stand(state_.proxy_);
   }
 
-  /// True while another reading would move the balance by more than the tolerance.
-  [[nodiscard]] bool doubtful() const noexcept {
-    return anyMode(felt(),
-                   [&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
-                     return doubt(mode, target_, memory) > kSure * scene_.step.tolerance_voxels;
-                   });
-  }
-
   void placePrimitives(bool foreseen, StepReport& report) noexcept {
     state_.primitives_.clear();
+    turning_count_ = 0;
+    voxel_ = std::numeric_limits<double>::infinity();
     eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
       if (&memory == rail_.of) {
         memory.emitted = 1;
@@ -523,13 +513,32 @@ class Tick {
       if (!addPrimitives(mode, *felt.properties, stand, memory, state_.primitives_)) {
         worsen(report, StepStatus::kDropped);
       }
+      if (memory.plane >= 0) addTurn(mode, felt, foreseen ? p : read_at_, foreseen, memory);
     });
     if (!foreseen) report.primitives = static_cast<int>(state_.primitives_.size());
   }
 
+  /// A surface's plane turns with the place where it is read.
+  void addTurn(const Mode& mode, const Felt& felt, const Vec3& x, bool foreseen,
+               ModeMemory& memory) noexcept {
+    const Skin* skin = skinOf(mode);
+    if (skin == nullptr) return;
+    Wall& wall = memory.wall;
+    if (!foreseen) {
+      readTurn(mode, felt.bound, *felt.properties, read_at_, bodies_.items(), memory);
+    }
+    // A plane that the surface did not place is its own slope.
+    const Vec3& across = memory.seen ? wall.across : wall.normal;
+    const double height = memory.seen && !foreseen ? wall.height : wall.normal.dot(x - wall.anchor);
+    voxel_ = std::min(voxel_, skin->voxel);
+    if (turning_count_ == state_.turning_.size()) return;
+    state_.turning_[turning_count_++] = {static_cast<std::size_t>(memory.plane), wall.turn, across,
+                                         height};
+  }
+
   void settleModes() noexcept {
     eachMode(felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
-      settle(mode, state_.proxy_, target_, memory);
+      settle(mode, state_.proxy_, arrived_, memory);
     });
   }
 
@@ -595,33 +604,35 @@ class Tick {
   bool strays_ = false;         ///< The last way led beyond the parts that were chosen,
   int strayed_ = 0;             ///< as so many ways of this tick did.
   Rail rail_;
-  bool sampled_ = false;          ///< Since the volumes moved.
-  bool onward_ = false;           ///< The next way begins there, not where the proxy stands.
-  Vec3 stood_at_ = Vec3::Zero();  ///< Where the tick did; carried along while it stays [m].
-  bool deep_ = false;             ///< That was behind a wall that holds.
-  Vec3 deep_at_ = Vec3::Zero();   ///< Where it was [m].
-  double most_ = 0.0;             ///< So much could hold, of all balances of a move [N],
-  Vec3 pushed_ = Vec3::Zero();    ///< and so the last one's forces pushed [N].
-  bool was_deep_ = false;         ///< In this tick.
-  bool out_ = false;              ///< It was twice: a proxy so deep itself is let out.
-  int held_ = 0;                  ///< Readings after which something held the proxy.
-  Vec3 read_at_ = Vec3::Zero();   ///< Where properties were read last [m].
-  Vec3 target_ = Vec3::Zero();    ///< The last balance [m],
+  bool sampled_ = false;         ///< Since the volumes moved.
+  bool onward_ = false;          ///< The next way begins there, not where the proxy stands.
+  bool arrived_ = false;         ///< The proxy is at the balance.
+  int held_ = 0;                 ///< Readings after which something held the proxy.
+  Vec3 read_at_ = Vec3::Zero();  ///< Where properties were read last [m].
+  Vec3 balance_ = Vec3::Zero();  ///< The last balance [m],
   Vec3 offset_of_balance_ = Vec3::Zero();  ///< and from the probe.
+  Vec3 step_ = Vec3::Zero();               ///< Newton's, from where was read last [m],
+  Vec3 target_ = Vec3::Zero();             ///< which leads here [m],
+  Vec3 offset_of_target_ = Vec3::Zero();   ///< from the probe.
+  std::size_t turning_count_ = 0;          ///< Of ProxyState::turning_.
+  double voxel_ = 0.0;                     ///< The finest of those [m].
+  double trust_ = 0.0;                     ///< Of that step, so much is gone [m].
+  double went_ = 0.0;                      ///< Between the last two readings [m].
+  double least_ = 0.0;                     ///< The shortest step of this move [m],
+  Vec3 least_at_ = Vec3::Zero();           ///< from here,
+  Vec3 least_target_ = Vec3::Zero();       ///< to there.
   Vec3 offset_ = Vec3::Zero();             ///< proxy - probe [m].
 
   /// So often in a tick parts are chosen anew: each time the proxy comes 2 mm on, or farther.
   static constexpr int kMostStrays = 16;
-  /// Farther behind a surface that holds no proxy goes [voxels].
-  static constexpr double kDeep = 0.3;
-  /// So many ticks in a row may end where they began.
-  static constexpr int kStuck = 3;
   /// A shorter way along a surface is seen from where properties were read [voxels].
   static constexpr double kSeen = 0.1;
   /// What is read holds so far from there, as a share of how far the proxy may go.
   static constexpr double kNear = 0.25;
-  /// Share of the tolerance that the estimate may reach: it is optimistic, by up to 7 times.
-  static constexpr double kSure = 1.0 / 7.0;
+  /// A step so much shorter than the way before it falls fast enough to be believed.
+  static constexpr double kFalls = 0.25;
+  /// Share of the tolerance that may be left so.
+  static constexpr double kRest = 0.5;
   static constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
   /// Error of a trace's step, by the scene's tolerance. Measured: of 0.01 voxel less than 0.01
   /// comes together over 1,280 voxels of any stream tried (docs/motion_accuracy.md).

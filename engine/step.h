@@ -32,7 +32,8 @@ class ProxyState {
       : limits_(limits),
         memories_(kMaxModes),
         felt_(1 + kMaxNearParts),
-        forces_(kMaxPrimitives, Vec3::Zero()) {
+        forces_(kMaxPrimitives, Vec3::Zero()),
+        turning_(kMaxPrimitives) {
     limiter_.heat = limits.continuous * limits.continuous;
   }
 
@@ -110,6 +111,7 @@ class ProxyState {
   Bodies bodies_;
   PrimitiveSet primitives_;
   std::vector<Vec3> forces_;
+  std::vector<TurningPlane> turning_;  ///< Of those.
   WarmStart warm_;
   FrictionStart friction_;
   Properties properties_;
@@ -117,7 +119,6 @@ class ProxyState {
   std::uint64_t scene_shape_ = 0;
   double time_ = 0.0;  ///< [s]
   VaryingStiffness stiffness_;
-  int stuck_ = 0;  ///< Ticks in a row that ended where they began: their ways led behind a surface.
   bool placed_ = false;
   bool known_ = false;  ///< Properties have been read in this scene.
   bool lost_ = false;   ///< The proxy came to the hand by a way that was not looked at: contacts

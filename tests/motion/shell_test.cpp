@@ -65,7 +65,7 @@ TEST_CASE("a solid of 1.5 voxels is not crossed at 2 m/s, from 1,000 directions"
         CHECK(r.crossed == 0);
         // At the goal the thinnest fog yields to 4 of 1,000 strokes (55 in the study).
         CHECK(r.yielded <= (shell.level < 0.5 && load > 0.6 && degrees > 45.0 ? count / 100 : 0));
-        CHECK(r.most_samples <= 8 + 2);
+        CHECK(r.most_samples <= 16 + 2);
       }
     }
   }
@@ -82,8 +82,8 @@ TEST_CASE("of one voxel nearly all is not crossed", "[motion]") {
     long yielded;
   };
   for (const auto& [shell, crossed, yielded] : {Case{makeShell("level set", 1.0), 25, 30},
-                                                {makeShell("fog", 1.0), 30, 60},
-                                                {makeShell("binary fog", 1.0, 0.25), 60, 120}}) {
+                                                {makeShell("fog", 1.0), 70, 70},
+                                                {makeShell("binary fog", 1.0, 0.25), 130, 140}}) {
     for (const double degrees : {0.0, 45.0, 72.0}) {
       for (const bool hard : {false, true}) {
         const ShellResult r = pressShell(shell, degrees, hard ? 0.9 : 0.6, count, {});
@@ -157,10 +157,8 @@ TEST_CASE("a hand beyond the walls of a box does not come out of it", "[motion]"
 
 TEST_CASE("whoever presses hard enough comes through, however rough and thin the solid is",
           "[motion]") {
-  // Nowhere does the proxy come to stand for good: where a thin wall is seen from its other side,
-  // or a plane leads behind its own surface. Up to three walls hold at once, each with the
-  // strength; what has no way on lets through in the third tick that pulls twice as hard. Without
-  // these ways out 61 of 144 such settings stuck, with up to 16 times the strength.
+  // Nowhere does the proxy come to stand for good, and nowhere does the one surface hold more than
+  // its strength: once 61 of 144 such settings stuck, with up to 16 times the strength.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
   test::Random random(8);
@@ -168,9 +166,7 @@ TEST_CASE("whoever presses hard enough comes through, however rough and thin the
   for (const double grain : {1.0, 2.0, 4.0}) {      // voxels
     for (const double bias : {0.0, 0.3}) {          // half or two thirds are free
       for (const double step : {0.06, 0.3, 1.0}) {  // voxels a tick
-        const double lag = 3.0 * kMotionStiffness * step * kVoxel;
         double hardest = 0.0;
-        int over = 0;
         for (long i = 0; i < count; ++i) {
           SurfaceMotion rough;
           rough.field = scalarGrid(kSide, roughness(kSide, grain, bias, random));
@@ -184,14 +180,13 @@ TEST_CASE("whoever presses hard enough comes through, however rough and thin the
               const Vec3 hand = kVoxel * (middle + (step * t - 18.0) * way);
               most = std::max(most, kMotionStiffness * (tick(hand).proxy - hand).norm());
             }
-            over += most > 3.0 * kStrength + lag ? 1 : 0;
             hardest = std::max(hardest, most);
           }
         }
-        CAPTURE(grain, bias, step, hardest, over);
-        CHECK(hardest <= 6.0 * kStrength + lag);
-        CHECK(over <= count / 10);
-        CHECK(hardest > kStrength);
+        CAPTURE(grain, bias, step, hardest);
+        // A hundredth of a voxel of the spring's 2.56.
+        CHECK(hardest <= 1.005 * kStrength);
+        CHECK(hardest > 0.9 * kStrength);
       }
     }
   }

@@ -1,0 +1,192 @@
+#include "engine/newton.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Dense>
+
+namespace palpate {
+
+namespace {
+
+/// Orthonormal directions, each with what a step has to go along it.
+struct Rows {
+  std::array<Vec3, 3> direction;
+  std::array<double, 3> way{};
+  std::size_t count = 0;
+
+  /// q.step = length as well. False, and nothing done, where the rows before say as much.
+  bool add(Vec3 q, double length) noexcept {
+    for (std::size_t i = 0; i < count; ++i) {
+      const double share = q.dot(direction[i]);
+      q -= share * direction[i];
+      length -= share * way[i];
+    }
+    constexpr double kAside = 0.02;
+    const double norm = q.norm();
+    if (count == 3 || !(norm > kAside)) return false;
+    direction[count] = q / norm;
+    way[count++] = length / norm;
+    return true;
+  }
+  /// The shortest step.
+  [[nodiscard]] Vec3 step() const noexcept {
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t i = 0; i < count; ++i) sum += way[i] * direction[i];
+    return sum;
+  }
+};
+
+/// What the primitives hold: the directions of their forces, and what keeps the place on them.
+struct Held {
+  Rows forces;
+  Rows places;
+
+  void take(const Vec3& q, const Vec3& across, double way, double way_of_balance) noexcept {
+    if (!forces.add(q, way_of_balance)) return;
+    if (!places.add(across, way)) (void)places.add(q, way_of_balance);
+  }
+};
+
+Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
+            std::span<const Vec3> forces, std::span<const TurningPlane> turning) noexcept {
+  Held held;
+  auto turns = turning.begin();
+  const auto stays = [&](const Vec3& q) { held.take(q, q, q.dot(residual), q.dot(residual)); };
+  for (std::size_t i = 0; i < primitives.size() && held.forces.count < 3; ++i) {
+    while (turns != turning.end() && turns->index < i) ++turns;
+    const Primitive& primitive = primitives[i];
+    if (primitive.kind == PrimitiveKind::kForce) continue;
+    if (loadOf(primitive, forces[i]) != Load::kHeld) continue;
+    if (primitive.kind == PrimitiveKind::kPlane) {
+      const Vec3& n = primitive.direction;
+      if (turns != turning.end() && turns->index == i) {
+        held.take(n, turns->across, -turns->height, n.dot(residual));
+      } else {
+        stays(n);
+      }
+    } else if (primitive.kind == PrimitiveKind::kLine) {
+      const Vec3 across = primitive.direction.unitOrthogonal();
+      stays(across);
+      stays(primitive.direction.cross(across));
+    } else {
+      for (int a = 0; a < 3; ++a) stays(Vec3::Unit(a));
+    }
+  }
+  if (held.places.count < held.forces.count) held.places = held.forces;
+  return held;
+}
+
+/// x = S^-1 b where that is stable, else down from the ridge: by the magnitudes of the eigenvalues
+/// of S's symmetric part, none below kFloor.
+constexpr double kFloor = 0.05;
+template <int N>
+Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
+                                      const Eigen::Matrix<double, N, 1>& b) noexcept {
+  using Vector = Eigen::Matrix<double, N, 1>;
+  if constexpr (N == 1) {
+    return b / std::max(std::abs(S(0, 0)), kFloor);
+  } else {
+    if constexpr (N == 2) {
+      const double det = S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
+      if (S(0, 0) + S(1, 1) > 2.0 * kFloor && det > kFloor * kFloor) {
+        return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
+      }
+    }
+    Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> ridges;
+    ridges.computeDirect(0.5 * (S + S.transpose()));
+    if constexpr (N == 3) {
+      if (ridges.eigenvalues()[0] > kFloor) return S.inverse() * b;
+    }
+    Vector x = Vector::Zero();
+    for (int i = 0; i < N; ++i) {
+      const Vector e = ridges.eigenvectors().col(i);
+      x += e * (e.dot(b) / std::max(std::abs(ridges.eigenvalues()[i]), kFloor));
+    }
+    return x;
+  }
+}
+
+using Basis = std::array<Vec3, 3>;
+
+/// The step in N free directions: `pulls` has to vanish along `forces`, A is how it falls as the
+/// place goes along `places`.
+template <int N>
+Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
+              const Vec3& held) noexcept {
+  Eigen::Matrix<double, 3, N> Y;
+  Eigen::Matrix<double, 3, N> Z;
+  for (int i = 0; i < N; ++i) {
+    Y.col(i) = forces[static_cast<std::size_t>(i)];
+    Z.col(i) = places[static_cast<std::size_t>(i)];
+  }
+  const Eigen::Matrix<double, N, N> S = Y.transpose() * A * Z;
+  const Eigen::Matrix<double, N, 1> b = Y.transpose() * (pulls - A * held);
+  return held + Z * solveFree<N>(S, b);
+}
+
+/// How the pulls of lines and points that slide turn about the balance, by k.
+Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
+                  std::span<const Vec3> forces) noexcept {
+  Mat3 D = Mat3::Zero();
+  for (std::size_t i = 0; i < primitives.size(); ++i) {
+    const Primitive& p = primitives[i];
+    const bool line = p.kind == PrimitiveKind::kLine;
+    if (!line && p.kind != PrimitiveKind::kPoint) continue;
+    if (loadOf(p, forces[i]) != Load::kYielding) continue;
+    const Mat3 free = line ? Mat3(Mat3::Identity() - p.direction * p.direction.transpose())
+                           : Mat3(Mat3::Identity());
+    const Vec3 d = free * (balance - p.position);
+    const double length = d.norm();
+    if (!(length > 0.0)) continue;
+    D += p.strength / (stiffness * length) * (free - d * d.transpose() / (length * length));
+  }
+  return D;
+}
+
+}  // namespace
+
+Vec3 newtonStep(const Vec3& balance, const Vec3& from, double stiffness,
+                std::span<const Primitive> primitives, std::span<const Vec3> forces,
+                std::span<const TurningPlane> turning) noexcept {
+  const Vec3 residual = balance - from;
+  Mat3 M = Mat3::Zero();
+  bool turns = false;
+  for (const TurningPlane& plane : turning) {
+    const double load = forces[plane.index].norm();
+    M += load / stiffness * plane.turn;
+    turns = turns || load > 0.0;
+  }
+  if (!turns) return residual;
+  const Held held = heldBy(residual, primitives, forces, turning);
+  const Vec3 along = held.places.step();
+  const Mat3 slack = Mat3::Identity() + slidingTurns(balance, stiffness, primitives, forces);
+  const Mat3 A = slack - M;
+  const Vec3 pulls = slack * residual;
+  Basis free{Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
+  Basis places = free;
+  Vec3 step = along;
+  if (held.forces.count == 0) {
+    step = freeStep<3>(free, places, A, pulls, along);
+  } else if (held.forces.count == 1) {
+    // The place's directions are the forces', turned by the angle between normal and slope.
+    const Vec3& n = held.forces.direction[0];
+    const Vec3& c = held.places.direction[0];
+    free[0] = n.unitOrthogonal();
+    free[1] = n.cross(free[0]);
+    const double over = 1.0 + n.dot(c);
+    constexpr double kOpposed = 0.1;
+    for (std::size_t i = 0; i < 2; ++i) {
+      places[i] = over > kOpposed ? Vec3(free[i] - (n + c) * (c.dot(free[i]) / over)) : free[i];
+    }
+    step = freeStep<2>(free, places, A, pulls, along);
+  } else if (held.forces.count == 2) {
+    free[0] = held.forces.direction[0].cross(held.forces.direction[1]);
+    places[0] = held.places.direction[0].cross(held.places.direction[1]);
+    if (places[0].dot(free[0]) < 0.0) places[0] = -places[0];
+    step = freeStep<1>(free, places, A, pulls, along);
+  }
+  return step.allFinite() ? step : residual;
+}
+
+}  // namespace palpate

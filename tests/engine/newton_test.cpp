@@ -1,0 +1,195 @@
+/// Newton's step against the fixed point that it is to find.
+#include "engine/newton.h"
+
+#include <cmath>
+#include <functional>
+#include <vector>
+
+#include <Eigen/Dense>
+#include <catch2/catch.hpp>
+
+#include "engine/solver.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+
+namespace {
+
+constexpr double kStiffness = 500.0;
+
+/// V = 0 is a surface; its planes are across the slope of another quadric, as a trilinear volume's
+/// are across its continuous gradient.
+struct Quadric {
+  double value = 0.0;
+  Vec3 slope = Vec3::Zero();
+  Mat3 curve = Mat3::Zero();
+
+  [[nodiscard]] double at(const Vec3& x) const {
+    return value + x.dot(slope) + 0.5 * x.dot(curve * x);
+  }
+  [[nodiscard]] Vec3 gradient(const Vec3& x) const { return slope + curve * x; }
+};
+struct Surface {
+  Quadric value;
+  Quadric normal;
+  double strength = 0.0;
+};
+
+/// The primitives of some surfaces as read at x, their balance, and Newton's step from x.
+struct Reading {
+  Vec3 residual;
+  Vec3 step;
+  std::vector<Load> loads;
+};
+Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& surfaces,
+               const std::vector<Primitive>& others = {}) {
+  std::vector<Primitive> primitives = others;
+  std::vector<TurningPlane> turning;
+  for (const Surface& surface : surfaces) {
+    const Vec3 g = surface.normal.gradient(x);
+    const Vec3 n = g.normalized();
+    const Vec3 c = surface.value.gradient(x);
+    const double off = surface.value.at(x);
+    turning.push_back({primitives.size(),
+                       (Mat3::Identity() - n * n.transpose()) * surface.normal.curve / g.norm(),
+                       c.normalized(), off / c.norm()});
+    primitives.push_back({PrimitiveKind::kPlane, x - off / c.dot(n) * n, n, surface.strength});
+  }
+  std::vector<Vec3> forces(primitives.size());
+  SolverParams params;
+  params.tolerance = 1e-12;
+  const SolveResult solved = solveProxy(probe, kStiffness, primitives, x, params, nullptr, forces);
+  Reading out;
+  out.residual = solved.proxy - x;
+  out.step = newtonStep(solved.proxy, x, kStiffness, primitives, forces, turning);
+  for (std::size_t i = 0; i < primitives.size(); ++i)
+    out.loads.push_back(loadOf(primitives[i], forces[i]));
+  return out;
+}
+
+/// A surface through about the origin, bent by up to so much [1/mm], its planes leaning by as much.
+Surface anySurface(test::Random& random, const Vec3& outwards, double bend, double strength) {
+  const auto symmetric = [&] {
+    Mat3 m;
+    m << random.inCube(1.0), random.inCube(1.0), random.inCube(1.0);
+    return Mat3(0.5 * bend * 1e3 * (m + m.transpose()));
+  };
+  Surface surface;
+  surface.strength = strength;
+  surface.value = {random.uniform(-2e-5, 2e-5), outwards, symmetric()};
+  surface.normal = {0.0, outwards + random.inCube(0.4), symmetric()};
+  return surface;
+}
+
+/// Newton's method from x: how |residual| falls over the last steps that are not rounding.
+struct Course {
+  std::vector<double> residuals;
+  Reading last;
+};
+Course converge(Vec3 x, const Vec3& probe, const std::vector<Surface>& surfaces,
+                const std::vector<Primitive>& others = {}) {
+  Course course;
+  for (int i = 0; i < 12; ++i) {
+    course.last = readAt(x, probe, surfaces, others);
+    course.residuals.push_back(course.last.residual.norm());
+    x += course.last.step;
+  }
+  return course;
+}
+
+}  // namespace
+
+TEST_CASE("Newton's step falls quadratically where Picard's does not fall at all", "[newton]") {
+  // A fillet of 0.3 mm, the hand 2 mm deep: Picard's factor is -6.7.
+  const double radius = 3e-4;
+  Surface fillet;
+  fillet.strength = 10.0;
+  // Free inside of the cylinder x^2 + z^2 < r^2 (to its quadric).
+  fillet.value = {0.0, Vec3::UnitZ(), -Vec3(1.0, 0.0, 1.0).asDiagonal().toDenseMatrix() / radius};
+  fillet.normal = fillet.value;
+  const Vec3 probe(2e-5, 1e-5, -2e-3);
+  Vec3 picard(5e-6, 0, 0);
+  const double before = readAt(picard, probe, {fillet}).residual.norm();
+  for (int i = 0; i < 3; ++i) picard += readAt(picard, probe, {fillet}).residual;
+  CHECK(readAt(picard, probe, {fillet}).residual.norm() > 3.0 * before);
+  const Course newton = converge(Vec3(5e-6, 0, 0), probe, {fillet});
+  CHECK(newton.residuals.front() > 1e-6);
+  CHECK(newton.residuals[4] < 1e-12);
+}
+
+TEST_CASE("the step is exact to second order for one, two and three surfaces that hold",
+          "[newton]") {
+  test::Random random(3);
+  const long count = test::cases(2000);
+  long held = 0;
+  for (long n = 0; n < count; ++n) {
+    const int many = 1 + random.integer(3);
+    std::vector<Surface> surfaces;
+    std::vector<Vec3> out;
+    for (int i = 0; i < many; ++i) {
+      Vec3 way = Vec3::Unit(i) + random.inCube(0.3);
+      out.push_back(way.normalized());
+      surfaces.push_back(anySurface(random, out.back(), 0.3, 20.0));
+    }
+    Vec3 probe = Vec3::Zero();
+    for (const Vec3& way : out) probe -= random.uniform(5e-4, 1e-3) * way;
+    std::vector<Primitive> others;
+    if (random.integer(3) == 0) {
+      others.push_back({PrimitiveKind::kForce, Vec3::Zero(), random.direction(), 0.1});
+    }
+    if (random.integer(3) == 0) {
+      others.push_back({PrimitiveKind::kLine, 2e-5 * random.direction(), random.direction(), 0.05});
+    }
+    const Course course = converge(random.inCube(2e-5), probe, surfaces, others);
+    const bool all =
+        std::all_of(course.last.loads.begin() + static_cast<std::ptrdiff_t>(others.size()),
+                    course.last.loads.end(), [](Load load) { return load == Load::kHeld; });
+    if (!all || course.residuals[8] > 1e-9) continue;  // another regime, or a ridge
+    ++held;
+    // From one step to the next the residual falls as its square, to rounding.
+    for (std::size_t i = 3; i + 1 < course.residuals.size(); ++i) {
+      const double e = course.residuals[i];
+      const double next = course.residuals[i + 1];
+      CAPTURE(n, many, i, e, next);
+      REQUIRE((next <= 2e4 * e * e || next <= 1e-11));
+    }
+  }
+  CHECK(held > 8 * count / 10);
+}
+
+TEST_CASE("a surface that gives way turns the balance as well", "[newton]") {
+  // Its whole strength along n: x = h + s/k n(x).
+  test::Random random(4);
+  const long count = test::cases(2000);
+  long gave = 0;
+  long converged = 0;
+  for (long n = 0; n < count; ++n) {
+    Surface surface = anySurface(random, random.direction(), 0.5, 0.3);
+    surface.value.value = 5e-3;  // far behind
+    const Vec3 out = surface.value.slope;
+    const Vec3 probe = -1e-2 * out;
+    const Course course = converge(probe + 5e-4 * out, probe, {surface});
+    if (course.last.loads[0] != Load::kYielding) continue;  // its quadric comes back
+    ++gave;
+    converged += course.residuals[8] < 1e-11 ? 1 : 0;
+  }
+  CHECK(gave > count / 2);
+  CHECK(converged >= gave - gave / 50);  // others turn over
+}
+
+TEST_CASE("from a ridge the step goes down, and what does not turn is left alone", "[newton]") {
+  // A cylinder of 1 mm, the hand 3 mm deep and a little aside: the nearest place is on that side.
+  Surface edge;
+  edge.strength = 10.0;
+  edge.value = {0.0, Vec3::UnitZ(), Vec3(1.0, 0.0, 0.0).asDiagonal().toDenseMatrix() / 1e-3};
+  edge.normal = edge.value;
+  const Vec3 probe(1e-5, 0, -3e-3);
+  const Reading top = readAt(Vec3(2e-6, 0, 0), probe, {edge});
+  // Beyond the centre of curvature the balance is on the other side of the probe's.
+  CHECK(top.step.x() * top.residual.x() > 0.0);
+  CHECK(std::abs(top.step.x()) < 30.0 * std::abs(top.residual.x()));
+  const std::vector<Primitive> drag{{PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.2}};
+  const std::vector<Vec3> forces{Vec3(0.1, 0.0, 0.0)};
+  const Vec3 residual(1e-4, 2e-4, 3e-4);
+  CHECK(newtonStep(residual, Vec3::Zero(), kStiffness, drag, forces, {}) == residual);
+}

@@ -1,0 +1,104 @@
+/// Contact in concave and rough places: how often a tick ends unfinished, and what never happens.
+#include <cmath>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "bench/contact_problems.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using namespace palpate::bench;
+
+namespace {
+
+ContactRuns runs(std::uint64_t seed, ModeKind kind = ModeKind::kIsosurface) {
+  ContactRuns out;
+  out.frames = test::share(48);
+  out.seed = seed;
+  out.kind = kind;
+  return out;
+}
+
+/// What holds for every surface, whatever its shape.
+void checkTheorem(const std::string& row, const ContactResult& r) {
+  CAPTURE(row, r.runs, r.held, r.cappedShare(), r.readingsPerTick(), r.deepest, r.off, r.off_most,
+          r.offRms(), r.unfinished, r.hardest);
+  CHECK(r.held > 100 * r.runs);
+  // What says that it has converged is on the surface, to the tolerance of its last step: where the
+  // slope jumps (in one tick of 20,000) that may end farther off.
+  CHECK(r.off <= 1 + r.held / 10000);
+  CHECK(r.off_most <= 0.05);
+  // A hand that stands still is not left unfinished for good.
+  CHECK(r.unfinished == 0);
+  // Below its strength a surface is not crossed.
+  CHECK(r.leaked == 0);
+  CHECK(r.over == 0);
+}
+
+}  // namespace
+
+TEST_CASE("grooves of any opening hold, and few of their ticks are unfinished", "[motion]") {
+  struct Groove {
+    double opening;  // [degrees]
+    double capped;   // share of ticks
+  };
+  for (const auto& [opening, capped] : {Groove{12.0, 0.13},
+                                        {20.0, 0.035},
+                                        {25.0, 0.02},
+                                        {30.0, 0.015},
+                                        {35.0, 0.015},
+                                        {45.0, 0.01},
+                                        {60.0, 0.003},
+                                        {88.0, 0.001},
+                                        {120.0, 0.001}}) {
+    const ContactResult r = feelGrooves(opening, runs(31));
+    checkTheorem("groove of " + std::to_string(opening), r);
+    CHECK(r.cappedShare() <= capped);
+    CHECK(r.readingsPerTick() <= (opening < 20.0 ? 5.0 : 4.0));
+  }
+}
+
+TEST_CASE("cubes and rough volumes hold, and next to no tick is unfinished", "[motion]") {
+  const ContactResult hollow = feelCubes(true, runs(32));
+  checkTheorem("hollow cube", hollow);
+  CHECK(hollow.cappedShare() <= 1e-4);
+  CHECK(hollow.readingsPerTick() <= 1.2);
+  CHECK(hollow.offRms() <= 1e-3);
+  const ContactResult solid = feelCubes(false, runs(33));
+  checkTheorem("solid cube", solid);
+  CHECK(solid.cappedShare() <= 5e-4);
+  CHECK(solid.readingsPerTick() <= 1.3);
+  struct Noise {
+    double wavelength;  // [voxels]
+    double capped;
+    double readings;
+  };
+  for (const auto& [wavelength, capped, readings] :
+       {Noise{12.0, 1e-3, 1.25}, {7.0, 3e-3, 1.5}, {4.5, 5e-3, 1.8}}) {
+    const ContactResult r = feelNoise(wavelength, runs(34));
+    checkTheorem("noise of " + std::to_string(wavelength), r);
+    CHECK(r.cappedShare() <= capped);
+    CHECK(r.readingsPerTick() <= readings);
+  }
+}
+
+TEST_CASE("on a ball one reading is enough", "[motion]") {
+  for (const auto& [radius, readings] : {std::pair{20.0, 1.02}, {4.0, 1.35}}) {
+    const ContactResult r = feelBalls(radius, runs(35));
+    checkTheorem("ball of " + std::to_string(radius), r);
+    CHECK(r.cappedShare() <= 1e-4);
+    CHECK(r.readingsPerTick() <= readings);
+  }
+}
+
+TEST_CASE("no surface holds more than its strength", "[motion]") {
+  for (const double grain : {1.0, 2.0, 4.0}) {
+    const ContactResult r = pressNoise(grain, runs(36));
+    CAPTURE(grain, r.runs, r.hardest, r.over, r.held, r.off_most, r.cappedShare());
+    // A share of the tolerance: 0.01 voxel of a spring of 7.7.
+    CHECK(r.hardest <= 1.002);
+    CHECK(r.hardest > 0.9);
+    CHECK(r.cappedShare() <= 0.02);
+  }
+}
