@@ -5,6 +5,7 @@
 #include <exception>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -35,7 +36,7 @@ std::vector<Row> rows() {
   all.push_back({"solid cube", [](const ContactRuns& runs) { return feelCubes(false, runs); }});
   for (const auto& [word, length] : {std::pair{"12", 12.0}, {"7", 7.0}, {"4.5", 4.5}}) {
     all.push_back({std::string("noise ") + word,
-                   [length](const ContactRuns& runs) { return feelNoise(length, runs); }});
+                   [length = length](const ContactRuns& runs) { return feelNoise(length, runs); }});
   }
   for (const int grain : {1, 2, 4}) {
     all.push_back({"press " + std::to_string(grain),

@@ -149,7 +149,7 @@ Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primiti
 Vec3 newtonStep(const Vec3& balance, const Vec3& from, double stiffness,
                 std::span<const Primitive> primitives, std::span<const Vec3> forces,
                 std::span<const TurningPlane> turning) noexcept {
-  const Vec3 residual = balance - from;
+  Vec3 residual = balance - from;
   Mat3 M = Mat3::Zero();
   bool turns = false;
   for (const TurningPlane& plane : turning) {

@@ -207,7 +207,7 @@ Mat3 BoundGraph::gradientJacobian(const Skin& skin, const Vec3& p_W,
   const auto i = static_cast<std::size_t>(skin.field);
   const Body* body = bodyOf(graph->scalar_motions[i], bodies);
   const Vec3& p = body == nullptr ? p_W : body->seen;
-  const Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
+  Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
   if (body == nullptr) return by;
   return body->pose.rotation * by * body->pose.rotation.transpose();
 }
