@@ -78,13 +78,7 @@ class VdbCheck::Walk {
       grids_.emplace(nameOf(d.name), d);
       grid(d, !has_offsets_);
     }
-    for (const auto& [name, instance] : grids_) {
-      if (instance.parent.empty()) continue;
-      const Descriptor* parent = find(instance.parent);
-      if (parent == nullptr || !parent->parent.empty() || parent->type != instance.type) {
-        damaged("a grid shares the tree of one that is not there");
-      }
-    }
+    for (const auto& [name, d] : grids_) (void)ownerOf(d);
   }
 
   std::uint64_t tree(const std::string& name) {
@@ -93,7 +87,7 @@ class VdbCheck::Walk {
     const auto [first, last] = grids_.equal_range(name);
     for (auto entry = first; entry != last; ++entry) {
       const Descriptor& d = entry->second;
-      const Descriptor& owner = d.parent.empty() ? d : *find(d.parent);
+      const Descriptor& owner = ownerOf(d);
       limit_ = size_;
       bounded_ = false;
       seek(static_cast<std::uint64_t>(owner.grid));
@@ -117,6 +111,15 @@ class VdbCheck::Walk {
     const auto found =
         std::find_if(first, last, [&](const auto& entry) { return entry.second.name == unique; });
     return found == last ? nullptr : &found->second;
+  }
+  /// Whose tree it has.
+  [[nodiscard]] const Descriptor& ownerOf(const Descriptor& d) const {
+    if (d.parent.empty()) return d;
+    const Descriptor* parent = find(d.parent);
+    if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
+      damaged("a grid shares the tree of one that is not there");
+    }
+    return *parent;
   }
 
   [[noreturn]] void damaged(const std::string& why) const {
