@@ -141,6 +141,7 @@ void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& fiel
   const double pace = random.uniform(0.1, 0.6);
   Vec3 hand = x - 0.5 * out;
   Vec3 going = random.direction();
+  double deepest = 0.0;
   for (int t = 0; t < 400; ++t) {
     const Vec3 p = touch.proxy();
     const Vec3 n = normal(p);
@@ -153,8 +154,10 @@ void wander(const std::function<double(const Vec3&)>& free, const FieldPtr& fiel
     hand -= 0.1 * n * (depth - std::min(depth, n.dot(p - hand)));
     if ((p - middle).cwiseAbs().maxCoeff() > kReach + 4.0) break;
     touch(hand);
-    result.deepest = std::min(result.deepest, touch.behind(free(touch.proxy())));
+    deepest = std::min(deepest, touch.behind(free(touch.proxy())));
   }
+  result.deepest = std::min(result.deepest, deepest);
+  if (deepest < -1.0) ++result.leaked;
   touch.hold(hand);
 }
 

@@ -175,8 +175,8 @@ bool emit(const UserMode& mode, const Place& place) noexcept {
 
 /// Where the surface is, seen from where properties were read.
 struct Sight {
-  bool data = false;    ///< There is a value and a normal,
-  bool clear = false;   ///< and the surface is within kSight.
+  bool data = false;    ///< There is a value,
+  bool clear = false;   ///< a normal, and the surface is within kSight.
   double height = 0.0;  ///< Along the normal from the surface, > 0 on the free side [voxels].
   Vec3 normal = Vec3::UnitX();
   Vec3 across = Vec3::UnitX();  ///< Of the slope that V really has there,
@@ -188,8 +188,8 @@ Sight look(const Skin& skin, double level, const Place& place) noexcept {
   const Properties::Scalar& value = place.scalar(skin.value);
   const Vec3& gradient = place.vector(skin.gradient).value;
   const Vec3& own = place.vector(skin.cell_gradient).value;
+  sight.data = value.inside;
   if (!value.inside || !unit(skin.sign * gradient, sight.normal)) return sight;
-  sight.data = true;
   // The slope that V really has along the normal, where that is not degenerate.
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
@@ -232,8 +232,11 @@ void placeWall(const Skin& skin, const Sight& sight, const Place& place) noexcep
 bool addWall(double strength, double friction, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
   const Wall& wall = memory.wall;
-  if (strength > 0.0) memory.plane = static_cast<int>(place.set.size());
-  return addSurface(place.set, wall.anchor, wall.normal, strength, friction, place.stand.proxy);
+  const std::size_t next = place.set.size();
+  const bool room =
+      addSurface(place.set, wall.anchor, wall.normal, strength, friction, place.stand.proxy);
+  if (place.set.size() > next) memory.plane = static_cast<int>(next);
+  return room;
 }
 
 /// Paper: through the proxy. Once it has held the proxy, on the surface of that place.
@@ -286,6 +289,13 @@ double strengthOf(const IsosurfaceMode& mode, const Place& place) noexcept {
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
+/// Properties were read near the plane that is remembered.
+bool isNear(const Skin& skin, const Place& place) noexcept {
+  const ModeMemory& memory = place.memory;
+  return memory.placed &&
+         (place.stand.read - memory.wall.anchor).norm() <= 2.0 * kSight * skin.voxel;
+}
+
 /// Which side is the proxy on, and where is the plane?
 void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
   ModeMemory& memory = place.memory;
@@ -305,8 +315,11 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
       if (free) memory.contact = Contact::kOutside;
       break;
     case Contact::kOutside:
-      // Nothing holds where there are no data or no strength.
-      if ((!free || touched) && (!sight.data || strengthOf(mode, place) <= 0.0)) {
+      // Nothing holds where there are no data or no strength, nor where no plane is known. Read too
+      // far behind its surface for that to be seen, the plane that is remembered holds, as far from
+      // there as a surface is seen.
+      if ((!free || touched) && (!sight.data || strengthOf(mode, place) <= 0.0 ||
+                                 (!sight.clear && !isNear(skin, place)))) {
         memory.contact = Contact::kInside;
       }
       break;
@@ -325,19 +338,22 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place) noexcept {
   if (memory.contact == Contact::kYielded) {
     // On the surface where that is seen, else where it was while pushed through. Deep in a thin
     // wall the normal turns over: that is the other side, not the surface pushed through.
-    if (sight.clear && sight.normal.dot(memory.wall.normal) > 0.5) {
+    const bool near = sight.clear && std::abs(sight.height) <= kSight;
+    if (near && sight.normal.dot(memory.wall.normal) > 0.5) {
       memory.wall.anchor = place.stand.read - sight.height * skin.voxel * sight.normal;
       memory.wall.normal = sight.normal;
       memory.wall.across = sight.across;
-      memory.wall.height = sight.off * skin.voxel;
+      memory.wall.height = std::clamp(sight.off, -kStep, kStep) * skin.voxel;
       memory.seen = true;
     }
     return;
   }
   // In contact, or found behind the surface.
   const bool meets = memory.placed || touched || !free;
-  // Read too far behind it for its plane to be seen: the one that is remembered holds.
-  if (memory.placed && memory.contact == Contact::kOutside && !free && !sight.clear) return;
+  if (memory.placed && memory.contact == Contact::kOutside && !free && !sight.clear) {
+    memory.touched = false;
+    return;
+  }
   if (memory.contact == Contact::kInside || !meets || !sight.clear) {
     forgetWalls(memory);
     return;

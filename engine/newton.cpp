@@ -89,7 +89,9 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
   } else {
     if constexpr (N == 2) {
       const double det = S(0, 0) * S(1, 1) - S(0, 1) * S(1, 0);
-      if (S(0, 0) + S(1, 1) > 2.0 * kFloor && det > kFloor * kFloor) {
+      const double trace = S(0, 0) + S(1, 1);
+      // Both eigenvalues are above the floor.
+      if (trace > 2.0 * kFloor && det > kFloor * (trace - kFloor)) {
         return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
       }
     }

@@ -190,6 +190,7 @@ class Tick {
       from = read_at_;
       if (cut) {
         moveTo(way, report);
+        least_ = std::numeric_limits<double>::infinity();
         rail_ = {};
         if (strays_) meetParts(report);
       }
@@ -218,6 +219,7 @@ class Tick {
   /// The trust region of Newton's step, after a way: a step that turns back on it halves it.
   void trust(const Vec3& went) noexcept {
     const double step = step_.norm();
+    if (turning_count_ == 0) least_ = std::numeric_limits<double>::infinity();
     if (turning_count_ > 0 && step < least_) {
       least_ = step;
       least_at_ = read_at_;
@@ -239,21 +241,38 @@ class Tick {
   }
 
   /// Nothing holds more than its strength: what waits and is pulled by more than all that was
-  /// placed can hold comes through, as far as it was read.
+  /// placed can hold goes on, as far as it was read. One plane that could hold what presses on it
+  /// stays, and the hand is followed along it; what else holds is come through.
   void pressThrough(Way& way, StepReport& report) noexcept {
     if (turning_count_ == 0 || rail_.of != nullptr) return;
-    const Vec3 offset = way.end - probe_;
     const double held = reachOfStrengths();
-    if (!(offset.norm() > held)) return;
+    const double enough = (1.0 + 1e-9) * held;
+    const auto pulled = [&] { return (way.end - probe_).norm() > enough; };
+    const auto go = [&](const Vec3& offset) {
+      read_at_ = way.end;
+      offset_of_target_ = offset;
+      target_ = probe_ + offset;
+      trust_ = std::numeric_limits<double>::infinity();
+      way = advance(false, report);
+      way.end -= way.lift;
+    };
+    if (!pulled()) return;
+    if (turning_count_ == 1) {
+      const Primitive& plane = state_.primitives_.items()[turning()[0].index];
+      const Vec3 offset = way.end - probe_;
+      const Vec3 pressed = std::max(offset.dot(plane.direction), 0.0) * plane.direction;
+      if (pressed.norm() * state_.stiffness_.value < plane.strength) {
+        const Vec3 along = offset - pressed;
+        const double left = std::sqrt(held * held - pressed.squaredNorm());
+        go(pressed + std::min(1.0, left / along.norm()) * along);
+      }
+    }
+    if (!pulled()) return;
     eachMode(felt(), [](const Mode&, ModeMemory& memory, const Felt&, std::size_t) {
       if (memory.plane >= 0) memory.load = Load::kYielding;
     });
-    read_at_ = way.end;
-    target_ = probe_ + held / offset.norm() * offset;
-    offset_of_target_ = target_ - probe_;
-    trust_ = std::numeric_limits<double>::infinity();
-    way = advance(false, report);
-    way.end -= way.lift;
+    const Vec3 offset = way.end - probe_;
+    go(held / offset.norm() * offset);
   }
 
   /// What is left after Newton's step is within the tolerance: the step itself is; or, where planes
@@ -263,7 +282,8 @@ class Tick {
     if (turning_count_ == 0) return true;
     const double tolerance = scene_.step.tolerance_voxels * voxel_;
     const double step = step_.norm();
-    if (offset_of_target_.norm() > reachOfStrengths() + tolerance) return false;
+    const double beyond = offset_of_target_.norm() - reachOfStrengths() - rail_.waiting.norm();
+    if (beyond > tolerance) return false;
     if (step <= tolerance) return true;
     if (turning_count_ != state_.primitives_.size() || step > kFalls * went_) return false;
     double bend = 0.0;
@@ -394,7 +414,7 @@ class Tick {
                 std::size_t index, Way& way, StepReport& report) noexcept {
     const Primitive& line = state_.primitives_.items()[index];
     const Vec3 go = way.end - line.position;
-    const Vec3 aside = target_ - line.position;
+    const Vec3 aside = balance_ - line.position;
     constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
     constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
     memory.holds = (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * mode.voxel;
@@ -529,7 +549,9 @@ class Tick {
     }
     // A plane that the surface did not place is its own slope.
     const Vec3& across = memory.seen ? wall.across : wall.normal;
-    const double height = memory.seen && !foreseen ? wall.height : wall.normal.dot(x - wall.anchor);
+    const double over = across.dot(wall.normal) * wall.normal.dot(x - wall.anchor);
+    const double most = 0.5 * skin->voxel;
+    const double height = memory.seen && !foreseen ? wall.height : std::clamp(over, -most, most);
     voxel_ = std::min(voxel_, skin->voxel);
     if (turning_count_ == state_.turning_.size()) return;
     state_.turning_[turning_count_++] = {static_cast<std::size_t>(memory.plane), wall.turn, across,

@@ -26,7 +26,7 @@ TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
   // Measured 0.005 and 0.11: voxels as large as this make ridges, and the proxy leaps off them.
   CHECK(r.unfinished < 0.01);
   CHECK(r.engine.buzz < 0.15 * r.force);
-  CHECK(r.engine.buzz < 1.3 * r.held.buzz);
+  CHECK(r.engine.buzz < 1.3 * r.held.buzz + 0.005 * r.force);
   CHECK(r.held.given < 1e-12);
   // The ledger counts at least what is given.
   CHECK(r.engine.given > 0.0);

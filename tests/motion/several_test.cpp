@@ -118,7 +118,7 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
       CAPTURE(friction, drag, off, off_late, aside, reads / ticks, late);
       // Line and plane share the load along the normal, and who carries what decides the friction:
       // in some ticks it sticks by one reading and slips by the next.
-      CHECK(late <= (friction > 0.0 ? ticks / 4 : ticks / 500));
+      CHECK(late <= (friction > 0.0 ? ticks / 4 : 1 + ticks / 500));
       CHECK(off <= 0.002);
       // Those ticks say that they are not finished; how far off they are hangs on the last digits:
       // 0.0093 to 0.0121 in 64 runs whose strengths differ by 1e-9 N, a wall's own friction or not.
