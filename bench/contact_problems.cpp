@@ -10,6 +10,7 @@
 
 #include <Eigen/Geometry>
 
+#include "bench/corner_noise.h"
 #include "bench/motion_problems.h"
 #include "engine/step.h"
 #include "tests/support/random.h"
@@ -265,22 +266,10 @@ ContactResult pressNoise(double grain, const ContactRuns& runs) {
     std::vector<double> corners(kCorners * kCorners * kCorners);
     for (double& corner : corners) corner = 0.3 + random.uniform(-1.0, 1.0);
     const auto value = [&](const Vec3& p) {
-      const Vec3 q = p / grain;
-      const Vec3 low = q.array().floor();
-      double sum = 0.0;
-      for (int corner = 0; corner < 8; ++corner) {
-        double weight = 1.0;
-        std::size_t index = 0;
-        for (int a = 0; a < 3; ++a) {
-          const bool up = (corner >> a & 1) != 0;
-          weight *= up ? q[a] - low[a] : 1.0 - q[a] + low[a];
-          index = index * kCorners + static_cast<std::size_t>(low[a] + (up ? 1.0 : 0.0));
-        }
-        sum += weight * corners[index];
-      }
       // Free towards the border of the grid.
       const double border = (p - middle).cwiseAbs().maxCoeff();
-      return grain * sum + 2.0 * std::max(0.0, border - 18.0);
+      return grain * betweenCorners(corners, kCorners, p / grain) +
+             2.0 * std::max(0.0, border - 18.0);
     };
     const FieldPtr field = scalarGrid(kSide, value, "trilinear", false);
     for (int p = 0; p < kPresses; ++p) {

@@ -25,6 +25,7 @@
 
 #include <Eigen/Geometry>
 
+#include "bench/corner_noise.h"
 #include "bench/motion_problems.h"
 #include "engine/step.h"
 #include "samplers/analytic_field.h"
@@ -235,22 +236,8 @@ FieldPtr roughGrid(double grain, std::uint64_t seed) {
   Random random(seed);
   std::vector<double> values(40 * 40 * 40);
   for (double& value : values) value = random.uniform(-1.0, 1.0);
-  return bench::scalarGrid(kSide, [=](const Vec3& p) {
-    const Vec3 q = p / grain;
-    const Vec3 low = q.array().floor();
-    double sum = 0.0;
-    for (int corner = 0; corner < 8; ++corner) {
-      double weight = 1.0;
-      std::size_t index = 0;
-      for (int a = 0; a < 3; ++a) {
-        const bool up = (corner >> a & 1) != 0;
-        weight *= up ? q[a] - low[a] : 1.0 - q[a] + low[a];
-        index = index * 40 + static_cast<std::size_t>(low[a] + (up ? 1.0 : 0.0));
-      }
-      sum += weight * values[index];
-    }
-    return grain * sum;
-  });
+  return bench::scalarGrid(
+      kSide, [=](const Vec3& p) { return grain * bench::betweenCorners(values, 40, p / grain); });
 }
 
 FieldPtr shellGrid(double thickness) {

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
+#include "bench/corner_noise.h"
 #include "bench/motion_problems.h"
 #include "tests/support/random.h"
 
@@ -30,23 +31,7 @@ std::function<double(const Vec3&)> roughness(int side, double grain, double bias
   const auto n = static_cast<std::size_t>(side);
   std::vector<double> values(n * n * n);
   for (double& value : values) value = bias + random.uniform(-1.0, 1.0);
-  return [=](const Vec3& p) {
-    const Vec3 q = p / grain;
-    const Vec3 low = q.array().floor();
-    double sum = 0.0;
-    for (int corner = 0; corner < 8; ++corner) {
-      double weight = 1.0;
-      std::size_t index = 0;
-      for (int a = 0; a < 3; ++a) {
-        const bool up = (corner >> a & 1) != 0;
-        weight *= up ? q[a] - low[a] : 1.0 - q[a] + low[a];
-        const double at = std::min(low[a] + (up ? 1.0 : 0.0), side - 1.0);
-        index = index * n + static_cast<std::size_t>(at);
-      }
-      sum += weight * values[index];
-    }
-    return sum;
-  };
+  return [=](const Vec3& p) { return betweenCorners(values, n, p / grain); };
 }
 
 }  // namespace
