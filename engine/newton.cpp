@@ -1,6 +1,7 @@
 #include "engine/newton.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <Eigen/Dense>

@@ -13,7 +13,8 @@ namespace palpate {
 /// normalised gradient. A plane that it did not place does not turn. Nothing for other modes.
 ///
 /// @param bound  Of the mode, just read at x, or at Body::seen of what moves.
-/// RT: no allocation. Cost: 30 ns in a grid's cell that is kept, six samples of a formula.
+/// RT: no allocation. Cost: within a grid's cell that is kept, no look-up; six samples of a
+/// formula.
 inline void readTurn(const Mode& mode, const BoundGraph& bound, const Properties& properties,
                      const Vec3& x, std::span<const Body> bodies, ModeMemory& memory) noexcept {
   const Skin* skin = skinOf(mode);
