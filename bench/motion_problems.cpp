@@ -294,7 +294,9 @@ Stepper engineOn(const SurfaceMotion& motion, ModeKind kind, const StepParams& s
   const auto engine = std::make_shared<Engine>(mode, motion.field, step);
   return [engine, kind, level = motion.level](const Vec3& hand) {
     Ticked out = tickedOf(engine->tick(hand));
-    out.level = kind == ModeKind::kSurface ? engine->state.memory(0).level : level;
+    out.level = kind == ModeKind::kSurface
+                    ? std::get<SurfaceMemory>(engine->state.memory(0).of).level
+                    : level;
     return out;
   };
 }
@@ -779,7 +781,7 @@ ShellResult pressShell(const Shell& shell, double degrees, double load, long cou
       out.cells += r.walked;
       out.most_samples = std::max<double>(out.most_samples, r.samples);
       out.most_cells = std::max<double>(out.most_cells, r.walked);
-      yielded = yielded || state.memory(0).contact != ModeMemory::Contact::kOutside;
+      yielded = yielded || sideOf(state.memory(0)) != Side::kOutside;
     }
     if ((state.proxy() / kVoxel - shell.centre).norm() < shell.radius - 0.05) ++out.crossed;
     if (yielded) ++out.yielded;

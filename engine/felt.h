@@ -39,6 +39,24 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   });
 }
 
+/// What mode i places at a stand, with how its plane turns where it was read. False if the set was
+/// full. RT: no allocation.
+[[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const Stand& stand,
+                                    std::span<const Body> bodies, PrimitiveSet& set) noexcept {
+  const Mode& mode = felt.graph().modes[i];
+  ModeMemory& memory = felt.memories[i];
+  const bool room = addPrimitives(mode, *felt.properties, stand, memory, set);
+  if (stand.foreseen) return room;
+  const Touch touch = touchOf(mode, memory);
+  if (touch.skin == nullptr || !touch.contact->placed) return room;
+  touch.contact->turn.setZero();
+  if (touch.contact->seen) {
+    readTurn(*touch.contact, *touch.skin, *felt.properties,
+             felt.bound.gradientJacobian(*touch.skin, stand.read, bodies));
+  }
+  return room;
+}
+
 /// Calls back with the frame and the motion of every field.
 template <class Do>
 void eachField(std::span<const Felt> all, Do&& look) noexcept {

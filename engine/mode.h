@@ -1,7 +1,7 @@
 /// Haptic modes: from properties at the proxy to primitives (compiled form, indices only).
 #pragma once
 
-#include <array>
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -9,7 +9,7 @@
 #include <variant>
 #include <vector>
 
-#include "engine/newton.h"
+#include "engine/contact.h"
 #include "engine/placement.h"
 #include "engine/primitive.h"
 #include "engine/properties.h"
@@ -37,8 +37,49 @@ struct Transfer {
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
 
+// What the modes below remember between ticks.
+
+struct SurfaceMemory {
+  Contact contact;
+  bool holds = false;     ///< The last balance lies on its plane,
+  bool captured = false;  ///< and that on V = level.
+  double level = 0.0;
+};
+
+/// Where a proxy is of an isosurface.
+enum class Side : std::uint8_t {
+  kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
+  kOutside,  ///< On the free side: the surface holds.
+  kYielded,  ///< Pushed through: the plane pulls back until `depth` or until the hand returns.
+  kInside,   ///< On the solid side: free to move and to leave.
+};
+struct IsosurfaceMemory {
+  Contact contact;
+  Side side = Side::kUnknown;
+  double share = 1.0;  ///< Of its strength, where a yielded surface fades.
+};
+
+struct FollowMemory {
+  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
+  bool holds = false;          ///< The last balance lies on its line.
+  double stride = 0.5;         ///< Of the next trace [voxels].
+};
+
+struct FrontShapeMemory {
+  Vec3 before = Vec3::Zero();   ///< As above.
+  Vec3 anchor = Vec3::Zero();   ///< Of the front [m],
+  Vec3 normal = Vec3::UnitX();  ///< unit;
+  bool placed = false;          ///< there is one.
+  bool let_go = false;          ///< Snapped off it, until the proxy has come to rest.
+};
+
+struct VortexTubeMemory {
+  Vec3 before = Vec3::Zero();  ///< As above, of the radius.
+};
+
 /// A directed force (eq. 8) along a vector: injects energy, as its user asked.
 struct ForceMode {
+  using Memory = std::monostate;
   int vector = -1;    ///< Index into Properties::vectors.
   double sign = 1.0;  ///< +1 along it, -1 against it.
   Transfer strength;  ///< [N]
@@ -46,19 +87,9 @@ struct ForceMode {
 
 /// A point (eq. 9) at the proxy: a drag of constant size, not -b v.
 struct ViscosityMode {
+  using Memory = std::monostate;
   int scalar = -1;  ///< Where this property has no data there is no drag.
   Transfer strength;
-};
-
-/// What the two surfaces below read of their scalar volume.
-struct Skin {
-  int field = -1;  ///< Index into Graph::scalar_fields.
-  int value = -1;  ///< -> Properties::scalars
-  int gradient = -1;
-  int cell_gradient = -1;        ///< The slope that the value really has.
-  double sign = -1.0;            ///< Outward normal = sign * gradient: -1 where high is solid.
-  double voxel = 1e-3;           ///< [m]
-  double metres_per_unit = 1.0;  ///< Of the field's own space.
 };
 
 /// A plane (eq. 13) through the proxy across the gradient. While it holds, it stays on the surface
@@ -66,6 +97,7 @@ struct Skin {
 /// or yielding, it is at the proxy. With friction a line (eq. 11) along the normal, with viscosity
 /// a point (eq. 9): the paper's surface, friction and viscosity.
 struct SurfaceMode {
+  using Memory = SurfaceMemory;
   Skin skin;
   Transfer strength;
   Transfer friction;   ///< Coulomb's mu.
@@ -75,6 +107,7 @@ struct SurfaceMode {
 /// A plane (eq. 13) on the surface V = level, once the proxy has come to it; remembers on which
 /// side it is. With friction it has a line (eq. 11).
 struct IsosurfaceMode {
+  using Memory = IsosurfaceMemory;
   Skin skin;
   double level = 0.0;   ///< V0, in the data's unit.
   double depth = 3e-3;  ///< After yielding, pushes until this far past the surface [m].
@@ -87,6 +120,7 @@ struct IsosurfaceMode {
 /// the paper's transverse damping. Where the line holds, the proxy goes along the curve that the
 /// stream is (VectorField::trace), as far as the balance took it along the line.
 struct FollowMode {
+  using Memory = FollowMemory;
   int vector = -1;
   int field = -1;  ///< Index into Graph::vector_fields; -1: derived, and followed by its tangents.
   double voxel = 1e-3;  ///< [m]
@@ -96,6 +130,7 @@ struct FollowMode {
 /// A plane (eq. 13) through the proxy across a vector: the front that the vectors are normal to, as
 /// of a wave. Two-sided, two opposed planes.
 struct FrontShapeMode {
+  using Memory = FrontShapeMemory;
   int vector = -1;
   bool two_sided = true;  ///< Else only against the vector: with it the hand is free.
   double snap = 0.0;      ///< Snap-drag: pushed off its front, the proxy is pulled back until it is
@@ -110,6 +145,7 @@ struct FrontShapeMode {
 /// of rigid rotation, r = 2 |v x w| / |curl v|, w the core's direction curl v / |curl v|; v x w
 /// points outwards.
 struct VortexTubeMode {
+  using Memory = VortexTubeMemory;
   int vector = -1;
   int curl = -1;
   double voxel = 1e-3;           ///< [m]
@@ -121,6 +157,7 @@ struct VortexTubeMode {
 /// the hand is drawn in there, and let go once it has pulled the proxy farther off. Energy that
 /// drawing in makes is counted as injected.
 struct GuideMode {
+  using Memory = std::monostate;
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Not kForce.
   Vec3 position = Vec3::Zero();                 ///< [m], where it rests if it moves.
   Vec3 direction = Vec3::UnitX();               ///< Unit; a plane's outward normal.
@@ -150,6 +187,7 @@ using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveS
 
 /// A mode of the user's own.
 struct UserMode {
+  using Memory = std::monostate;
   PlacePrimitives place = nullptr;
   std::shared_ptr<void> state;  ///< One for all proxies that feel the scene.
   std::vector<int> reads;
@@ -158,39 +196,30 @@ struct UserMode {
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
                           FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
 
-/// A plane that a mode remembers.
-struct Wall {
-  Vec3 anchor = Vec3::Zero();   ///< [m]
-  Vec3 normal = Vec3::UnitX();  ///< Outward.
-  Mat3 turn = Mat3::Zero();     ///< How that turns with the place [1/m],
-  Vec3 across = Vec3::UnitX();  ///< the surface's own slope where it was read, outwards,
-  double height = 0.0;          ///< and how far above it that is [m].
+/// What a mode remembers: of the kind that its own `Memory` is.
+struct ModeMemory {
+  int emitted = 0;  ///< Primitives of this mode in the last balance.
+  std::variant<std::monostate, SurfaceMemory, IsosurfaceMemory, FollowMemory, FrontShapeMemory,
+               VortexTubeMemory>
+      of;
 };
 
-/// What a mode remembers between ticks. `contact` is isosurface's.
-struct ModeMemory {
-  enum class Contact : std::uint8_t {
-    kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
-    kOutside,  ///< On the free side: the surface holds.
-    kYielded,  ///< Pushed through: the plane pulls back until `depth` or until the hand returns.
-    kInside,   ///< On the solid side: free to move and to leave.
-  };
-  Contact contact = Contact::kUnknown;
-  int emitted = 0;          ///< Primitives of this mode in the last balance.
-  Wall wall;                ///< A surface's plane; snap-drag's as well.
-  bool placed = false;      ///< There is one,
-  bool seen = false;        ///< put on the surface by the last reading,
-  int plane = -1;           ///< the primitive of the last balance that it is; -1: none,
-  Load load = Load::kNone;  ///< and what that did there.
-  bool touched = false;   ///< The way of the proxy met the surface where properties are read next.
-  bool let_go = false;    ///< Snapped off its front, until the proxy has come to rest.
-  bool holds = false;     ///< The last balance lies on a surface's plane or a stream's line,
-  bool captured = false;  ///< and the plane on V = level.
-  double level = 0.0;
-  double share = 1.0;          ///< Of its strength, where a yielded surface fades.
-  Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
-  double stride = 0.5;         ///< Of the next trace [voxels].
-};
+/// Where the proxy is of a mode that is an isosurface; of others unknown.
+[[nodiscard]] inline Side sideOf(const ModeMemory& memory) noexcept {
+  const auto* of = std::get_if<IsosurfaceMemory>(&memory.of);
+  return of == nullptr ? Side::kUnknown : of->side;
+}
+
+/// That of a mode that nothing is remembered of yet.
+[[nodiscard]] ModeMemory memoryFor(const Mode& mode) noexcept PALPATE_NONBLOCKING;
+
+/// A mode's own memory. @pre memoryFor() made it.
+template <class M>
+[[nodiscard]] typename M::Memory& memoryOf(const M& /*mode*/, ModeMemory& memory) noexcept {
+  auto* own = std::get_if<typename M::Memory>(&memory.of);
+  assert(own != nullptr);
+  return *own;
+}
 
 /// Where the primitives of a mode belong.
 struct Stand {
@@ -212,24 +241,41 @@ struct Stand {
 /// Moves what a mode remembers along with its volume. RT: no allocation.
 void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The surface that a mode is, if it is one; else null.
-[[nodiscard]] const Skin* skinOf(const Mode& mode) noexcept;
+/// A mode's contact with the surface that it is. RT: no allocation.
+struct Touch {
+  const Skin* skin = nullptr;  ///< None: it is no surface.
+  Contact* contact = nullptr;
+};
+[[nodiscard]] Touch touchOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// The surface that ways are swept for: V = level, where a proxy on its free side meets it.
+struct SurfaceAhead {
+  const Skin* skin = nullptr;  ///< None: nothing of this mode is met on a way.
+  Contact* contact = nullptr;
+  double level = 0.0;
+  const Transfer* strength = nullptr;
+};
+/// RT: no allocation.
+[[nodiscard]] SurfaceAhead surfaceAhead(const Mode& mode,
+                                        ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// At most so far may the hand go on at once [m]: infinitely, but where the proxy is held to a
+/// curve. RT: no allocation.
+[[nodiscard]] double sliceOf(const Mode& mode,
+                             const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Tells a mode what the last balance has of it: `primitives`, and the `forces` of each.
 /// RT: no allocation.
-void weigh(const Mode& mode, std::span<const Primitive> primitives, std::span<const Vec3> forces,
-           ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+void readLoads(const Mode& mode, std::span<const Primitive> primitives,
+               std::span<const Vec3> forces, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Gives a mode's surface up as one that cannot hold. RT: no allocation.
+void giveWay(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// Tells a mode where the proxy has come to, and whether that is the balance: a surface that bears
 /// no load is left, one that gave all its strength and has the proxy behind it is pushed through,
 /// and nothing else ends a contact but missing data. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,
             ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
-
-/// Off its surface by a fraction of a way so long [m], on the free side: whence that is swept. The
-/// chord of a surface that bends by a radius of half the way or more is free so. Zero where there
-/// is none. RT: no allocation.
-[[nodiscard]] Vec3 liftOff(const IsosurfaceMode& mode, double way,
-                           const ModeMemory& memory) noexcept;
 
 }  // namespace palpate

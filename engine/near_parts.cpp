@@ -4,8 +4,6 @@
 #include <cstddef>
 #include <limits>
 
-#include "engine/turning.h"
-
 namespace palpate {
 
 namespace {
@@ -102,16 +100,15 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
     // Properties where the proxy is, so that the way into it is swept like any other.
     NearPart& fresh = slots_[slot];
     fresh.part = part;
-    fresh.memories.fill({});
-    const BoundGraph bound = reader.bind(scene, part, slot);
-    fresh.modes = bound.graph->modes.size();
-    report.samples += bound.sample(proxy, fresh.properties);
+    const Felt felt{reader.bind(scene, part, slot), &fresh.properties, fresh.memories.data()};
+    const auto& modes = felt.graph().modes;
+    fresh.modes = modes.size();
+    report.samples += felt.bound.sample(proxy, fresh.properties);
     const Stand stand{proxy, proxy, probe, nullptr};
     scratch.clear();
-    for (std::size_t i = 0; i < bound.graph->modes.size(); ++i) {
-      const Mode& mode = bound.graph->modes[i];
-      (void)addPrimitives(mode, fresh.properties, stand, fresh.memories[i], scratch);
-      readTurn(mode, bound, fresh.properties, proxy, {}, fresh.memories[i]);
+    for (std::size_t i = 0; i < modes.size(); ++i) {
+      fresh.memories[i] = memoryFor(modes[i]);
+      (void)placeMode(felt, i, stand, {}, scratch);
     }
   });
 }

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdint>
 #include <span>
 
 #include "engine/primitive.h"
@@ -19,21 +18,6 @@ struct TurningPlane {
                         ///< the surface is across this. Where values are trilinear not n.
   double height = 0.0;  ///< So far along c is x above the surface [m].
 };
-
-/// What a primitive does in a balance: nothing, it holds, or it gives way.
-enum class Load : std::uint8_t {
-  kNone,
-  kHeld,      ///< 0 < load < strength: the balance is on it.
-  kYielding,  ///< All its strength: the balance is where it could not hold it.
-};
-/// RT: no allocation.
-[[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
-  constexpr double kLeast = 1e-12;  // [N]
-  constexpr double kAll = 1.0 - 1e-9;
-  const double load = force.norm();
-  if (!(load > kLeast)) return Load::kNone;
-  return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
-}
 
 /// From x, where the primitives were read, to where they would balance if they were read there, to
 /// second order.

@@ -35,6 +35,21 @@ struct Primitive {
 [[nodiscard]] double distanceTo(const Primitive& primitive,
                                 const Vec3& x) noexcept PALPATE_NONBLOCKING;
 
+/// What a primitive does in a balance: nothing, it holds, or it gives way.
+enum class Load : std::uint8_t {
+  kNone,
+  kHeld,      ///< 0 < load < strength: the balance is on it.
+  kYielding,  ///< All its strength: the balance is where it could not hold it.
+};
+/// By what it does to the proxy [N]. RT: no allocation.
+[[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
+  constexpr double kLeast = 1e-12;  // [N]
+  constexpr double kAll = 1.0 - 1e-9;
+  const double load = force.norm();
+  if (!(load > kLeast)) return Load::kNone;
+  return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
+}
+
 /// Most primitives that one tick may balance.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 

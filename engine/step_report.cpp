@@ -1,5 +1,7 @@
 #include "engine/step_report.h"
 
+#include "engine/step_trace.h"
+
 namespace palpate {
 
 const char* wordFor(StepStatus status) noexcept {
@@ -16,6 +18,22 @@ const char* wordFor(StepStatus status) noexcept {
       return "dropped";
     case StepStatus::kFault:
       return "fault";
+  }
+  return "";
+}
+
+const char* wordFor(StepEnd end) noexcept {
+  switch (end) {
+    case StepEnd::kFree:
+      return "free";
+    case StepEnd::kVoxel:
+      return "voxel";
+    case StepEnd::kTrusted:
+      return "trusted";
+    case StepEnd::kSurface:
+      return "surface";
+    case StepEnd::kParts:
+      return "parts";
   }
   return "";
 }

@@ -267,7 +267,7 @@ std::string whyIdle(const Told& told, const IsosurfaceMode& iso, const ModeMemor
   const double value = scalarOf(told, iso.skin.value).value;
   const std::string is =
       fmt::format("the value here is {}, the surface is at {}", shown(value), shown(iso.level));
-  if (memory.contact == ModeMemory::Contact::kInside) {
+  if (sideOf(memory) == Side::kInside) {
     return "not in contact: the proxy is on the solid side, free to move and to leave; " + is;
   }
   return "not in contact: the proxy is on the free side and has not come to the surface; " + is;
@@ -280,7 +280,8 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
                        shown(distanceTo(primitiveOf(told, *guide), told.proxy)),
                        shown(guide->snap));
   }
-  if (std::holds_alternative<FrontShapeMode>(mode) && memory.let_go) {
+  const auto* front = std::get_if<FrontShapeMemory>(&memory.of);
+  if (front != nullptr && front->let_go) {
     return "it has let go of its front, and takes the next where the proxy comes to rest";
   }
   if (std::holds_alternative<VortexTubeMode>(mode)) {
@@ -413,7 +414,7 @@ OrderedJson modeReport(const Told& told, std::size_t i) {
   json["active"] = !loads.empty();
   json["because"] = "";  // here in the order of reading; known at the end
   json["contact"] = std::holds_alternative<IsosurfaceMode>(mode)
-                        ? OrderedJson(wordFor(told.state.memory(i).contact))
+                        ? OrderedJson(wordFor(sideOf(told.state.memory(i))))
                         : OrderedJson();
   json["state"] = wordFor(holdOf(loads));
   json["load"] = toJson(totalOf(loads));

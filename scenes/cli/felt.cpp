@@ -119,7 +119,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   }
   const auto forces = state.forces();
   std::size_t next = 0;
-  const auto add = [&](ModeFelt& mode, const ModeMemory& memory, Contact& last) {
+  const auto add = [&](ModeFelt& mode, const ModeMemory& memory, Side& last) {
     // What the mode's primitives do together; after a fault there may be none.
     Vec3 force = Vec3::Zero();
     const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
@@ -141,12 +141,13 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
 }
 
 void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory,
-                   Contact& last) const noexcept {
+                   Side& last) const noexcept {
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
   const std::int64_t now = durations_.count();
-  if (memory.contact == Contact::kYielded && last != Contact::kYielded) ++mode.yields;
-  last = memory.contact;
+  const Side side = sideOf(memory);
+  if (side == Side::kYielded && last != Side::kYielded) ++mode.yields;
+  last = side;
   if (held < kNewtons) return;
   mode.held = std::max(mode.held, held);
   ++mode.active;

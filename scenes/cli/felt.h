@@ -62,11 +62,10 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t yields = 0;   ///< Times a surface was pushed through.
     double held = 0.0;         ///< Largest force of its primitives [N].
   };
-  using Contact = ModeMemory::Contact;
   /// The contacts of a graph's modes, as the last tick left them.
   struct Contacts {
     std::size_t part = NearPart::kNone;
-    std::array<Contact, kMaxModes> of{};
+    std::array<Side, kMaxModes> of{};
   };
   /// What was felt of one scene.
   struct SceneFelt {
@@ -77,7 +76,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t own = 0;                     ///< Of these, the scene's own; then those of parts.
     std::vector<std::size_t> modes_of_part;  ///< The first of each part's; alike ones share theirs.
   };
-  void addMode(ModeFelt& mode, double held, const ModeMemory& memory, Contact& last) const noexcept;
+  void addMode(ModeFelt& mode, double held, const ModeMemory& memory, Side& last) const noexcept;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
 
   double rate_;

@@ -86,7 +86,7 @@ class Curve {
     for (std::size_t i = 0; i < modes_.size(); ++i) {
       const std::vector<Load> loads = loadsOf(state, r, i);
       follow(modes_[i], loads, row);
-      tell(row, i, loads, state.memory(i).contact);
+      tell(row, i, loads, sideOf(state.memory(i)));
     }
     count(tick, r, row);
     rows_.push_back(std::move(row));
@@ -128,9 +128,8 @@ class Curve {
     if (!carries && mode.yield && !mode.let_go) mode.let_go = row.depth;
   }
 
-  void tell(Row& row, std::size_t i, const std::vector<Load>& loads,
-            ModeMemory::Contact contact) const {
-    const bool inside = contact == ModeMemory::Contact::kInside;
+  void tell(Row& row, std::size_t i, const std::vector<Load>& loads, Side side) const {
+    const bool inside = side == Side::kInside;
     if (loads.empty() && !inside) return;
     const char* word = inside && holdOf(loads) == Hold::kIdle ? "inside" : wordFor(holdOf(loads));
     row.contacts += (row.contacts.empty() ? "" : "; ") + scene_.graph.mode_names[i] + "=" + word;

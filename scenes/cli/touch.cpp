@@ -227,15 +227,15 @@ const char* wordFor(Hold hold, bool friction) {
   return "idle";
 }
 
-const char* wordFor(ModeMemory::Contact contact) {
-  switch (contact) {
-    case ModeMemory::Contact::kUnknown:
+const char* wordFor(Side side) {
+  switch (side) {
+    case Side::kUnknown:
       break;
-    case ModeMemory::Contact::kOutside:
+    case Side::kOutside:
       return "outside";
-    case ModeMemory::Contact::kYielded:
+    case Side::kYielded:
       return "yielded";
-    case ModeMemory::Contact::kInside:
+    case Side::kInside:
       return "inside";
   }
   return "unknown";

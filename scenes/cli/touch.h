@@ -99,7 +99,7 @@ struct Load {
 
 /// "idle", "holds", "yields", "pushes"; of friction "idle", "sticks", "slips".
 [[nodiscard]] const char* wordFor(Hold hold, bool friction = false);
-[[nodiscard]] const char* wordFor(ModeMemory::Contact contact);
+[[nodiscard]] const char* wordFor(Side side);
 [[nodiscard]] const char* wordFor(SolverKind kind);
 
 /// For people: a few digits, rounding noise as 0.

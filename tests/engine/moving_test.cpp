@@ -382,7 +382,7 @@ TEST_CASE("a fast body does not run through a hand", "[modes][moving]") {
     bool limited = false;
     for (int i = 0; i < 1000; ++i) {
       limited = hand.at(Vec3::Zero()).status != StepStatus::kConverged || limited;
-      REQUIRE(hand.state.memory(0).contact == ModeMemory::Contact::kOutside);
+      REQUIRE(sideOf(hand.state.memory(0)) == Side::kOutside);
     }
     CHECK(std::abs(offSurface(hand, kRadius)) < 1e-9);
     CHECK(limited == (speed > 3.0));  // it says when it cannot be sure

@@ -93,7 +93,7 @@ TEST_CASE("pushed harder than its strength, the surface lets go at s/k", "[step]
       if (leaves < 0.0 && height < -1e-9) leaves = depth;
       // A twentieth of a voxel of a millimetre behind it, it counts as pushed through.
       if (std::abs(height + 0.05e-3) > 0.5e-5) {
-        const bool yielded = bench.state.memory(0).contact == ModeMemory::Contact::kYielded;
+        const bool yielded = sideOf(bench.state.memory(0)) == Side::kYielded;
         REQUIRE(yielded == (height < -0.05e-3));
       }
     }
@@ -301,9 +301,9 @@ TEST_CASE("a new scene keeps the proxy and forgets contacts", "[step]") {
   // A yielded contact is forgotten: the new scene's surface is left from inside for free.
   Bench weak = sphere(0.5);
   weak.go({0, 0, 1.02 * kRadius}, pressed);
-  REQUIRE(weak.state.memory(0).contact == ModeMemory::Contact::kYielded);
+  REQUIRE(sideOf(weak.state.memory(0)) == Side::kYielded);
   const StepReport swapped = hapticStep(*b.scene, weak.reader, {pressed}, weak.state, kDt);
-  CHECK(weak.state.memory(0).contact == ModeMemory::Contact::kInside);
+  CHECK(sideOf(weak.state.memory(0)) == Side::kInside);
   CHECK(swapped.force.norm() < 1e-9);
 }
 
@@ -337,7 +337,7 @@ TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides ov
   for (double z = 5e-3; z > -2e-3; z -= 1e-5) r = groove.step({3e-4, 0, z});
   for (int i = 0; i < 50; ++i) r = groove.step({3e-4, 0, -2e-3});
   CHECK(r.status == StepStatus::kConverged);
-  CHECK(groove.state.memory(0).contact == ModeMemory::Contact::kOutside);
+  CHECK(sideOf(groove.state.memory(0)) == Side::kOutside);
   CHECK(r.proxy.norm() < 2e-5);
   CHECK((r.force - 500.0 * Vec3(-3e-4, 0, 2e-3)).norm() < 0.02);
 
@@ -347,7 +347,7 @@ TEST_CASE("in a concave edge both walls hold, on a convex one the hand slides ov
     r = roof.step({x, 0, -0.4 * std::abs(x) + (x < -8e-3 ? 1e-3 : -1e-3)});
     largest = std::max(largest, r.force.norm());
   }
-  CHECK(roof.state.memory(0).contact == ModeMemory::Contact::kOutside);
+  CHECK(sideOf(roof.state.memory(0)) == Side::kOutside);
   CHECK(r.proxy.x() > 8e-3);
   CHECK(largest < 1.0);
 }

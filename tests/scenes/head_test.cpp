@@ -42,5 +42,5 @@ TEST_CASE("a tick on the head scene allocates, locks and throws nothing, and is 
   CHECK(ticks - converged < ticks / 200);  // in sulci the sub-steps may not suffice
   CHECK(two > 1000);                       // skin or brain, and tissue
   CHECK(most > 2.0);  // the brain was pressed, after the skin gave way at 1.5 N
-  CHECK(state.memory(0).contact == ModeMemory::Contact::kOutside);
+  CHECK(sideOf(state.memory(0)) == Side::kOutside);
 }

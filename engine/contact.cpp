@@ -1,0 +1,119 @@
+#include "engine/contact.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "engine/unit.h"
+
+namespace palpate {
+namespace {
+
+/// A surface is placed where it is seen from at most this far off, in voxels.
+constexpr double kSight = 2.0;
+/// And its plane is so much nearer to there at a time.
+constexpr double kStep = 0.5;
+/// A proxy this near its surface is on it: kinks that differ by rounding only are one [voxels].
+constexpr double kOnIt = 1e-9;
+/// The way of a proxy along its surface is swept this far above it, as a share of the way, which
+/// counts as a voxel at most.
+constexpr double kLift = 0.25;
+
+void put(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& anchor) noexcept {
+  contact.anchor = anchor;
+  contact.normal = sight.normal;
+  contact.across = sight.across;
+  contact.height = std::clamp(sight.off, -kStep, kStep) * skin.voxel;
+  contact.seen = true;
+}
+
+}  // namespace
+
+Sight look(const Skin& skin, double level, const Properties& read) noexcept {
+  Sight sight;
+  const Properties::Scalar& value = read.scalars[static_cast<std::size_t>(skin.value)];
+  const Vec3& gradient = read.vectors[static_cast<std::size_t>(skin.gradient)].value;
+  const Vec3& own = read.vectors[static_cast<std::size_t>(skin.cell_gradient)].value;
+  sight.data = value.inside;
+  if (!value.inside || !unit(skin.sign * gradient, sight.normal)) return sight;
+  // The slope that V really has along the normal, where that is not degenerate.
+  double slope = skin.sign * own.dot(sight.normal);
+  if (!(slope > 0.0)) slope = gradient.norm();
+  const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
+  sight.height = above / slope;
+  // How far off it is, by the steeper of the two: deep in a groove the normal points out of it
+  // while the cell's slope points across, and what lies along the normal is no distance.
+  if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
+  sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
+  sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());
+  return sight;
+}
+
+void place(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& x) noexcept {
+  if (contact.placed && !contact.touched && sight.normal.dot(contact.normal) < 0.0) {
+    // What the proxy meets next, past an edge, is found by its way.
+    if (sight.height >= 0.0) leave(contact);
+    return;
+  }
+  const double height = std::clamp(sight.height, -kStep, kStep);
+  const bool on_it = std::abs(height) < kOnIt;
+  put(contact, skin, sight, on_it ? x : Vec3(x - height * skin.voxel * sight.normal));
+  contact.placed = true;
+  contact.touched = false;
+}
+
+void drag(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& x) noexcept {
+  // Deep in a thin wall the normal turns over: that is the other side, not the surface pushed
+  // through.
+  const bool near = sight.clear && std::abs(sight.height) <= kSight;
+  if (!near || !(sight.normal.dot(contact.normal) > 0.5)) return;
+  put(contact, skin, sight, x - sight.height * skin.voxel * sight.normal);
+}
+
+void readTurn(Contact& contact, const Skin& skin, const Properties& read,
+              const Mat3& jacobian) noexcept {
+  const Vec3& gradient = read.vectors[static_cast<std::size_t>(skin.gradient)].value;
+  const Mat3 across = Mat3::Identity() - contact.normal * contact.normal.transpose();
+  const Mat3 turned = skin.sign / gradient.norm() * across * jacobian;
+  if (turned.allFinite()) contact.turn = turned;
+}
+
+TurningPlane turningOf(const Contact& contact, const Skin& skin, const Vec3& x,
+                       bool foreseen) noexcept {
+  // A plane that the surface did not place is its own slope.
+  const Vec3& across = contact.seen ? contact.across : contact.normal;
+  const double over = across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
+  const double most = kStep * skin.voxel;
+  const double height = contact.seen && !foreseen ? contact.height : std::clamp(over, -most, most);
+  return {static_cast<std::size_t>(contact.plane), contact.turn, across, height};
+}
+
+bool addContact(Contact& contact, double strength, double friction, const Vec3& p,
+                PrimitiveSet& set) noexcept {
+  if (strength <= 0.0) return true;
+  if (!set.tryAdd({PrimitiveKind::kPlane, contact.anchor, contact.normal, strength})) return false;
+  contact.plane = static_cast<int>(set.size()) - 1;
+  return friction <= 0.0 || set.tryAddFriction(p, friction);
+}
+
+void readLoad(Contact& contact, std::span<const Primitive> primitives,
+              std::span<const Vec3> forces) noexcept {
+  const auto i = static_cast<std::size_t>(contact.plane);
+  const bool bears = contact.plane >= 0 && i < primitives.size();
+  contact.load = bears ? loadOf(primitives[i], forces[i]) : Load::kNone;
+}
+
+Vec3 liftOff(const Contact& contact, double voxel, double way) noexcept {
+  if (!contact.placed) return Vec3::Zero();
+  return kLift * std::min(way, voxel) * contact.normal;
+}
+
+void carry(const Pose& by, Contact& contact) noexcept {
+  contact.anchor = by(contact.anchor);
+  contact.normal = by.rotation * contact.normal;
+  contact.turn = by.rotation * contact.turn * by.rotation.transpose();
+  contact.across = by.rotation * contact.across;
+}
+
+}  // namespace palpate

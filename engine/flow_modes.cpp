@@ -1,0 +1,97 @@
+/// The modes of a vector volume that are planes and lines along it: follow, front shape and vortex
+/// tube.
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+#include "engine/mode_place.h"
+
+namespace palpate {
+namespace {
+
+/// A flow that turns by less than this share of its speed over a voxel has no vortex: rounding.
+constexpr double kNoVortex = 1e-5;
+
+/// The direction of a primitive at the proxy that is to hold until `read`: half way between those
+/// at the two places (the trapezoidal rule). `q`: where properties were read last; `before`: at the
+/// proxy.
+Vec3 midway(const Stand& stand, const Vec3& q, Vec3& before) noexcept {
+  const bool here = stand.foreseen || stand.read == stand.proxy;
+  if (here || !(before.dot(q) > 0.0)) before = q;
+  return here ? q : Vec3((before + q).normalized());
+}
+
+/// No direction here: none to go on with either.
+bool nothing(Vec3& before) noexcept {
+  before.setZero();
+  return true;
+}
+
+/// Two opposed planes: held both ways along the normal.
+bool addSlab(const Place& place, const Vec3& position, const Vec3& normal,
+             double strength) noexcept {
+  return place.add(PrimitiveKind::kPlane, position, normal, strength) &&
+         place.add(PrimitiveKind::kPlane, position, -normal, strength);
+}
+
+}  // namespace
+
+bool emit(const FollowMode& mode, const Place& place, FollowMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  Vec3 q;
+  if (!v.inside || !unit(v.value, q)) return nothing(memory.before);
+  return place.add(PrimitiveKind::kLine, midway(place.stand, q, memory.before),
+                   mode.strength(place.at));
+}
+
+bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  Vec3 q;
+  if (!v.inside || !unit(v.value, q)) {
+    memory.placed = false;
+    return nothing(memory.before);
+  }
+  // Snap-drag: off its front by force, the proxy is still held by it, until it is let go. Else the
+  // front is at p.
+  constexpr double kOn = 1e-3;  // of the snap distance
+  const Vec3& p = place.stand.proxy;
+  const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
+  const double away = mode.two_sided ? std::abs(off) : -off;
+  if (memory.placed && away > mode.snap) memory.let_go = true;
+  if (memory.let_go) {
+    memory.placed = false;
+    return true;
+  }
+  if (!memory.placed || away <= kOn * mode.snap) {
+    memory.anchor = p;
+    memory.normal = midway(place.stand, q, memory.before);
+    memory.placed = mode.snap > 0.0;
+  }
+  const double strength = mode.strength(place.at);
+  if (mode.two_sided) return addSlab(place, memory.anchor, memory.normal, strength);
+  return place.add(PrimitiveKind::kPlane, memory.anchor, memory.normal, strength);
+}
+
+bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept {
+  const Properties::Vector& v = place.vector(mode.vector);
+  const Vec3& curl = place.vector(mode.curl).value;
+  Vec3 core;
+  if (!v.inside || !unit(curl, core)) return nothing(memory.before);
+  // What the flow turns by over a voxel: of less than rounding nothing is felt.
+  const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
+  const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
+  const double strength =
+      v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
+  const Vec3 outwards = v.value.cross(core);
+  const double radius = 2.0 * outwards.norm() / spin;  // in voxels
+  // From the core's line to the tube's planes over a voxel.
+  Vec3 radial;
+  const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
+  if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;
+  if (line >= 1.0) return nothing(memory.before);
+  return addSlab(place, place.stand.proxy, midway(place.stand, radial, memory.before),
+                 (1.0 - line) * strength);
+}
+
+}  // namespace palpate

@@ -1,0 +1,168 @@
+#include "engine/iteration.h"
+
+#include <algorithm>
+
+namespace palpate {
+namespace {
+
+/// A step so much shorter than the way before it falls fast enough to be believed.
+constexpr double kFalls = 0.25;
+/// Share of the tolerance that may be left so.
+constexpr double kRest = 0.5;
+
+void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
+  BalanceMemory& balance = tick.balance;
+  balance.primitives.clear();
+  balance.turning.clear();
+  now.voxel = std::numeric_limits<double>::infinity();
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+    if (&memory == now.rail.of) {
+      memory.emitted = 1;
+      if (!balance.primitives.tryAdd(now.rail.line)) {
+        memory.emitted = 0;
+        worsen(tick.report, StepStatus::kDropped);
+      }
+      return;
+    }
+    const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
+    const Vec3& p = body == nullptr ? tick.proxy.position : body->carried;
+    const Pose* pose = body == nullptr ? nullptr : &body->pose;
+    const Vec3& x = foreseen ? p : now.read_at;
+    const Stand stand{p, x, tick.probe, pose, foreseen};
+    if (!placeMode(felt, i, stand, tick.around.bodies.items(), balance.primitives)) {
+      worsen(tick.report, StepStatus::kDropped);
+    }
+    const Touch touch = touchOf(mode, memory);
+    if (touch.skin == nullptr || touch.contact->plane < 0) return;
+    now.voxel = std::min(now.voxel, touch.skin->voxel);
+    if (balance.turning.size() == balance.turning.capacity()) return;
+    balance.turning.push_back(turningOf(*touch.contact, *touch.skin, x, foreseen));
+  });
+  if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
+}
+
+/// Tells the trace of a balance.
+void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexcept {
+  StepTrace& trace = *tick.trace;
+  if (trace.count == trace.all.size()) return;
+  StepTrace::Step& step = trace.all[trace.count++];
+  step = {foreseen, at, tick.proxy.position, now.to.proxy, now.to.step};
+  const auto primitives = tick.balance.primitives.items();
+  std::size_t next = 0;
+  const Felt& own = tick.felt()[0];
+  for (std::size_t i = 0; i < own.graph().modes.size(); ++i) {
+    const std::size_t end = next + static_cast<std::size_t>(own.memories[i].emitted);
+    for (; next < end; ++next) {
+      const bool holds = primitives[next].kind != PrimitiveKind::kForce;
+      const Load load = loadOf(primitives[next], tick.balance.forces[next]);
+      if (holds && load == Load::kYielding) step.yields.set(i);
+    }
+  }
+}
+
+}  // namespace
+
+void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
+  ++tick.report.substeps;
+  Bodies& bodies = tick.around.bodies;
+  bodies.readAt(at);
+  for (const Felt& felt : tick.felt()) {
+    tick.report.samples += felt.bound.sample(at, *felt.properties, bodies.items());
+  }
+  now.read_at = at;
+  now.read = true;
+}
+
+void lookRound(Tick& tick) noexcept {
+  const Felt& felt = tick.felt()[0];
+  Bodies& bodies = tick.around.bodies;
+  Iteration now;
+  now.read_at = tick.proxy.position;
+  bodies.readAt(now.read_at);
+  bodies.stand(now.read_at);
+  tick.report.samples += felt.bound.sample(now.read_at, *felt.properties, bodies.items());
+  placePrimitives(tick, now, false);
+  tick.proxy.known = true;
+}
+
+bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
+  placePrimitives(tick, now, foreseen);
+  BalanceMemory& b = tick.balance;
+  // What the curve led aside of the tangent waits for the next tick.
+  const bool on_rail = now.rail.of != nullptr;
+  const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
+  const SolveResult solved =
+      solveWithFriction(probe, b.stiffness, b.primitives, tick.proxy.position, tick.scene.solver,
+                        b.warm, b.friction, b.forces);
+  if (solved.status == SolveStatus::kBadInput) return false;
+  if (solved.status == SolveStatus::kIterationLimit && !foreseen) {
+    worsen(tick.report, StepStatus::kIterationLimit);
+  }
+  tick.report.iterations += solved.iterations;
+  if (!foreseen) {
+    tick.report.error_bound = solved.error_bound;
+    tick.report.solver = solved.solver;
+  }
+  Balanced& to = now.to;
+  to.proxy = solved.proxy;
+  to.offset = on_rail ? Vec3(solved.proxy - tick.probe) : solved.offset;
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    readLoads(mode, b.primitives.items(), b.forces, memory);
+  });
+  const Vec3 residual = to.proxy - from;
+  to.step = newtonStep(to.proxy, from, b.stiffness, b.primitives.items(), b.forces, b.turning);
+  const Vec3 beyond = to.step - residual;
+  to.target = to.proxy + beyond;
+  to.target_offset = to.offset + beyond;
+  if (tick.trace != nullptr) tell(tick, now, foreseen, from);
+  return true;
+}
+
+void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
+  TrustRegion& trust = now.trust;
+  const double step = now.to.step.norm();
+  if (tick.balance.turning.empty()) {
+    trust.forgetLeast();
+  } else if (step < trust.least) {
+    trust.least = step;
+    trust.least_at = now.read_at;
+    trust.least_target = now.to.target;
+  }
+  if (now.to.step.dot(way) < -0.25 * way.squaredNorm()) {
+    trust.radius = 0.5 * std::min(way.norm(), step);
+  } else {
+    trust.radius *= 2.0;
+  }
+  trust.went = way.norm();
+}
+
+bool steady(const Tick& tick, const Iteration& now) noexcept {
+  const BalanceMemory& b = tick.balance;
+  if (b.turning.empty()) return true;
+  const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
+  const double step = now.to.step.norm();
+  const double beyond =
+      now.to.target_offset.norm() - reachOfStrengths(tick) - now.rail.waiting.norm();
+  if (beyond > tolerance) return false;
+  if (step <= tolerance) return true;
+  const double went = now.trust.went;
+  if (b.turning.size() != b.primitives.size() || step > kFalls * went) return false;
+  double bend = 0.0;
+  for (const TurningPlane& plane : b.turning) {
+    bend = std::max(bend, (b.primitives.items()[plane.index].direction - plane.across).norm());
+  }
+  return std::max(step * step / went, bend * step) <= kRest * tolerance;
+}
+
+bool certified(const Tick& tick, const Iteration& now) noexcept {
+  return !tick.balance.turning.empty() &&
+         (now.to.proxy - now.read_at).norm() <= tick.scene.step.tolerance_voxels * now.voxel;
+}
+
+double reachOfStrengths(const Tick& tick) noexcept {
+  double most = 0.0;
+  for (const Primitive& primitive : tick.balance.primitives.items()) most += primitive.strength;
+  return most / tick.balance.stiffness;
+}
+
+}  // namespace palpate

@@ -1,0 +1,69 @@
+/// Newton on the balance: what one reading leads to.
+#pragma once
+
+#include <limits>
+
+#include "engine/rail.h"
+#include "engine/tick.h"
+#include "engine/types.h"
+
+namespace palpate {
+
+/// Where a balance is, and where Newton's step on it leads.
+struct Balanced {
+  Vec3 proxy = Vec3::Zero();          ///< G(x) [m],
+  Vec3 offset = Vec3::Zero();         ///< and from the probe.
+  Vec3 step = Vec3::Zero();           ///< Newton's, from x [m],
+  Vec3 target = Vec3::Zero();         ///< which leads here [m],
+  Vec3 target_offset = Vec3::Zero();  ///< from the probe.
+};
+
+/// How far Newton's step is believed: a voxel, half as far each time that it turns back on the last
+/// one.
+struct TrustRegion {
+  double radius = std::numeric_limits<double>::infinity();  ///< [m]
+  double went = 0.0;                                        ///< Between the last two readings [m].
+  double least = std::numeric_limits<double>::infinity();   ///< The shortest step of this move [m],
+  Vec3 least_at = Vec3::Zero();                             ///< from here,
+  Vec3 least_target = Vec3::Zero();                         ///< to there.
+
+  /// None so far counts.
+  void forgetLeast() noexcept { least = std::numeric_limits<double>::infinity(); }
+};
+
+/// The iteration of one slice of a tick: volumes and hand stand.
+struct Iteration {
+  Vec3 read_at = Vec3::Zero();  ///< Where properties were read last [m],
+  bool read = false;  ///< in this slice: the next trial step begins there, not at the proxy.
+  Balanced to;
+  TrustRegion trust;
+  double voxel = std::numeric_limits<double>::infinity();  ///< The finest of what turns [m].
+  Rail rail;
+};
+
+/// Reads properties at a place [m]: step 1 of the paper's figure 1. RT: no allocation.
+void read(Tick& tick, Iteration& now, const Vec3& at) noexcept PALPATE_NONBLOCKING;
+
+/// A proxy that is new here: what its modes remember begins where it is. RT: no allocation.
+void lookRound(Tick& tick) noexcept PALPATE_NONBLOCKING;
+
+/// Places the primitives (step 2) and finds their balance (eqs. 14, 15), and Newton's step from
+/// `from` [m], where they were read. `foreseen`: by the last reading's planes, as carried along.
+/// False where a sample spoilt the balance. RT: no allocation.
+[[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
+                           const Vec3& from) noexcept PALPATE_NONBLOCKING;
+
+/// The trust region after a reading that came `way` [m] from the last.
+void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
+
+/// What is left after Newton's step is within the tolerance: the step itself is; or, where planes
+/// alone hold, it is so much shorter than the way that led to it that what follows would be, and
+/// the slopes that it leads over differ so little that it stays on them.
+[[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
+/// The balance itself is where it was read, to the tolerance.
+[[nodiscard]] bool certified(const Tick& tick, const Iteration& now) noexcept;
+
+/// As far off the hand as all that was placed can hold the proxy [m].
+[[nodiscard]] double reachOfStrengths(const Tick& tick) noexcept;
+
+}  // namespace palpate

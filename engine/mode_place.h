@@ -1,0 +1,42 @@
+/// What the modes' own files share: a mode's place in a tick, and what each of them answers.
+#pragma once
+
+#include "engine/mode.h"
+#include "engine/unit.h"
+
+namespace palpate {
+
+/// What an emit() below works with.
+struct Place {
+  const Properties& at;
+  const Stand& stand;
+  PrimitiveSet& set;
+
+  [[nodiscard]] const Properties::Scalar& scalar(int i) const noexcept {
+    return at.scalars[static_cast<std::size_t>(i)];
+  }
+  [[nodiscard]] const Properties::Vector& vector(int i) const noexcept {
+    return at.vectors[static_cast<std::size_t>(i)];
+  }
+  /// None where it has no strength. False where the set is full.
+  bool add(PrimitiveKind kind, const Vec3& position, const Vec3& direction,
+           double strength) const noexcept {
+    return strength <= 0.0 || set.tryAdd({kind, position, direction, strength});
+  }
+  /// At the proxy.
+  bool add(PrimitiveKind kind, const Vec3& direction, double strength) const noexcept {
+    return add(kind, stand.proxy, direction, strength);
+  }
+};
+
+// Step 2 of the paper's figure 1, mode by mode: false where the set was full.
+bool emit(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noexcept;
+bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memory) noexcept;
+bool emit(const FollowMode& mode, const Place& place, FollowMemory& memory) noexcept;
+bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memory) noexcept;
+bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept;
+
+/// Of a mode that is a surface: its proxy has come there.
+void settle(const IsosurfaceMode& mode, const Vec3& proxy, IsosurfaceMemory& memory) noexcept;
+
+}  // namespace palpate

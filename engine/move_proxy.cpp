@@ -1,0 +1,242 @@
+#include "engine/move_proxy.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include "engine/iteration.h"
+#include "engine/trial.h"
+
+namespace palpate {
+namespace {
+
+/// So often in a tick parts are chosen anew: each time the proxy comes 2 mm on, or farther.
+constexpr int kMostStrays = 16;
+constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
+
+/// How a slice of a tick ended.
+enum class Slice : std::uint8_t {
+  kSpoilt,   ///< A number was not finite.
+  kWaiting,  ///< Readings were used up; the rest waits.
+  kArrived,
+};
+
+/// The parts that the proxy can come to on its way to the hand are felt from now on; a trial step
+/// that leads beyond them is cut.
+void meetParts(Tick& tick) noexcept {
+  Surroundings& around = tick.around;
+  around.near.meet(tick.scene, tick.reader, tick.proxy.position, tick.probe,
+                   tick.balance.primitives, tick.report);
+  around.count = 1 + around.near.bind(tick.scene, tick.reader, std::span(around.graphs).subspan(1));
+}
+
+/// Where the proxy stands for the planes that are remembered: carried along by the volume whose
+/// surface holds it.
+Vec3 standsFor(const Tick& tick) noexcept {
+  Vec3 at = tick.proxy.position;
+  (void)anyMode(
+      tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+        const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
+        const Touch touch = touchOf(mode, memory);
+        if (touch.skin == nullptr || !touch.contact->placed || body == nullptr || !body->moved) {
+          return false;
+        }
+        at = body->carried;
+        return true;
+      });
+  return at;
+}
+
+/// The proxy goes there; what it adds to the spring's energy is counted.
+void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
+  Proxy& proxy = tick.proxy;
+  const Vec3 before = proxy.offset;
+  proxy.position = trial.end;
+  proxy.offset = trial.complete ? now.to.target_offset : Vec3(trial.end - tick.probe);
+  tick.report.waiting = now.rail.waiting;
+  tick.report.injected +=
+      std::max(0.0, tick.balance.stiffness * proxy.offset.dot(proxy.offset - before));
+  tick.around.bodies.stand(proxy.position);
+}
+
+/// Tells the trace how far the proxy went from the last balance.
+void tell(const Tick& tick, const Trial& trial) noexcept {
+  if (tick.trace->count == 0) return;
+  StepTrace::Step& step = tick.trace->all[tick.trace->count - 1];
+  step.went = trial.end;
+  step.end = trial.complete  ? StepEnd::kFree
+             : trial.strays  ? StepEnd::kParts
+             : trial.met     ? StepEnd::kSurface
+             : trial.trusted ? StepEnd::kTrusted
+                             : StepEnd::kVoxel;
+}
+
+/// Nothing holds more than its strength: what waits and is pulled by more than all that was
+/// placed can hold goes on, as far as it was read. One plane that could hold what presses on it
+/// stays, and the hand is followed along it; what else holds is come through.
+void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
+  const BalanceMemory& b = tick.balance;
+  if (b.turning.empty() || now.rail.of != nullptr) return;
+  const double held = reachOfStrengths(tick);
+  const double enough = (1.0 + 1e-9) * held;
+  const auto pulled = [&] { return (trial.end - tick.probe).norm() > enough; };
+  const auto go = [&](const Vec3& offset) {
+    now.read_at = trial.end;
+    now.to.target_offset = offset;
+    now.to.target = tick.probe + offset;
+    now.trust.radius = std::numeric_limits<double>::infinity();
+    trial = advance(tick, now, false);
+    trial.end -= trial.lift;
+  };
+  if (!pulled()) return;
+  if (b.turning.size() == 1) {
+    const Primitive& plane = b.primitives.items()[b.turning[0].index];
+    const Vec3 offset = trial.end - tick.probe;
+    const Vec3 pressed = std::max(offset.dot(plane.direction), 0.0) * plane.direction;
+    if (pressed.norm() * tick.balance.stiffness < plane.strength) {
+      const Vec3 along = offset - pressed;
+      const double left = std::sqrt(held * held - pressed.squaredNorm());
+      go(pressed + std::min(1.0, left / along.norm()) * along);
+    }
+  }
+  if (!pulled()) return;
+  eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    giveWay(mode, memory);
+  });
+  const Vec3 offset = trial.end - tick.probe;
+  go(held / offset.norm() * offset);
+}
+
+/// Where the iteration has come to an end: at the balance itself where that is certified; else
+/// where Newton's step leads, or, at the cap, the shortest of them.
+Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
+  if (arrived && certified(tick, now)) {
+    now.to.target = trial.end = now.to.proxy;
+    now.to.target_offset = now.to.offset;
+  }
+  const TrustRegion& trust = now.trust;
+  if (!arrived && trust.least < now.to.step.norm()) {
+    now.read_at = trust.least_at;
+    now.to.target = trust.least_target;
+    now.to.target_offset = now.to.target - tick.probe;
+    trial = advance(tick, now, false);
+  }
+  trial.end -= trial.lift;
+  if (!arrived) pressThrough(tick, now, trial);
+  if (tick.trace != nullptr) tell(tick, trial);
+  moveTo(tick, now, trial);
+  return arrived ? Slice::kArrived : Slice::kWaiting;
+}
+
+/// A proxy that nothing holds is at the hand; a way there that was not all looked at is remembered.
+Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
+  tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
+  const Trial there{now.to.target};
+  if (tick.trace != nullptr) tell(tick, there);
+  moveTo(tick, now, there);
+  return Slice::kArrived;
+}
+
+/// Volumes and hand stand; the proxy goes where the balance puts it. First by the primitives of the
+/// last reading; then properties are read where that led, planes placed anew, and the balance
+/// found again, until Newton's step on it is within the tolerance. At least `later` readings are
+/// left over.
+Slice follow(Tick& tick, int later) noexcept {
+  const StepParams& params = tick.scene.step;
+  Iteration now;
+  now.read_at = tick.proxy.position;
+  Vec3 from = standsFor(tick);  // of the last reading
+  bool cut = false;
+  bool met_free = false;
+  if (!balance(tick, now, true, from)) return Slice::kSpoilt;
+  for (;;) {
+    Trial trial = advance(tick, now, false);
+    const bool known = now.read && (trial.near || !cut);
+    const bool arrived = known && trial.complete && steady(tick, now);
+    const bool spent = now.read && (tick.held + later >= params.max_substeps ||
+                                    tick.report.substeps + later >= kMostSubsteps ||
+                                    (trial.strays && tick.strayed > kMostStrays));
+    // A proxy that nothing holds is at the hand, however much of its way is left to be read: that
+    // is only swept, and what the sweep meets is read.
+    const bool free = spent && !arrived && tick.balance.primitives.size() == 0;
+    if (free) trial = advance(tick, now, true);
+    const bool meets =
+        free && !trial.complete && (trial.strays ? tick.strayed <= kMostStrays : !met_free);
+    met_free = met_free || (meets && !trial.strays);
+    if (arrived || (spent && !meets)) {
+      if (!arrived && (later == 0 || free)) worsen(tick.report, StepStatus::kSubstepLimit);
+      return free ? comeToHand(tick, now, trial) : stop(tick, now, trial, arrived);
+    }
+    if (tick.trace != nullptr) tell(tick, trial);
+    cut = trial.cut;
+    read(tick, now, trial.end);
+    const Vec3 way = now.read_at - from;
+    from = now.read_at;
+    if (cut) {
+      moveTo(tick, now, trial);
+      now.trust.forgetLeast();
+      now.rail = {};
+      if (trial.strays) meetParts(tick);
+    }
+    if (!balance(tick, now, false, from)) return Slice::kSpoilt;
+    trust(tick, now, way);
+    const bool met = !trial.complete && !trial.cut && !trial.trusted;
+    if (met || now.to.offset.norm() > kFree) ++tick.held;
+  }
+}
+
+/// In how many slices the hand goes on where a stream holds the proxy: each a voxel at most, but so
+/// that each may take two readings. All at once a fast hand would be farther aside of the line at
+/// the proxy than of the curve.
+int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
+  double most = std::numeric_limits<double>::infinity();
+  eachMode(tick.felt(), [&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
+    most = std::min(most, sliceOf(mode, memory));
+  });
+  const double slices = std::ceil((tick.probe - hand_before).norm() / most);
+  const int cap = std::max(1, tick.scene.step.max_substeps / 2);
+  return static_cast<int>(std::clamp<double>(slices, 1.0, cap));
+}
+
+/// Moves the volumes to their place in a slice, and what is remembered with them.
+void moveBodies(Tick& tick, int slice, int slices) noexcept {
+  const Graph& graph = tick.scene.graph;
+  Surroundings& around = tick.around;
+  around.bodies.move(graph, slice, slices, tick.proxy.position);
+  tick.felt()[0].bound.turn(around.properties, around.bodies.items());
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const Body* body = around.bodies.of(graph.mode_motions[i]);
+    if (body != nullptr && body->moved) carry(body->carry, around.memories[i]);
+  }
+}
+
+}  // namespace
+
+bool moveProxy(Tick& tick, double time) noexcept {
+  Proxy& proxy = tick.proxy;
+  Bodies& bodies = tick.around.bodies;
+  const int moves = bodies.empty() ? 1
+                                   : bodies.plan(tick.felt(), time, proxy.position, tick.probe,
+                                                 tick.scene.step.max_substeps, tick.report);
+  if (!proxy.known) lookRound(tick);
+  if (!tick.scene.parts.empty()) meetParts(tick);
+  const Vec3 hand = tick.probe;
+  const Vec3 hand_before = proxy.position - proxy.offset;
+  const int slices = std::max(moves, handSlices(tick, hand_before));
+  const Vec3 came = (hand - hand_before) / slices;
+  Slice last = Slice::kWaiting;
+  for (int slice = 1; slice <= slices && last != Slice::kSpoilt; ++slice) {
+    if (!bodies.empty()) moveBodies(tick, slice, slices);
+    tick.probe = hand - (slices - slice) * came;
+    proxy.offset = proxy.position - tick.probe;
+    last = follow(tick, slices - slice);
+  }
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    settle(mode, proxy.position, last == Slice::kArrived, memory);
+  });
+  bodies.arrive();
+  return last != Slice::kSpoilt;
+}
+
+}  // namespace palpate

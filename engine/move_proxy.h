@@ -1,0 +1,13 @@
+/// The proxy goes where the balance puts it: Newton on the balance, slice by slice of a tick.
+#pragma once
+
+#include "engine/tick.h"
+
+namespace palpate {
+
+/// Moves proxy, volumes and what is remembered on to this tick's hand, until what was read where
+/// the proxy is balances there, or the tick's readings are used up: the report says which. False
+/// where a sample spoilt the balance. docs/tick.md. RT: no allocation.
+[[nodiscard]] bool moveProxy(Tick& tick, double time) noexcept PALPATE_NONBLOCKING;
+
+}  // namespace palpate

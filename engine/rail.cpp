@@ -1,0 +1,82 @@
+#include "engine/rail.h"
+
+#include <cmath>
+#include <variant>
+
+namespace palpate {
+namespace {
+
+/// Error of a trace's step, by the scene's tolerance. Measured: of 0.01 voxel less than 0.01
+/// comes together over 1,280 voxels of any stream tried (docs/motion_accuracy.md).
+constexpr double kTraceStep = 2.25e-3;
+
+/// Primitive `index` of mode i of what is felt. True if it holds.
+bool layAlong(Tick& tick, const FollowMode& mode, ModeMemory& of, const Felt& felt, std::size_t i,
+              std::size_t index, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
+  FollowMemory& memory = memoryOf(mode, of);
+  const Primitive& line = tick.balance.primitives.items()[index];
+  const Vec3& force = tick.balance.forces[index];
+  const Vec3 go = trial.end - line.position;
+  const Vec3 aside = balance - line.position;
+  constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
+  constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
+  memory.holds = (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * mode.voxel;
+  if (!memory.holds) return false;
+  if (std::abs(line.direction.dot(go)) < kStays * mode.voxel) return false;
+  const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
+  const double k = tick.balance.stiffness;
+  TraceOrder order;
+  order.length = line.direction.dot(go);
+  order.along = line.direction;
+  // What the line holds against: the hand, or what other primitives leave of it.
+  order.hand = line.direction.dot(aside) * line.direction - force / k;
+  const Vec3 hand = order.hand;
+  if (body != nullptr) {
+    order.along = body->pose.rotation.transpose() * order.along;
+    order.hand = body->pose.rotation.transpose() * order.hand;
+  }
+  order.tolerance = kTraceStep * tick.scene.step.tolerance_voxels;
+  order.stride = memory.stride;
+  const Trace trace = felt.bound.trace(
+      mode.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
+  memory.stride = trace.stride;
+  tick.report.traced += trace.samples;
+  const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
+  const Vec3 ahead =
+      body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
+  // Where the stream or its data end the rest is gone straight on.
+  const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
+  const Vec3 on = line.direction.dot(go) * line.direction;
+  const Vec3 shift = curve + rest * line.direction - (line.position + on);
+  // A curve that leads farther off its tangent than the line's strength reaches cannot be held,
+  // nor a place on it that the hand is farther from.
+  const Vec3 left = hand - (curve - line.position);
+  if (trace.shortened && !(left.norm() <= line.strength / k)) return true;
+  const Vec3 waiting = shift + ahead.dot(force) / k * ahead;
+  if (!(waiting.norm() <= line.strength / k)) return true;
+  rail.of = &of;
+  rail.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
+  rail.waiting = waiting;
+  trial.end += shift;
+  trial.complete = false;  // but to where properties are to be read
+  if (trace.hairpin) worsen(tick.report, StepStatus::kHairpin);
+  if (trace.capped) worsen(tick.report, StepStatus::kSubstepLimit);
+  return true;
+}
+
+}  // namespace
+
+void layRail(Tick& tick, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
+  rail.laid = true;
+  std::size_t first = 0;
+  (void)anyMode(tick.felt(),
+                [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t i) {
+                  const std::size_t index = first;
+                  first += static_cast<std::size_t>(memory.emitted);
+                  const auto* mode = std::get_if<FollowMode>(&any);
+                  if (mode == nullptr || mode->field < 0 || memory.emitted == 0) return false;
+                  return layAlong(tick, *mode, memory, felt, i, index, balance, rail, trial);
+                });
+}
+
+}  // namespace palpate

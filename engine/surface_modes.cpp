@@ -1,0 +1,154 @@
+/// The modes that are surfaces of a scalar volume: surface and isosurface.
+#include <algorithm>
+
+#include "engine/mode_place.h"
+
+namespace palpate {
+namespace {
+
+/// Pushed this far through its surface, a proxy has left it [voxels].
+constexpr double kYield = 0.05;
+/// A proxy that is farther before its plane has left it [voxels].
+constexpr double kLeft = 1e-4;
+/// A plane that is remembered holds so far from there, in voxels: as far on both ways as a surface
+/// is seen.
+constexpr double kNear = 4.0;
+
+/// Paper: through the proxy. Once it has held the proxy, on the surface of that place.
+void see(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noexcept {
+  Contact& contact = memory.contact;
+  contact.seen = false;
+  const double value = place.scalar(mode.skin.value).value;
+  if (!memory.holds) memory.captured = false;
+  if (memory.holds && !memory.captured) {
+    memory.level = value;
+    memory.captured = true;
+  }
+  const Sight sight = look(mode.skin, memory.captured ? memory.level : value, place.at);
+  if (!sight.clear || mode.strength(place.at) <= 0.0) {
+    leave(contact);
+    return;
+  }
+  if (memory.captured) {
+    palpate::place(contact, mode.skin, sight, place.stand.read);
+    return;
+  }
+  leave(contact);
+  contact.anchor = place.stand.proxy;
+  contact.normal = contact.across = sight.normal;
+  contact.height = sight.normal.dot(place.stand.read - place.stand.proxy);
+  contact.seen = true;
+  contact.placed = true;
+}
+
+/// Outside, of the surface itself: also where V was read beside it.
+double strengthOf(const IsosurfaceMode& mode, const Place& place, Side side) noexcept {
+  if (side != Side::kOutside) return mode.strength(place.at);
+  return mode.strength.at(place.at, mode.skin.value, mode.level);
+}
+
+/// On which side is the proxy of what it reads?
+Side nextSide(const IsosurfaceMode& mode, const Place& place, const Sight& sight, bool free,
+              IsosurfaceMemory& memory) noexcept {
+  const Contact& contact = memory.contact;
+  switch (memory.side) {
+    case Side::kUnknown: {
+      // On the surface, to rounding or a light press, is outside.
+      const bool resting = sight.clear && sight.height > -kYield;
+      return free || resting ? Side::kOutside : Side::kInside;
+    }
+    case Side::kInside:
+      return free ? Side::kOutside : Side::kInside;
+    case Side::kOutside: {
+      // Nothing holds where there are no data or no strength, nor where no plane is known. Read too
+      // far behind its surface for that to be seen, the plane that is remembered holds.
+      if (free && !contact.touched) return Side::kOutside;
+      const bool near =
+          contact.placed && (place.stand.read - contact.anchor).norm() <= kNear * mode.skin.voxel;
+      const bool holds =
+          sight.data && strengthOf(mode, place, Side::kOutside) > 0.0 && (sight.clear || near);
+      return holds ? Side::kOutside : Side::kInside;
+    }
+    case Side::kYielded: {
+      if (free) return Side::kOutside;
+      // Fig. 6 d: the plane stays; it fades over one voxel once the proxy is `depth` past it.
+      const double past = contact.normal.dot(contact.anchor - place.stand.read);
+      memory.share = std::clamp(1.0 - (past - mode.depth) / mode.skin.voxel, 0.0, 1.0);
+      return memory.share <= 0.0 ? Side::kInside : Side::kYielded;
+    }
+  }
+  return memory.side;
+}
+
+/// Where is the plane?
+void see(const IsosurfaceMode& mode, bool free, const Place& place,
+         IsosurfaceMemory& memory) noexcept {
+  Contact& contact = memory.contact;
+  contact.seen = false;
+  memory.share = 1.0;
+  const Sight sight = look(mode.skin, mode.level, place.at);
+  memory.side = nextSide(mode, place, sight, free, memory);
+  if (memory.side == Side::kYielded) {
+    drag(contact, mode.skin, sight, place.stand.read);
+    return;
+  }
+  if (contact.placed && memory.side == Side::kOutside && !free && !sight.clear) {
+    contact.touched = false;
+    return;
+  }
+  // In contact, or found behind the surface.
+  const bool meets = contact.placed || contact.touched || !free;
+  if (memory.side == Side::kInside || !meets || !sight.clear) {
+    leave(contact);
+    return;
+  }
+  palpate::place(contact, mode.skin, sight, place.stand.read);
+}
+
+}  // namespace
+
+bool emit(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noexcept {
+  Contact& contact = memory.contact;
+  contact.plane = -1;
+  if (!place.stand.foreseen) {
+    see(mode, place, memory);
+  } else if (!memory.captured && !memory.holds) {
+    contact.anchor = place.stand.proxy;
+  }
+  const Properties::Vector& gradient = place.vector(mode.skin.gradient);
+  if (!gradient.inside || gradient.value.isZero(0.0)) return true;
+  const bool room =
+      !contact.placed || addContact(contact, mode.strength(place.at), mode.friction(place.at),
+                                    place.stand.proxy, place.set);
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at)) && room;
+}
+
+bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memory) noexcept {
+  memory.contact.plane = -1;
+  // The sign of V - V0 counts outside the data as well: background is free or solid like the rest.
+  const Properties::Scalar& value = place.scalar(mode.skin.value);
+  const bool free = mode.skin.sign * (value.value - mode.level) >= 0.0;
+  if (!place.stand.foreseen) see(mode, free, place, memory);
+  bool room = true;
+  if (!free && value.inside && memory.side != Side::kOutside) {
+    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at));
+  }
+  if (!memory.contact.placed) return room;
+  const double strength = memory.share * strengthOf(mode, place, memory.side);
+  return addContact(memory.contact, strength, mode.friction(place.at), place.stand.proxy,
+                    place.set) &&
+         room;
+}
+
+void settle(const IsosurfaceMode& mode, const Vec3& proxy, IsosurfaceMemory& memory) noexcept {
+  Contact& contact = memory.contact;
+  if (memory.side != Side::kOutside || !contact.placed) return;
+  const double past = contact.normal.dot(contact.anchor - proxy) / mode.skin.voxel;
+  if (contact.load == Load::kYielding && past > kYield) {
+    memory.side = Side::kYielded;
+  } else if (contact.load == Load::kNone && past < -kLeft) {
+    leave(contact);
+  }
+}
+
+}  // namespace palpate

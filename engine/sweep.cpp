@@ -1,0 +1,71 @@
+#include "engine/sweep.h"
+
+namespace palpate {
+namespace {
+
+/// A shorter way along a surface is seen from where properties were read [voxels].
+constexpr double kSeen = 0.1;
+
+/// Where a way first falls through a surface, both in the resting frame of its volume.
+Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
+                   StepReport& report) noexcept {
+  const Graph& graph = felt.graph();
+  const Skin& skin = *ahead.skin;
+  const auto field = static_cast<std::size_t>(skin.field);
+  if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return {};
+  const double length = (to - from).norm();
+  if (length > skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length) return {};
+  // Where it has no strength there is nothing to meet.
+  if (!(ahead.strength->at(*felt.properties, skin.value, ahead.level) > 0.0)) return {};
+  const Crossing crossing = felt.bound.firstFall(skin, ahead.level, from, to);
+  report.walked += crossing.cells;
+  return crossing;
+}
+
+}  // namespace
+
+void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
+  const Vec3& start = now.read ? now.read_at : tick.proxy.position;
+  const double length = (trial.end - start).norm();
+  double share = 1.0;
+  Vec3 end = trial.end;
+  Contact* met = nullptr;
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+    const SurfaceAhead ahead = surfaceAhead(mode, memory);
+    if (ahead.skin == nullptr) return;
+    const auto field = static_cast<std::size_t>(ahead.skin->field);
+    const Body* body = tick.around.bodies.of(felt.graph().scalar_motions[field]);
+    const Vec3 lift = liftOff(*ahead.contact, ahead.skin->voxel, length);
+    // What led to the last reading is known to be free.
+    Vec3 from = start + lift;
+    Vec3 to = trial.end + lift;
+    if (ahead.contact->placed && (to - from).norm() < kSeen * ahead.skin->voxel && now.read) return;
+    if (body != nullptr) {
+      from = now.read ? body->pose.toRest(from)
+                      : Vec3(body->from + body->pose.rotation.transpose() * lift);
+      to = body->pose.toRest(to);
+    }
+    const Crossing crossing = firstFall(ahead, felt, from, to, tick.report);
+    // A way that is all behind it begins behind another of its walls: that is met at once.
+    if (!crossing.found && !crossing.behind) {
+      trial.swept = trial.swept && crossing.share >= 1.0;
+      return;
+    }
+    const double at_share = crossing.found ? crossing.share : 0.0;
+    if (met != nullptr && at_share >= share) return;
+    share = at_share;
+    trial.lift = lift;
+    const Vec3 at = from + share * (to - from);
+    end = body == nullptr ? at : body->pose(at);
+    met = ahead.contact;
+  });
+  if (met == nullptr) return;
+  met->touched = true;
+  trial.end = end;
+  trial.complete = trial.trusted = false;
+  trial.swept = trial.met = true;
+  // Where nothing of it held the proxy before, there it has come to.
+  trial.cut = !met->placed;
+}
+
+}  // namespace palpate

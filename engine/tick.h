@@ -1,0 +1,74 @@
+/// What the parts of one tick share, and what is remembered for them from tick to tick.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "engine/bodies.h"
+#include "engine/felt.h"
+#include "engine/friction.h"
+#include "engine/near_parts.h"
+#include "engine/newton.h"
+#include "engine/primitive.h"
+#include "engine/properties.h"
+#include "engine/scene.h"
+#include "engine/solver.h"
+#include "engine/step_report.h"
+#include "engine/step_trace.h"
+
+namespace palpate {
+
+/// Where the proxy is.
+struct Proxy {
+  Vec3 position = Vec3::Zero();  ///< [m]
+  Vec3 offset = Vec3::Zero();    ///< From the probe [m].
+  bool placed = false;           ///< Else it begins anew, at the hand.
+  bool known = false;            ///< Properties have been read in this scene.
+  bool lost = false;             ///< It came to the hand by a way that was not looked at: contacts
+                                 ///< are forgotten at the next tick.
+};
+
+/// What is about the proxy: graphs, what their modes remember, and what moves.
+struct Surroundings {
+  Surroundings() : memories(kMaxModes), graphs(1 + kMaxNearParts) {}
+
+  [[nodiscard]] std::span<const Felt> felt() const noexcept { return {graphs.data(), count}; }
+
+  std::vector<ModeMemory> memories;  ///< Of the scene's own graph,
+  Properties properties;             ///< and what was read for it last.
+  std::vector<Felt> graphs;          ///< This tick's: that graph, then near parts;
+  std::size_t count = 1;             ///< so many.
+  NearParts near;
+  Bodies bodies;
+};
+
+/// What a balance is of, what it came to, and what the next one begins with.
+struct BalanceMemory {
+  BalanceMemory() : forces(kMaxPrimitives, Vec3::Zero()) { turning.reserve(kMaxPrimitives); }
+
+  double stiffness = 0.0;  ///< k [N/m].
+  PrimitiveSet primitives;
+  std::vector<Vec3> forces;           ///< Of each on the proxy [N].
+  std::vector<TurningPlane> turning;  ///< Those that turn.
+  WarmStart warm;
+  FrictionStart friction;
+};
+
+/// One tick.
+struct Tick {
+  const Scene& scene;
+  Reader& reader;
+  Proxy& proxy;
+  Surroundings& around;
+  BalanceMemory& balance;
+  StepReport& report;
+  StepTrace* trace;  ///< None: nobody asks.
+  Vec3 probe;        ///< The hand [m]: of this slice of the tick.
+  int held = 0;      ///< Readings after which something held the proxy.
+  int strayed = 0;   ///< Ways that led beyond the parts that were chosen.
+
+  [[nodiscard]] std::span<const Felt> felt() const noexcept { return around.felt(); }
+};
+
+}  // namespace palpate

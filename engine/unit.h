@@ -1,0 +1,18 @@
+/// Directions of vectors that may have none.
+#pragma once
+
+#include <cmath>
+
+#include "engine/types.h"
+
+namespace palpate {
+
+/// v/|v| if that is a direction; else false, and nothing written. RT: no allocation.
+[[nodiscard]] inline bool unit(const Vec3& v, Vec3& direction) noexcept {
+  const double length = v.norm();
+  if (!(length > 1e-300) || !std::isfinite(length)) return false;
+  direction = v / length;
+  return true;
+}
+
+}  // namespace palpate
