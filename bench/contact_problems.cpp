@@ -12,6 +12,7 @@
 
 #include "bench/corner_noise.h"
 #include "bench/motion_problems.h"
+#include "bench/theorem.h"
 #include "engine/step.h"
 #include "tests/support/random.h"
 
@@ -46,7 +47,7 @@ class Touch {
 
   void operator()(const Vec3& hand) {
     constexpr double kHeld = 1e-6;  // [N]
-    const StepReport report = hapticStep(*scene_, reader_, {kVoxel * hand}, state_, kMotionTick);
+    const StepReport report = provenStep(*scene_, reader_, {kVoxel * hand}, state_, kMotionTick);
     const Vec3 proxy = report.proxy / kVoxel;
     const double force = report.force.norm();
     moved_ = (proxy - proxy_).norm();

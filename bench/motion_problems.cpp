@@ -8,6 +8,7 @@
 #include <Eigen/Geometry>
 
 #include "bench/percentiles.h"
+#include "bench/theorem.h"
 #include "samplers/openvdb_grids.h"
 #include "samplers/vdb_field.h"
 #include "samplers/volume.h"
@@ -234,7 +235,7 @@ struct Engine {
     scene = makeScene(spec, {{"it", field}}, {kMotionStiffness, 0.0}, step);
   }
   StepReport tick(const Vec3& hand) {
-    return hapticStep(*scene, reader, {hand}, state, kMotionTick);
+    return provenStep(*scene, reader, {hand}, state, kMotionTick);
   }
 };
 
@@ -774,7 +775,7 @@ ShellResult pressShell(const Shell& shell, double degrees, double load, long cou
     for (int k = 0; k <= kTicks + kHeld; ++k) {
       const double before = std::max(kTicks - k - phase, 0.0) * pace;
       const StepReport r =
-          hapticStep(*scene, reader, {kVoxel * (end - before * in)}, state, kMotionTick);
+          provenStep(*scene, reader, {kVoxel * (end - before * in)}, state, kMotionTick);
       if (k == 0) continue;
       ticks += 1.0;
       out.samples += r.samples;

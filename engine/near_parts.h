@@ -28,7 +28,7 @@ struct NearPart {
 };
 
 /// Chooses the parts of a tick, and keeps what is remembered of them while they are near.
-/// docs/tick.md, Parts. Its memory is taken when it is made.
+/// docs/scale.md. Its memory is taken when it is made.
 class NearParts {
  public:
   NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}

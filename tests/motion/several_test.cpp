@@ -11,6 +11,7 @@
 #include <catch2/catch.hpp>
 
 #include "bench/motion_problems.h"
+#include "bench/theorem.h"
 #include "tests/support/random.h"
 
 using namespace palpate;
@@ -91,7 +92,7 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
       };
       // The line would hold the hand above the ball: it begins on it.
       for (int i = 0; i <= 200; ++i) {
-        (void)hapticStep(*scene, reader, {kVoxel * at(0, kRadius - 0.0128 * i, 0)}, state,
+        (void)provenStep(*scene, reader, {kVoxel * at(0, kRadius - 0.0128 * i, 0)}, state,
                          kMotionTick);
       }
       const Vec3 first = state.proxy() / kVoxel - kCentre;
@@ -105,7 +106,7 @@ TEST_CASE("a stream on a surface: the proxy stays on both, with friction and dra
       long late = 0;
       const int ticks = static_cast<int>(laps * 2.0 * kPi / step);
       for (int i = 1; i <= ticks; ++i) {
-        const StepReport r = hapticStep(
+        const StepReport r = provenStep(
             *scene, reader, {kVoxel * at(i * step, kRadius - 2.56, 0.0)}, state, kMotionTick);
         const Vec3 p = r.proxy / kVoxel;
         reads += r.samples + r.traced;
@@ -154,7 +155,7 @@ TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
                   (10.0 + up) * n);
     };
     for (int i = 0; i <= 200; ++i) {
-      (void)hapticStep(*scene, reader, {kVoxel * at(0, 3.0 - 0.02 * i, 2.0 - 0.02 * i)}, state,
+      (void)provenStep(*scene, reader, {kVoxel * at(0, 3.0 - 0.02 * i, 2.0 - 0.02 * i)}, state,
                        kMotionTick);
     }
     const double step = voxelsPerTick(0.5) / ring;
@@ -164,7 +165,7 @@ TEST_CASE("where two surfaces meet the proxy stays on both", "[motion]") {
     constexpr int kTicks = 2000;
     for (int i = 1; i <= kTicks; ++i) {
       const StepReport r =
-          hapticStep(*scene, reader, {kVoxel * at(i * step, -1.0, -2.0)}, state, kMotionTick);
+          provenStep(*scene, reader, {kVoxel * at(i * step, -1.0, -2.0)}, state, kMotionTick);
       const Vec3 p = r.proxy / kVoxel;
       samples += r.samples;
       late += r.status == StepStatus::kConverged ? 0 : 1;
@@ -197,7 +198,7 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
       ProxyState state({1e3, 1e12});
       StepReport r;
       for (int k = 0; k <= 60; ++k) {
-        r = hapticStep(*scene, reader, {kVoxel * (kCentre + (kRadius + 1.0 - 0.05 * k) * d)}, state,
+        r = provenStep(*scene, reader, {kVoxel * (kCentre + (kRadius + 1.0 - 0.05 * k) * d)}, state,
                        kMotionTick);
       }
       Vec3 hand = kCentre + (kRadius - 2.0) * d;
@@ -205,7 +206,7 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
       for (int k = 0; k < 60; ++k) {
         const Vec3 before = r.proxy;
         hand += 0.04 * t;
-        r = hapticStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
+        r = provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
         REQUIRE(state.primitives().links().size() == 1);
         const FrictionLink link = state.primitives().links()[0];
         const double load = state.forces()[link.plane].norm();
@@ -279,7 +280,7 @@ TEST_CASE("a moving ball from a grid is felt on its surface: slide, spin, head-o
       int held = 0;
       const int ticks = static_cast<int>(moves.second / kMotionTick);
       for (int i = 0; i < ticks; ++i) {
-        const StepReport r = hapticStep(*scene, reader, {still}, state, kMotionTick);
+        const StepReport r = provenStep(*scene, reader, {still}, state, kMotionTick);
         REQUIRE(r.status == StepStatus::kConverged);
         samples += r.samples;
         if (!(r.wanted.norm() > 1e-9)) continue;
@@ -351,7 +352,7 @@ TEST_CASE("a groove that moves with the hand holds as it does at rest", "[motion
               6.0 * std::sin(2.3 * t) * groove.along;
           const Vec3 moved = i * pace;
           const StepReport r =
-              hapticStep(*scene, reader, {kVoxel * hand + moved}, state, kMotionTick);
+              provenStep(*scene, reader, {kVoxel * hand + moved}, state, kMotionTick);
           deepest = std::min(deepest, groove.height((r.proxy - moved) / kVoxel));
           held += r.wanted.norm() > 1.0 ? 1 : 0;
         }
@@ -393,7 +394,7 @@ TEST_CASE("a slab that comes takes the hand along, out of a groove that holds it
           for (int i = 0; i < static_cast<int>(end / kMotionTick) + 300; ++i) {
             const double in = run % 2 == 1 ? std::min(6.0, 0.1 * i) : 0.0;
             const Vec3 probe = kVoxel * (hand - in * groove.out);
-            const StepReport r = hapticStep(*scene, reader, {probe}, state, kMotionTick);
+            const StepReport r = provenStep(*scene, reader, {probe}, state, kMotionTick);
             deepest = std::min(deepest, groove.height(r.proxy / kVoxel));
           }
           const Vec3 seen = state.bodies()[0].pose.toRest(state.proxy()) / kVoxel;
@@ -419,14 +420,14 @@ TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[
   Probed probed(std::get<0>(motion.field));
   for (int i = 0; i <= 200; ++i) {
     const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
-    (void)hapticStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
+    (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
   }
   // 4 voxels a tick: the proxy comes along at two, a voxel to the reading and one by it.
   Vec3 before = state.proxy();
   long late = 0;
   for (int i = 1; i <= 5; ++i) {
     const StepReport r =
-        hapticStep(*scene, reader, {kVoxel * motion.hand(4.0 * i)}, state, kMotionTick);
+        provenStep(*scene, reader, {kVoxel * motion.hand(4.0 * i)}, state, kMotionTick);
     CHECK((r.proxy - before).norm() <= 2.0 * kVoxel * (1.0 + 1e-9));
     late += r.status == StepStatus::kSubstepLimit ? 1 : 0;
     before = r.proxy;
@@ -434,7 +435,7 @@ TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[
   CHECK(late == 5);
   StepReport r;
   for (int i = 0; i < 30; ++i) {
-    r = hapticStep(*scene, reader, {kVoxel * motion.hand(20.0)}, state, kMotionTick);
+    r = provenStep(*scene, reader, {kVoxel * motion.hand(20.0)}, state, kMotionTick);
   }
   CHECK(r.status == StepStatus::kConverged);
   CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-3);
