@@ -21,8 +21,11 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
                              ProxyState& state, double dt) {
   const Vec3 before = state.proxy();
   const bool placed = state.time() > 0.0;
-  const StepReport r = hapticStep(scene, reader, hand, state, dt);
-  if (!proving()) return r;
+  if (!proving()) return hapticStep(scene, reader, hand, state, dt);
+  StepTrace trace;
+  const StepReport r = hapticStep(scene, reader, hand, state, dt, &trace);
+  const auto foreseen = [](const StepTrace::Step& step) { return step.foreseen; };
+  const auto slices = std::count_if(trace.steps().begin(), trace.steps().end(), foreseen);
   const double k = r.stiffness;
   const Vec3 offset = r.proxy - hand.position;
   const auto must = [&](bool holds, const char* what, double by) {
@@ -33,8 +36,8 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   must(r.status != StepStatus::kFault, "fault", 0.0);
   must(r.substeps <= kMostSubsteps, "more readings than stated", r.substeps);
 
-  // Energy: what the proxy's move adds to the spring is counted.
-  if (placed) {
+  // Energy: what the proxy's one move adds to the spring is counted.
+  if (placed && slices == 1) {
     const double rise =
         0.5 * k * (offset.squaredNorm() - (before - hand.position).squaredNorm()) - r.injected;
     must(rise <= 1e-12 + 1e-9 * k * offset.squaredNorm(), "uncounted energy [nJ]", 1e9 * rise);
@@ -46,19 +49,34 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   for (const Primitive& primitive : state.primitives().items()) strengths += primitive.strength;
   double voxel = 0.0;
   for (const FieldFrame& frame : scene.graph.scalar_frames) voxel = std::max(voxel, frame.voxel);
-  const double tolerance = scene.step.tolerance_voxels * voxel;
+  // The proxy is within the tolerance of its answer, and that of what its strengths can hold.
+  const double tolerance = 2.0 * scene.step.tolerance_voxels * voxel;
   const double over =
       k * (offset.norm() - r.waiting.norm() - tolerance - r.error_bound) - (1.0 + 1e-9) * strengths;
   must(over <= 1e-9, "force above all strengths [N]", over);
 
-  // Surfaces: none that could hold is behind the proxy.
+  // Surfaces: of none that was seen and holds is the proxy behind, by the values themselves.
   for (std::size_t i = 0; i < scene.graph.modes.size(); ++i) {
+    const auto* mode = std::get_if<IsosurfaceMode>(&scene.graph.modes[i]);
     const auto* of = std::get_if<IsosurfaceMemory>(&state.memory(i).of);
-    if (of == nullptr || of->side != Side::kOutside || !of->contact.placed) continue;
-    if (of->contact.load == Load::kYielding) continue;
-    const double behind = of->contact.normal.dot(of->contact.anchor - r.proxy);
-    must(behind <= tolerance + r.error_bound, "behind a surface that holds [voxels]",
-         behind / voxel);
+    if (mode == nullptr || of == nullptr || of->side != Side::kOutside) continue;
+    const auto plane = static_cast<std::size_t>(of->contact.plane);
+    if (!of->contact.seen || of->contact.plane < 0) continue;
+    if (loadOf(state.primitives().items()[plane], state.forces()[plane]) != Load::kHeld) continue;
+    const Skin& skin = mode->skin;
+    const auto field = static_cast<std::size_t>(skin.field);
+    if (scene.graph.scalar_motions[field] >= 0) continue;
+    const ScalarField& values = *scene.graph.scalar_fields[field];
+    FieldCache cache;
+    values.reset(cache);
+    const ScalarSample at = values.sample(r.proxy, cache);
+    const double slope = values.cellGradient(r.proxy, cache).norm();
+    if (!at.inside || !(slope > 0.0)) continue;
+    const double behind =
+        skin.sign * (mode->level - at.value) * skin.metres_per_unit / (slope * skin.voxel);
+    // Where the last step leads over a face of a cell it may leave by half as much again.
+    must(behind <= 1.5 * scene.step.tolerance_voxels + r.error_bound / skin.voxel,
+         "behind a surface that holds [voxels]", behind);
   }
   return r;
 }

@@ -9,6 +9,8 @@ namespace {
 constexpr double kFalls = 0.25;
 /// Share of the tolerance that may be left so.
 constexpr double kRest = 0.5;
+/// And share of it by which the last way, not read at its end, may leave a surface.
+constexpr double kSure = 0.25;
 
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   BalanceMemory& balance = tick.balance;
@@ -46,7 +48,12 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexc
   StepTrace& trace = *tick.trace;
   if (trace.count == trace.all.size()) return;
   StepTrace::Step& step = trace.all[trace.count++];
-  step = {foreseen, at, tick.proxy.position, now.to.proxy, now.to.step};
+  step = {};
+  step.foreseen = foreseen;
+  step.at = at;
+  step.proxy = tick.proxy.position;
+  step.balance = now.to.proxy;
+  step.newton = now.to.step;
   const auto primitives = tick.balance.primitives.items();
   std::size_t next = 0;
   const Felt& own = tick.felt()[0];
@@ -136,6 +143,16 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   trust.went = way.norm();
 }
 
+double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
+  const BalanceMemory& b = tick.balance;
+  double bend = 0.0;
+  for (const TurningPlane& plane : b.turning) {
+    const Vec3& normal = b.primitives.items()[plane.index].direction;
+    bend = std::max({bend, (normal - plane.across).norm(), 0.5 * now.voxel * plane.turn.norm()});
+  }
+  return bend * way;
+}
+
 bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
   if (b.turning.empty()) return true;
@@ -147,16 +164,17 @@ bool steady(const Tick& tick, const Iteration& now) noexcept {
   if (step <= tolerance) return true;
   const double went = now.trust.went;
   if (b.turning.size() != b.primitives.size() || step > kFalls * went) return false;
-  double bend = 0.0;
-  for (const TurningPlane& plane : b.turning) {
-    bend = std::max(bend, (b.primitives.items()[plane.index].direction - plane.across).norm());
-  }
-  return std::max(step * step / went, bend * step) <= kRest * tolerance;
+  return std::max(step * step / went, leaves(tick, now, step)) <= kRest * tolerance;
 }
 
-bool certified(const Tick& tick, const Iteration& now) noexcept {
-  return !tick.balance.turning.empty() &&
-         (now.to.proxy - now.read_at).norm() <= tick.scene.step.tolerance_voxels * now.voxel;
+Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
+  const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
+  const double residual = (now.to.proxy - now.read_at).norm();
+  const auto sure = [&](double way) { return leaves(tick, now, way) <= kSure * tolerance; };
+  if (tick.balance.turning.empty()) return now.to.target;
+  if (residual <= tolerance && sure(residual)) return now.to.proxy;
+  const double step = now.to.step.norm();
+  return step > tolerance || sure(step) ? now.to.target : now.read_at;
 }
 
 double reachOfStrengths(const Tick& tick) noexcept {

@@ -57,11 +57,17 @@ void lookRound(Tick& tick) noexcept PALPATE_NONBLOCKING;
 void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
 
 /// What is left after Newton's step is within the tolerance: the step itself is; or, where planes
-/// alone hold, it is so much shorter than the way that led to it that what follows would be, and
-/// the slopes that it leads over differ so little that it stays on them.
+/// alone hold, it is so much shorter than the way that led to it that what follows would be, and it
+/// stays on its surfaces.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
-/// The balance itself is where it was read, to the tolerance.
-[[nodiscard]] bool certified(const Tick& tick, const Iteration& now) noexcept;
+/// By about so much such a way from where was read leaves a surface along which it leads [m]. In a
+/// trilinear volume slopes jump at the faces of cells: by as much as c and n differ, or as n turns
+/// within half a voxel.
+[[nodiscard]] double leaves(const Tick& tick, const Iteration& now, double way) noexcept;
+/// Where the proxy is, once what is left is within the tolerance [m]: at the balance, if where was
+/// read is that near to it, to the last digit, on which friction's threshold rests; else where
+/// Newton's step leads. Where the surface is certain at neither, there where it was read.
+[[nodiscard]] Vec3 answer(const Tick& tick, const Iteration& now) noexcept;
 
 /// As far off the hand as all that was placed can hold the proxy [m].
 [[nodiscard]] double reachOfStrengths(const Tick& tick) noexcept;

@@ -108,12 +108,13 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   go(held / offset.norm() * offset);
 }
 
-/// Where the iteration has come to an end: at the balance itself where that is certified; else
-/// where Newton's step leads, or, at the cap, the shortest of them.
+/// Where the iteration has come to an end: at its answer, or, at the cap, where the shortest of its
+/// steps leads.
 Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
-  if (arrived && certified(tick, now)) {
-    now.to.target = trial.end = now.to.proxy;
-    now.to.target_offset = now.to.offset;
+  if (arrived) {
+    const Vec3 at = answer(tick, now);
+    now.to.target_offset = now.to.offset + (at - now.to.proxy);
+    now.to.target = trial.end = at;
   }
   const TrustRegion& trust = now.trust;
   if (!arrived && trust.least < now.to.step.norm()) {

@@ -105,12 +105,8 @@ Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fiel
       throw SceneError("/modes/" + std::to_string(i), "a part's mode has no place of its own",
                        "only modes of volumes can be a part's");
     }
-    // A wall of it may hold in three directions, each with its friction.
-    constexpr double kWalls = 3.0;
-    const bool walls = mode.kind == ModeKind::kIsosurface;
-    const double strength = mode.strength.highest();
-    part.most += (walls ? kWalls : 1.0) * strength * (1.0 + mode.friction.highest()) +
-                 mode.viscosity.highest();
+    part.most +=
+        mode.strength.highest() * (1.0 + mode.friction.highest()) + mode.viscosity.highest();
   }
   return part;
 }

@@ -24,7 +24,7 @@ enum class StepStatus : std::uint8_t {
                   ///< moved so far. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
-                    ///< 204 of the richest, two walls with friction and a drag, fit.
+                    ///< 341 of the richest, a wall with friction and a drag, fit.
   kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
                     ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
 };
