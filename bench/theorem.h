@@ -23,7 +23,7 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   const bool placed = state.time() > 0.0;
   if (!proving()) return hapticStep(scene, reader, hand, state, dt);
   StepTrace trace;
-  const StepReport r = hapticStep(scene, reader, hand, state, dt, &trace);
+  StepReport r = hapticStep(scene, reader, hand, state, dt, &trace);
   const auto foreseen = [](const StepTrace::Step& step) { return step.foreseen; };
   const auto slices = std::count_if(trace.steps().begin(), trace.steps().end(), foreseen);
   const double k = r.stiffness;

@@ -38,7 +38,8 @@ struct StepTrace {
 
   [[nodiscard]] std::span<const Step> steps() const noexcept { return {all.data(), count}; }
 
-  std::array<Step, 2 * kMostSubsteps> all;  ///< A reading and a foreseen balance each, at most.
+  std::array<Step, std::size_t{2} * kMostSubsteps>
+      all;  ///< A reading and a foreseen balance each, at most.
   std::size_t count = 0;
 };
 
