@@ -74,7 +74,7 @@ TEST_CASE("cubes and rough volumes hold, and next to no tick is unfinished", "[m
     double readings;
   };
   for (const auto& [wavelength, capped, readings] :
-       {Noise{12.0, 1e-3, 1.25}, {7.0, 5e-3, 1.6}, {4.5, 1e-2, 1.9}}) {
+       {Noise{12.0, 2e-3, 1.35}, {7.0, 1e-2, 1.75}, {4.5, 2e-2, 2.2}}) {
     const ContactResult r = feelNoise(wavelength, runs(34));
     checkTheorem("noise of " + std::to_string(wavelength), r);
     CHECK(r.cappedShare() <= capped);
