@@ -9,12 +9,12 @@ namespace palpate {
 namespace {
 
 /// Where bit k of a field is in a report: byte, and bit in it.
-struct Place {
+struct BitPlace {
   std::size_t byte;
   unsigned bit;
 };
 
-Place placeOf(const ReportField& field, std::uint32_t k) noexcept {
+BitPlace bitPlaceOf(const ReportField& field, std::uint32_t k) noexcept {
   if (!field.big_endian) return {(field.bit + k) / 8, (field.bit + k) % 8};
   return {field.bit / 8 + (field.bits - 1 - k) / 8, k % 8};
 }
@@ -24,7 +24,7 @@ Place placeOf(const ReportField& field, std::uint32_t k) noexcept {
 double rawOf(std::span<const std::byte> report, const ReportField& field) noexcept {
   std::uint32_t raw = 0;
   for (std::uint32_t k = 0; k < field.bits; ++k) {
-    const Place place = placeOf(field, k);
+    const BitPlace place = bitPlaceOf(field, k);
     if (((report[place.byte] >> place.bit) & std::byte{1}) != std::byte{0}) raw |= 1U << k;
   }
   switch (field.type) {
@@ -50,7 +50,7 @@ void putRaw(std::span<std::byte> report, const ReportField& field, double raw) n
     bits = static_cast<std::uint32_t>(static_cast<std::int64_t>(std::llround(value)));
   }
   for (std::uint32_t k = 0; k < field.bits; ++k) {
-    const Place place = placeOf(field, k);
+    const BitPlace place = bitPlaceOf(field, k);
     const std::byte one = std::byte{1} << place.bit;
     std::byte& to = report[place.byte];
     to = (bits >> k & 1U) != 0 ? to | one : to & ~one;

@@ -5,7 +5,12 @@ BUILD has a compile_commands.json. A source has passed as it is when a stamp say
 by a hash of clang-tidy's version, its configuration, the compile command, and the bytes of every
 file that the source includes, the system's among them. Stamps lie in the user's cache folder, as
 ccache's objects do, so that a fresh clone knows what another has passed. --all asks no stamp, and
-the one check that is slow as well."""
+the one check that is slow as well.
+
+Most of the time goes into headers, which clang-tidy 14 reads and matches anew for every source. So
+sources with the same flags are asked several in one unit; those of a unit with complaints, also
+where they do not compile side by side, are asked again, each alone, and only that counts."""
+import collections
 import concurrent.futures
 import contextlib
 import hashlib
@@ -27,6 +32,7 @@ TIDY = ["clang-tidy", "-quiet", "--extra-arg=-Wno-unknown-warning-option",
         "--extra-arg=-Wno-unused-command-line-argument",
         "--extra-arg=-Wno-ignored-optimization-argument",
         *(f"--extra-arg={a}" for a in ("-Xclang", "-analyzer-config", "-Xclang", "mode=shallow"))]
+TOGETHER = 8        # sources of a unit at most: more take more memory, and end less evenly
 
 
 def output_of(command):
@@ -56,10 +62,12 @@ class Stamps:
         self.hashes = {}
         # The same in every clone.
         self.here = lambda text: text.replace(str(build), "build").replace(str(ROOT), ".")
-        self.commands = {}
+        self.entries = {}
         for entry in json.loads((build / "compile_commands.json").read_text()):
             file = str(Path(entry["file"]).resolve())
-            self.commands.setdefault(file, []).append(self.here(entry["command"]))
+            self.entries.setdefault(file, []).append(entry["command"])
+        self.commands = {file: [self.here(c) for c in commands]
+                         for file, commands in self.entries.items()}
         self.common = "\n".join([VERSION, *TIDY, SLOW, (ROOT / ".clang-tidy").read_text()])
 
     def hash_of(self, file):
@@ -76,13 +84,73 @@ class Stamps:
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def tidy(build, source, every):
+def tidy(build, source, every, *more):
     """Whether it has passed, and what clang-tidy has to say."""
     checks = [] if every else [f"-checks=-{SLOW}"]
-    run = subprocess.run([*TIDY, *checks, "-p", str(build), source], stdout=subprocess.PIPE,
+    run = subprocess.run([*TIDY, *checks, *more, "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
     words = run.stdout + run.stderr
     return run.returncode == 0, words or f"{source}: clang-tidy ended with {run.returncode}"
+
+
+def own_names(text):
+    """What a source defines for itself, roughly: what two of them may both define."""
+    names = {"main"} if re.search(r"^int main\(", text, re.M) else set()
+    for inside in re.findall(r"^namespace \{\n(.*?)^\}  // namespace$", text, re.M | re.S):
+        # What is not indented is at the namespace's own level.
+        for line in re.findall(r"^[A-Za-z].*", inside, re.M):
+            names.update(re.findall(r"\b(?:struct|class|enum class) (\w+)", line))
+            if not re.match(r"using (namespace |\w+::)", line):
+                names.update(re.findall(r"\b(\w+)(?=\(| =|\{|\[|;)", line)[:1])
+    return names
+
+
+def unit_of(sources):
+    """One text that includes them: what they include first, so that a name which several of them
+    define can be told apart where it is their own."""
+    texts = {source: Path(source).read_text() for source in sources}
+    headers = dict.fromkeys(h for t in texts.values() for h in re.findall(r"^#include .*", t, re.M))
+    lines = [*headers]
+    seen = collections.Counter()
+    for source, text in texts.items():
+        again = sorted(name for name in own_names(text) if seen[name])
+        lines += [f"#define {name} {name}{chr(ord('A') + seen[name])}" for name in again]
+        lines += [f'#include "{source}"  // NOLINT(bugprone-suspicious-include)', *(f"#undef {name}" for name in again)]
+        seen.update(own_names(text))
+    return "\n".join(lines) + "\n"
+
+
+def units(stamps, build, sources):
+    """Sources that are compiled alike, several to a unit: [(file, sources)]."""
+    alike = collections.defaultdict(list)
+    for source in sources:
+        commands = stamps.entries.get(source, [])
+        flags = re.sub(r" -o \S+ -c \S+$", "", commands[0]) if commands else None
+        alike[flags if flags else source].append(source)
+    folder = build / "units"
+    folder.mkdir(exist_ok=True)
+    found, commands = [], []
+    for flags, group in alike.items():
+        parts = -(-len(group) // TOGETHER)
+        for part in (group[i::parts] for i in range(parts)):
+            file = folder / f"unit{len(found)}.cpp"
+            if len(part) > 1:
+                file.write_text(unit_of(part))
+                commands.append({"directory": str(build), "file": str(file),
+                                 "command": f"{flags} -c {file}"})
+            found.append((str(file), part))
+    (folder / "compile_commands.json").write_text(json.dumps(commands))
+    return found
+
+
+def ask(build, unit, every):
+    """For each source of a unit, whether it has passed, and what clang-tidy has to say."""
+    file, sources = unit
+    if len(sources) > 1:
+        own = r"-header-filter=.*/(engine|samplers|devices|scenes|tests|bench)/.*\.(h|cpp)$"
+        if tidy(build / "units", file, every, own)[0]:
+            return [(source, True, "") for source in sources]
+    return [(source, *tidy(build, source, every)) for source in sources]
 
 
 def main():
@@ -105,13 +173,13 @@ def main():
             left[source] = stamp
     bad = 0
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        for stamp, (passed, words) in zip(
-                left.values(), pool.map(lambda s: tidy(build, s, every), left)):
+        asked = pool.map(lambda unit: ask(build, unit, every), units(stamps, build, left))
+        for source, passed, words in (answer for answers in asked for answer in answers):
             if not passed:
                 bad += 1
                 print(words, file=sys.stderr)
-            elif stamp is not None:
-                stamp.touch()
+            elif left[source] is not None:
+                left[source].touch()
     print(f"tidy: {len(sources)} sources, {len(sources) - len(left)} of them passed before as they "
           f"are, {bad} with complaints")
     return 1 if bad else 0

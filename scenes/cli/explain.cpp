@@ -380,7 +380,8 @@ bool isSlab(const std::vector<Load>& loads) {
 
 /// "bone holds with 1.2 of 3 N along its normal, its friction sticks with 0.2 of 0.36 N"; empty
 /// where it carries nothing.
-std::string sentence(const std::string& name, const Mode& mode, const std::vector<Load>& loads) {
+std::string loadsInWords(const std::string& name, const Mode& mode,
+                         const std::vector<Load>& loads) {
   if (isSlab(loads)) {
     const Hold hold = holdOf(loads);
     if (hold == Hold::kIdle) return "";
@@ -427,7 +428,7 @@ OrderedJson modeReport(const Told& told, std::size_t i) {
   }
   json["primitives"] = OrderedJson::array();
   for (const Load& load : loads) json["primitives"].push_back(report(mode, load));
-  const std::string carries = sentence(told.graph().mode_names[i], mode, loads);
+  const std::string carries = loadsInWords(told.graph().mode_names[i], mode, loads);
   if (loads.empty()) {
     json["because"] = whySilent(told, i, parts, json);
   } else {
@@ -499,8 +500,8 @@ std::string limiterWords(const Told& told) {
 std::string whoHolds(const Told& told) {
   std::string who;
   for (std::size_t i = 0; i < told.modes(); ++i) {
-    const std::string carries = sentence(told.graph().mode_names[i], told.graph().modes[i],
-                                         loadsOf(told.state, told.report, i));
+    const std::string carries = loadsInWords(told.graph().mode_names[i], told.graph().modes[i],
+                                             loadsOf(told.state, told.report, i));
     if (!carries.empty()) who += (who.empty() ? "" : "; ") + carries;
   }
   return who.empty() ? "Nothing holds the proxy." : who + ".";
@@ -599,7 +600,7 @@ std::string transferText(const OrderedJson& transfer) {
 
 void printMode(const OrderedJson& mode) {
   say("mode      {}: {}{}: {}\n", text(mode["name"]), text(mode["mode"]),
-      mode["of"].is_null() ? "" : " of " + text(mode["of"]), cli::sentence(text(mode["because"])));
+      mode["of"].is_null() ? "" : " of " + text(mode["of"]), sentence(text(mode["because"])));
   std::string properties;
   for (const char* key : {"strength", "friction", "viscosity"}) {
     if (!mode.contains(key)) continue;
@@ -608,7 +609,7 @@ void printMode(const OrderedJson& mode) {
         (properties.empty() ? "" : "; ") + std::string(key) + " " + transferText(mode[key]) + unit;
   }
   if (!mode["contact"].is_null()) properties += "; contact " + text(mode["contact"]);
-  if (!properties.empty()) say("          {}\n", cli::sentence(properties));
+  if (!properties.empty()) say("          {}\n", sentence(properties));
   for (const OrderedJson& primitive : mode["primitives"]) {
     std::string where;
     if (primitive.contains("position")) where += " at " + text(primitive["position"]);
@@ -662,8 +663,8 @@ void print(const OrderedJson& json) {
   say("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
   for (const OrderedJson& field : json["fields"]) {
     say("field     {}: {}, {}; for {}\n", text(field["field"]),
-        field["sampled"].get<bool>() ? "sampled" : "not sampled",
-        cli::sentence(text(field["because"])), cli::sentence(text(field["for"])));
+        field["sampled"].get<bool>() ? "sampled" : "not sampled", sentence(text(field["because"])),
+        cli::sentence(text(field["for"])));
   }
   for (const OrderedJson& name : json["left_out"]) {
     say("field     {}: not sampled, no mode reads it\n", text(name));
@@ -677,7 +678,7 @@ void print(const OrderedJson& json) {
     say("mode      {}: left out, its strength is zero everywhere\n", text(name));
   }
   printBalance(json);
-  for (const OrderedJson& line : json["because"]) say("because   {}\n", cli::sentence(text(line)));
+  for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
 }
 
 int explain(const Options& options) {

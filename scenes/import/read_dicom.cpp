@@ -760,8 +760,8 @@ vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataArray* stored,
 /// slope * stored + intercept, slice by slice: 16 bits where that is exact, else floats. Not
 /// vtkDICOMReader's own: it reckons with all values that the bits could hold, and so clips or
 /// doubles the memory of what most scanners write.
-vtkSmartPointer<vtkDataArray> rescaled(vtkDataArray* stored, const std::vector<Slice>& slices,
-                                       const vtkUnsignedCharArray* padding) {
+vtkSmartPointer<vtkDataArray> slicesRescaled(vtkDataArray* stored, const std::vector<Slice>& slices,
+                                             const vtkUnsignedCharArray* padding) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
     return s.slope == 1.0 && s.intercept == 0.0;
   });
@@ -907,7 +907,7 @@ class DicomReader final : public Reader {
     image->SetDimensions(size.data());
     const auto hidden = hiddenOf(stored, slices);
     if (hidden != nullptr) image->GetPointData()->AddArray(hidden);
-    const auto values = rescaled(stored, slices, hidden);
+    const auto values = slicesRescaled(stored, slices, hidden);
     values->SetName("density");
     image->GetPointData()->SetScalars(values);
     content.data = image;
