@@ -79,21 +79,25 @@ void readTurn(Contact& contact, const Skin& skin, const Properties& read,
   if (turned.allFinite()) contact.turn = turned;
 }
 
-TurningPlane turningOf(const Contact& contact, const Skin& skin, const Vec3& x,
-                       bool foreseen) noexcept {
+void tellTurn(const Contact& contact, const Skin& skin, const Vec3& x, bool foreseen,
+              Varying& plane) noexcept {
+  plane.turn = contact.turn;
   // A plane that the surface did not place is its own slope.
-  const Vec3& across = contact.seen ? contact.across : contact.normal;
-  const double over = across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
+  plane.across = contact.seen ? contact.across : contact.normal;
+  const double over = plane.across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
   const double most = kStep * skin.voxel;
-  const double height = contact.seen && !foreseen ? contact.height : std::clamp(over, -most, most);
-  return {static_cast<std::size_t>(contact.plane), contact.turn, across, height};
+  plane.height = contact.seen && !foreseen ? contact.height : std::clamp(over, -most, most);
 }
 
-bool addContact(Contact& contact, double strength, double friction, const Vec3& p,
-                PrimitiveSet& set) noexcept {
+bool addContact(Contact& contact, double strength, const Vec3& slope, double friction,
+                const Vec3& p, PrimitiveSet& set) noexcept {
   if (strength <= 0.0) return true;
   if (!set.tryAdd({PrimitiveKind::kPlane, contact.anchor, contact.normal, strength})) return false;
   contact.plane = static_cast<int>(set.size()) - 1;
+  contact.varies = static_cast<int>(set.varying().size());
+  Varying& plane = set.vary();
+  plane.slope = slope;
+  plane.surface = true;
   return friction <= 0.0 || set.tryAddFriction(p, friction);
 }
 

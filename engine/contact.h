@@ -3,7 +3,6 @@
 
 #include <span>
 
-#include "engine/newton.h"
 #include "engine/placement.h"
 #include "engine/primitive.h"
 #include "engine/properties.h"
@@ -34,6 +33,7 @@ struct Contact {
   bool seen = false;            ///< put on the surface by the last reading.
   bool touched = false;         ///< A sweep met the surface where properties are read next.
   int plane = -1;               ///< The primitive of the last balance that it is; -1: none,
+  int varies = -1;              ///< and which of those that vary,
   Load load = Load::kNone;      ///< and what that did there.
 };
 
@@ -68,16 +68,18 @@ inline void leave(Contact& contact) noexcept {
 /// @param jacobian  Of the gradient [its unit / m], in W. RT: no allocation.
 void readTurn(Contact& contact, const Skin& skin, const Properties& read,
               const Mat3& jacobian) noexcept PALPATE_NONBLOCKING;
-/// The plane for Newton's step from x [m]. `foreseen`: nothing was read there, the plane is where
-/// it is remembered. RT: no allocation.
-[[nodiscard]] TurningPlane turningOf(const Contact& contact, const Skin& skin, const Vec3& x,
-                                     bool foreseen) noexcept PALPATE_NONBLOCKING;
+/// How the plane varies about x [m], for Newton's step from there. `foreseen`: nothing was read
+/// there, the plane is where it is remembered. RT: no allocation.
+void tellTurn(const Contact& contact, const Skin& skin, const Vec3& x, bool foreseen,
+              Varying& plane) noexcept PALPATE_NONBLOCKING;
 
 /// Adds the plane and, with friction, its line (eq. 11) through p; without load that is a line of
 /// no strength, so that the set of a contact stays the same from tick to tick. False if the set was
 /// full. RT: no allocation.
-[[nodiscard]] bool addContact(Contact& contact, double strength, double friction, const Vec3& p,
-                              PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
+///
+/// @param slope  Of the strength [N/m].
+[[nodiscard]] bool addContact(Contact& contact, double strength, const Vec3& slope, double friction,
+                              const Vec3& p, PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
 /// Reads off a balance what the plane bears. RT: no allocation.
 void readLoad(Contact& contact, std::span<const Primitive> primitives,

@@ -52,7 +52,8 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   touch.contact->turn.setZero();
   if (touch.contact->seen) {
     readTurn(*touch.contact, *touch.skin, *felt.properties,
-             felt.bound.gradientJacobian(*touch.skin, stand.read, bodies));
+             felt.bound.gradientJacobian(static_cast<std::size_t>(touch.skin->field), stand.read,
+                                         bodies));
   }
   return room;
 }

@@ -45,4 +45,12 @@ inline constexpr double kShortest = 1e-100;
   return v / length;
 }
 
+/// How that turns, d(v/|v|)/dx, from v's Jacobian; zero where it has none.
+[[nodiscard]] inline Mat3 turnOf(const Vec3& v, const Mat3& J) noexcept {
+  const Vec3 q = unit(v);
+  if (q.isZero(0.0)) return Mat3::Zero();
+  const Mat3 turn = (J - q * (q.transpose() * J)) / v.norm();
+  return turn.allFinite() ? turn : Mat3(Mat3::Zero());
+}
+
 }  // namespace palpate

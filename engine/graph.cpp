@@ -233,6 +233,26 @@ class Compiler {
     return graph_.units.back().to;
   }
 
+  /// How a scalar that a strength follows changes with the place is wanted as well, where it can
+  /// be known: derivatives of derivatives are not stored.
+  void followSlope(int scalar) {
+    for (ScalarRead& read : graph_.scalar_reads) {
+      if (read.value == scalar) read.slope = true;
+    }
+    for (const MagnitudeStep& step : graph_.magnitudes) {
+      if (step.to == scalar) followTurn(step.from);
+    }
+  }
+  /// And how a vector does that primitives are along.
+  void followTurn(int vector) {
+    for (ScalarRead& read : graph_.scalar_reads) {
+      if (read.gradient == vector) read.turn = true;
+    }
+    for (const UnitStep& step : graph_.units) {
+      if (step.to == vector) followTurn(step.from);
+    }
+  }
+
   /// The property that a checked name stands for.
   Slot resolve(const std::string& path, const std::string& name) {
     const auto field = fields_.find(name);
@@ -317,6 +337,7 @@ class Compiler {
       } else if (!factor.curve.isConstant() || mask) {
         scalar = mode.by.empty() ? own() : scalarInput(mode.by, path + "/by");
       }
+      if (scalar >= 0 && !factor.curve.isConstant()) followSlope(scalar);
       out.factors.push_back({factor.curve, scalar});
     }
     // What a product can reach is as bounded as a number.
@@ -402,9 +423,22 @@ class Compiler {
     }
     graph_.modes.push_back(compileMode(mode, path));
     graph_.mode_fields.push_back({support_, current_});
+    graph_.mode_voxels.push_back(finestOf(current_));
     graph_.mode_motions.push_back(motionOf(mode));
     graph_.mode_sources.push_back(number);
     graph_.mode_names.push_back(name);
+  }
+
+  [[nodiscard]] double finestOf(const FieldSet& set) const noexcept {
+    double finest = std::numeric_limits<double>::infinity();
+    const auto look = [&](const std::vector<FieldFrame>& frames, std::uint64_t bits) {
+      for (std::size_t i = 0; i < frames.size(); ++i) {
+        if ((bits >> i & 1U) != 0) finest = std::min(finest, frames[i].voxel);
+      }
+    };
+    look(graph_.scalar_frames, set.scalars);
+    look(graph_.vector_frames, set.vectors);
+    return finest;
   }
 
   Mode compileMode(const ModeSpec& mode, const std::string& path) {
@@ -486,12 +520,14 @@ class Compiler {
     ForceMode force;
     if (slot.vector) {
       force.vector = slot.index;
+      followTurn(force.vector);
       force.sign = mode.sense.value_or(Sense::kAttract) == Sense::kAttract ? 1.0 : -1.0;
       support_ = current_;
       force.strength = strength(mode, path, [&] { return magnitudeOf(slot.index); });
     } else {
       scalarVolume(mode, path);
       force.vector = gradientOf(mode.of);
+      followTurn(force.vector);
       force.sign = mode.sense.value_or(Sense::kRepel) == Sense::kAttract ? 1.0 : -1.0;
       support_ = current_;
       force.strength = strength(mode, path, [&] { return slot.index; });
@@ -524,6 +560,7 @@ class Compiler {
     }
     FrontShapeMode front;
     front.vector = vectorOf(mode, path);
+    followTurn(front.vector);
     front.two_sided = mode.two_sided;
     front.snap = mode.snap_voxels * frameOf(support_).voxel;
     front.strength = strength(mode, path, [&] { return magnitudeOf(front.vector); });

@@ -186,6 +186,8 @@ struct ScalarRead {
   int value = -1;          ///< -> Properties::scalars
   int gradient = -1;       ///< -> Properties::vectors
   int cell_gradient = -1;  ///< -> Properties::vectors
+  bool slope = false;      ///< A strength follows the value: its slope is wanted,
+  bool turn = false;       ///< and how the gradient turns.
 };
 
 /// One vector field read once.
@@ -229,6 +231,7 @@ struct Graph {
   std::vector<MagnitudeStep> magnitudes;
   std::vector<Mode> modes;
   std::vector<ModeFields> mode_fields;    ///< One a mode.
+  std::vector<double> mode_voxels;        ///< The finest that each reads [m].
   std::vector<int> mode_motions;          ///< Of what the mode is made of; -1: it stands still.
   std::vector<std::size_t> mode_sources;  ///< Each mode's number in GraphSpec.
   std::vector<std::string> mode_names;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "engine/newton.h"
+
 namespace palpate {
 namespace {
 
@@ -15,7 +17,7 @@ constexpr double kSure = 0.25;
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   BalanceMemory& balance = tick.balance;
   balance.primitives.clear();
-  balance.turning.clear();
+  balance.surfaces = 0;
   now.voxel = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
     if (&memory == now.rail.of) {
@@ -31,14 +33,22 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
     const Pose* pose = body == nullptr ? nullptr : &body->pose;
     const Vec3& x = foreseen ? p : now.read_at;
     const Stand stand{p, x, tick.probe, pose, foreseen};
+    const std::size_t before = balance.primitives.varying().size();
     if (!placeMode(felt, i, stand, tick.around.bodies.items(), balance.primitives)) {
       worsen(tick.report, StepStatus::kDropped);
     }
+    const std::span<Varying> varying = balance.primitives.varying();
+    if (varying.size() == before) return;
     const Touch touch = touchOf(mode, memory);
-    if (touch.skin == nullptr || touch.contact->plane < 0) return;
+    if (touch.skin == nullptr) {
+      now.voxel = std::min(now.voxel, felt.graph().mode_voxels[i]);
+      return;
+    }
     now.voxel = std::min(now.voxel, touch.skin->voxel);
-    if (balance.turning.size() == balance.turning.capacity()) return;
-    balance.turning.push_back(turningOf(*touch.contact, *touch.skin, x, foreseen));
+    if (touch.contact->plane < 0) return;
+    tellTurn(*touch.contact, *touch.skin, x, foreseen,
+             varying[static_cast<std::size_t>(touch.contact->varies)]);
+    ++balance.surfaces;
   });
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
@@ -69,6 +79,14 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexc
 
 }  // namespace
 
+bool anchored(const BalanceMemory& b) noexcept {
+  const auto varying = b.primitives.varying();
+  const auto pushes = [&](const Varying& one) {
+    return b.primitives.items()[one.index].kind == PrimitiveKind::kForce;
+  };
+  return b.surfaces == 0 && std::none_of(varying.begin(), varying.end(), pushes);
+}
+
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
   ++tick.report.substeps;
   Bodies& bodies = tick.around.bodies;
@@ -89,6 +107,7 @@ void lookRound(Tick& tick) noexcept {
   bodies.stand(now.read_at);
   tick.report.samples += felt.bound.sample(now.read_at, *felt.properties, bodies.items());
   placePrimitives(tick, now, false);
+  tick.proxy.beyond.setZero();
   tick.proxy.known = true;
 }
 
@@ -117,7 +136,8 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
     readLoads(mode, b.primitives.items(), b.forces, memory);
   });
   const Vec3 residual = to.proxy - from;
-  to.step = newtonStep(to.proxy, from, b.stiffness, b.primitives.items(), b.forces, b.turning);
+  to.step = newtonStep(to.proxy, from, foreseen ? Vec3(from - tick.proxy.beyond) : from,
+                       b.stiffness, b.primitives.items(), b.forces, b.primitives.varying());
   const Vec3 beyond = to.step - residual;
   to.target = to.proxy + beyond;
   to.target_offset = to.offset + beyond;
@@ -127,26 +147,38 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
 
 void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   TrustRegion& trust = now.trust;
-  const double step = now.to.step.norm();
-  if (tick.balance.turning.empty()) {
+  Balanced& to = now.to;
+  const double step = to.step.norm();
+  const bool varies = !tick.balance.primitives.varying().empty();
+  const bool by_balance = anchored(tick.balance);
+  if (!varies) {
     trust.forgetLeast();
   } else if (step < trust.least) {
     trust.least = step;
     trust.least_at = now.read_at;
-    trust.least_target = now.to.target;
+    trust.least_target = by_balance ? to.proxy : to.target;
   }
-  if (now.to.step.dot(way) < -0.25 * way.squaredNorm()) {
+  const bool free = varies && tick.balance.surfaces == 0;
+  if (to.step.dot(way) < -0.25 * way.squaredNorm()) {
     trust.radius = 0.5 * std::min(way.norm(), step);
+    trust.turned = true;
   } else {
-    trust.radius *= 2.0;
+    trust.radius *= free && trust.turned ? 0.5 : 2.0;
   }
   trust.went = way.norm();
+  const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
+  trust.closed = free && step > tolerance && trust.radius <= tolerance;
+  if (trust.closed) {
+    to.target = by_balance ? to.proxy : now.read_at;
+    to.target_offset = by_balance ? to.offset : Vec3(now.read_at - tick.probe);
+  }
 }
 
 double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
   const BalanceMemory& b = tick.balance;
   double bend = 0.0;
-  for (const TurningPlane& plane : b.turning) {
+  for (const Varying& plane : b.primitives.varying()) {
+    if (!plane.surface) continue;
     const Vec3& normal = b.primitives.items()[plane.index].direction;
     bend = std::max({bend, (normal - plane.across).norm(), 0.5 * now.voxel * plane.turn.norm()});
   }
@@ -155,15 +187,17 @@ double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
 
 bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
-  if (b.turning.empty()) return true;
+  if (b.primitives.varying().empty() || now.trust.closed) return true;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double step = now.to.step.norm();
-  const double beyond =
-      now.to.target_offset.norm() - reachOfStrengths(tick) - now.rail.waiting.norm();
-  if (beyond > tolerance) return false;
-  if (step <= tolerance) return true;
+  double reach = reachOfStrengths(tick);
+  for (const Varying& one : b.primitives.varying()) {
+    reach += std::max(0.0, one.slope.dot(now.to.step)) / b.stiffness;
+  }
+  if (now.to.target_offset.norm() - reach - now.rail.waiting.norm() > tolerance) return false;
+  if (step <= tolerance) return !anchored(b) || (now.to.proxy - now.read_at).norm() <= tolerance;
   const double went = now.trust.went;
-  if (b.turning.size() != b.primitives.size() || step > kFalls * went) return false;
+  if (b.surfaces != b.primitives.size() || step > kFalls * went) return false;
   return std::max(step * step / went, leaves(tick, now, step)) <= kRest * tolerance;
 }
 
@@ -171,7 +205,7 @@ Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double residual = (now.to.proxy - now.read_at).norm();
   const auto sure = [&](double way) { return leaves(tick, now, way) <= kSure * tolerance; };
-  if (tick.balance.turning.empty()) return now.to.target;
+  if (tick.balance.primitives.varying().empty() || now.trust.closed) return now.to.target;
   if (residual <= tolerance && sure(residual)) return now.to.proxy;
   const double step = now.to.step.norm();
   return step > tolerance || sure(step) ? now.to.target : now.read_at;

@@ -19,9 +19,11 @@ struct Balanced {
 };
 
 /// How far Newton's step is believed: a voxel, half as far each time that it turns back on the last
-/// one.
+/// one. Without surfaces half as far with every reading from then on: that is bisection.
 struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< [m]
+  bool turned = false;                                      ///< A step has turned back,
+  bool closed = false;                                      ///< and what it turns back on is found.
   double went = 0.0;                                        ///< Between the last two readings [m].
   double least = std::numeric_limits<double>::infinity();   ///< The shortest step of this move [m],
   Vec3 least_at = Vec3::Zero();                             ///< from here,
@@ -37,9 +39,13 @@ struct Iteration {
   bool read = false;  ///< in this slice: the next trial step begins there, not at the proxy.
   Balanced to;
   TrustRegion trust;
-  double voxel = std::numeric_limits<double>::infinity();  ///< The finest of what turns [m].
+  double voxel = std::numeric_limits<double>::infinity();  ///< The finest of what varies [m].
   Rail rail;
 };
+
+/// What varies is all anchored at the proxy, and nothing of it pushes: its balance, as it was read,
+/// makes no energy, and what Newton's step is beyond it might.
+[[nodiscard]] bool anchored(const BalanceMemory& b) noexcept;
 
 /// Reads properties at a place [m]: step 1 of the paper's figure 1. RT: no allocation.
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept PALPATE_NONBLOCKING;
@@ -53,12 +59,17 @@ void lookRound(Tick& tick) noexcept PALPATE_NONBLOCKING;
 [[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
                            const Vec3& from) noexcept PALPATE_NONBLOCKING;
 
-/// The trust region after a reading that came `way` [m] from the last.
+/// The trust region after a reading that came `way` [m] from the last. Forces that leap, as those
+/// towards an axis do on it, have no place where Newton's step ends; they balance where it turns
+/// back on itself however short its way: a force between those on both sides is the balance's
+/// (Filippov's solution). Closed in on to the tolerance, that is where the last reading was; where
+/// nothing pushes the balance of that reading, which makes no energy.
 void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
 
-/// What is left after Newton's step is within the tolerance: the step itself is; or, where planes
-/// alone hold, it is so much shorter than the way that led to it that what follows would be, and it
-/// stays on its surfaces.
+/// What is left after Newton's step is within the tolerance: the step itself is, and where nothing
+/// pushes and no surface holds the balance too, so that the proxy is where its primitives, which
+/// make no energy, put it; or, where planes of surfaces alone hold, it is so much shorter than the
+/// way that led to it that what follows would be, and it stays on them.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
 /// By about so much such a way from where was read leaves a surface along which it leads [m]. In a
 /// trilinear volume slopes jump at the faces of cells: by as much as c and n differ, or as n turns

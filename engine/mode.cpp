@@ -14,12 +14,14 @@ bool emit(const ForceMode& mode, const Place& place, std::monostate&) noexcept {
   const Properties::Vector& v = place.vector(mode.vector);
   Vec3 q;
   if (!v.inside || !unit(v.value, q)) return true;
-  return place.add(PrimitiveKind::kForce, mode.sign * q, mode.strength(place.at));
+  return place.add(PrimitiveKind::kForce, mode.sign * q, mode.strength(place.at),
+                   {mode.sign * turnOf(v.value, v.jacobian), mode.strength.slope(place.at)});
 }
 
 bool emit(const ViscosityMode& mode, const Place& place, std::monostate&) noexcept {
   if (!place.scalar(mode.scalar).inside) return true;
-  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.strength(place.at));
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.strength(place.at),
+                   {Mat3::Zero(), mode.strength.slope(place.at)});
 }
 
 bool emit(const GuideMode& mode, const Place& place, std::monostate&) noexcept {
@@ -54,6 +56,23 @@ double Transfer::operator()(const Properties& properties, double own) const noex
     product *= input.inside ? factor.curve(input.value) : 0.0;
   }
   return product;
+}
+
+Vec3 Transfer::slope(const Properties& properties, int except) const noexcept {
+  Vec3 sum = Vec3::Zero();
+  for (const Factor& factor : factors) {
+    if (factor.scalar < 0 || factor.scalar == except || factor.curve.isConstant()) continue;
+    const Properties::Scalar& input = properties.scalars[static_cast<std::size_t>(factor.scalar)];
+    double rate = input.inside ? factor.curve.slope(input.value) : 0.0;
+    if (rate == 0.0) continue;
+    for (const Factor& other : factors) {
+      if (&other == &factor) continue;
+      const auto i = static_cast<std::size_t>(other.scalar);
+      rate *= other.scalar < 0 ? other.curve(0.0) : other.curve(properties.scalars[i].value);
+    }
+    sum += rate * input.slope;
+  }
+  return sum;
 }
 
 double Transfer::at(const Properties& properties, int index, double value) const noexcept {

@@ -1,10 +1,21 @@
 /// What the modes' own files share: a mode's place in a tick, and what each of them answers.
 #pragma once
 
+#include "engine/flow.h"
 #include "engine/mode.h"
 #include "engine/unit.h"
 
 namespace palpate {
+
+/// How a primitive that a mode adds varies with the place where properties were read; see Varying.
+struct Variation {
+  Mat3 turn = Mat3::Zero();    ///< Of its direction [1/m].
+  Vec3 slope = Vec3::Zero();   ///< Of its strength [N/m].
+  Vec3 across = Vec3::Zero();  ///< Of a plane that turns,
+  double height = 0.0;         ///< see there.
+
+  [[nodiscard]] bool none() const noexcept { return turn.isZero(0.0) && slope.isZero(0.0); }
+};
 
 /// What an emit() below works with.
 struct Place {
@@ -19,13 +30,22 @@ struct Place {
     return at.vectors[static_cast<std::size_t>(i)];
   }
   /// None where it has no strength. False where the set is full.
-  bool add(PrimitiveKind kind, const Vec3& position, const Vec3& direction,
-           double strength) const noexcept {
-    return strength <= 0.0 || set.tryAdd({kind, position, direction, strength});
+  bool add(PrimitiveKind kind, const Vec3& position, const Vec3& direction, double strength,
+           const Variation& variation = {}) const noexcept {
+    if (strength <= 0.0) return true;
+    if (!set.tryAdd({kind, position, direction, strength})) return false;
+    if (variation.none()) return true;
+    Varying& varying = set.vary();
+    varying.turn = variation.turn;
+    varying.slope = variation.slope;
+    varying.across = variation.across;
+    varying.height = variation.height;
+    return true;
   }
   /// At the proxy.
-  bool add(PrimitiveKind kind, const Vec3& direction, double strength) const noexcept {
-    return add(kind, stand.proxy, direction, strength);
+  bool add(PrimitiveKind kind, const Vec3& direction, double strength,
+           const Variation& variation = {}) const noexcept {
+    return add(kind, stand.proxy, direction, strength, variation);
   }
 };
 

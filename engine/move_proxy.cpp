@@ -31,21 +31,23 @@ void meetParts(Tick& tick) noexcept {
   around.count = 1 + around.near.bind(tick.scene, tick.reader, std::span(around.graphs).subspan(1));
 }
 
-/// Where the proxy stands for the planes that are remembered: carried along by the volume whose
-/// surface holds it.
-Vec3 standsFor(const Tick& tick) noexcept {
-  Vec3 at = tick.proxy.position;
-  (void)anyMode(
-      tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
-        const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
-        const Touch touch = touchOf(mode, memory);
-        if (touch.skin == nullptr || !touch.contact->placed || body == nullptr || !body->moved) {
-          return false;
-        }
-        at = body->carried;
-        return true;
-      });
-  return at;
+/// Where the proxy stands for what is remembered: carried along by the volume whose surface holds
+/// it, else by one that something is felt of. `Proxy::beyond` turns with that.
+Vec3 standsFor(Tick& tick) noexcept {
+  const Body* by = nullptr;
+  (void)anyMode(tick.felt(),
+                [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
+                  const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
+                  if (body == nullptr || !body->moved) return false;
+                  const Touch touch = touchOf(mode, memory);
+                  const bool holds = touch.skin != nullptr && touch.contact->placed;
+                  const bool acts = touch.skin == nullptr && memory.emitted > 0;
+                  if (holds || (acts && by == nullptr)) by = body;
+                  return holds;
+                });
+  if (by == nullptr) return tick.proxy.position;
+  tick.proxy.beyond = by->carry.rotation * tick.proxy.beyond;
+  return by->carried;
 }
 
 /// The proxy goes there; what it adds to the spring's energy is counted.
@@ -53,6 +55,7 @@ void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
   const Vec3 before = proxy.offset;
   proxy.position = trial.end;
+  proxy.beyond = trial.end - now.read_at;
   proxy.offset = trial.complete ? now.to.target_offset : Vec3(trial.end - tick.probe);
   tick.report.waiting = now.rail.waiting;
   tick.report.injected +=
@@ -77,7 +80,7 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
 /// stays, and the hand is followed along it; what else holds is come through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
-  if (b.turning.empty() || now.rail.of != nullptr) return;
+  if (b.surfaces == 0 || now.rail.of != nullptr) return;
   const double held = reachOfStrengths(tick);
   const double enough = (1.0 + 1e-9) * held;
   const auto pulled = [&] { return (trial.end - tick.probe).norm() > enough; };
@@ -90,8 +93,11 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
     trial.end -= trial.lift;
   };
   if (!pulled()) return;
-  if (b.turning.size() == 1) {
-    const Primitive& plane = b.primitives.items()[b.turning[0].index];
+  if (b.surfaces == 1) {
+    const auto varying = b.primitives.varying();
+    const auto one = std::find_if(varying.begin(), varying.end(),
+                                  [](const Varying& varies) { return varies.surface; });
+    const Primitive& plane = b.primitives.items()[one->index];
     const Vec3 offset = trial.end - tick.probe;
     const Vec3 pressed = std::max(offset.dot(plane.direction), 0.0) * plane.direction;
     if (pressed.norm() * tick.balance.stiffness < plane.strength) {

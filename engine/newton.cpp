@@ -50,19 +50,19 @@ struct Held {
 };
 
 Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
-            std::span<const Vec3> forces, std::span<const TurningPlane> turning) noexcept {
+            std::span<const Vec3> forces, std::span<const Varying> varying) noexcept {
   Held held;
-  auto turns = turning.begin();
+  auto varies = varying.begin();
   const auto stays = [&](const Vec3& q) { held.take(q, q, q.dot(residual), q.dot(residual)); };
   for (std::size_t i = 0; i < primitives.size() && held.forces.count < 3; ++i) {
-    while (turns != turning.end() && turns->index < i) ++turns;
+    while (varies != varying.end() && varies->index < i) ++varies;
     const Primitive& primitive = primitives[i];
     if (primitive.kind == PrimitiveKind::kForce) continue;
     if (loadOf(primitive, forces[i]) != Load::kHeld) continue;
     if (primitive.kind == PrimitiveKind::kPlane) {
       const Vec3& n = primitive.direction;
-      if (turns != turning.end() && turns->index == i) {
-        held.take(n, turns->across, -turns->height, n.dot(residual));
+      if (varies != varying.end() && varies->index == i && !varies->across.isZero(0.0)) {
+        held.take(n, varies->across, -varies->height, n.dot(residual));
       } else {
         stays(n);
       }
@@ -149,23 +149,31 @@ Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primiti
 
 }  // namespace
 
-Vec3 newtonStep(const Vec3& balance, const Vec3& from, double stiffness,
+Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double stiffness,
                 std::span<const Primitive> primitives, std::span<const Vec3> forces,
-                std::span<const TurningPlane> turning) noexcept {
-  Vec3 residual = balance - from;
-  Mat3 M = Mat3::Zero();
-  bool turns = false;
-  for (const TurningPlane& plane : turning) {
-    const double load = forces[plane.index].norm();
-    M += load / stiffness * plane.turn;
-    turns = turns || load > 0.0;
+                std::span<const Varying> varying) noexcept {
+  const Vec3 residual = balance - from;
+  Mat3 surfaces = Mat3::Zero();
+  Mat3 others = Mat3::Zero();
+  bool varies = false;
+  for (const Varying& one : varying) {
+    const Primitive& primitive = primitives[one.index];
+    const Vec3& force = forces[one.index];
+    const double load = force.norm();
+    if (!(load > 0.0)) continue;
+    Mat3& M = one.surface ? surfaces : others;
+    M += load / stiffness * one.turn;
+    const bool gives_all = primitive.kind == PrimitiveKind::kForce ||
+                           (!one.slope.isZero(0.0) && loadOf(primitive, force) == Load::kYielding);
+    if (gives_all) M += force / (load * stiffness) * one.slope.transpose();
+    varies = true;
   }
-  if (!turns) return residual;
-  const Held held = heldBy(residual, primitives, forces, turning);
+  if (!varies) return residual;
+  const Held held = heldBy(residual, primitives, forces, varying);
   const Vec3 along = held.places.step();
   const Mat3 slack = Mat3::Identity() + slidingTurns(balance, stiffness, primitives, forces);
-  const Mat3 A = slack - M;
-  const Vec3 pulls = slack * residual;
+  const Mat3 A = slack - surfaces - others;
+  const Vec3 pulls = slack * residual + others * (from - read);
   Basis free{Vec3::UnitX(), Vec3::UnitY(), Vec3::UnitZ()};
   Basis places = free;
   Vec3 step = along;

@@ -50,6 +50,19 @@ enum class Load : std::uint8_t {
   return load >= kAll * primitive.strength ? Load::kYielding : Load::kHeld;
 }
 
+/// How a primitive changes with the place x where properties were read: what Newton's step
+/// (newton.h) knows of it beside the primitive itself.
+struct Varying {
+  std::size_t index = 0;       ///< Among the primitives.
+  Mat3 turn = Mat3::Zero();    ///< Of a force's or a plane's direction n: dn/dx [1/m].
+  Vec3 slope = Vec3::Zero();   ///< Of its strength: ds/dx [N/m].
+  Vec3 across = Vec3::Zero();  ///< Of a plane: the place stays on it where across . step = -height.
+                               ///< On a surface the slope c, unit, outwards, that the interpolated
+                               ///< value has at x; where values are trilinear not n.
+  double height = 0.0;         ///< So far along `across` is x above the plane [m].
+  bool surface = false;        ///< It is the plane of a surface.
+};
+
 /// Most primitives that one tick may balance.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
@@ -64,7 +77,7 @@ struct FrictionLink {
 /// The primitives of one tick. Its memory is taken when it is made, none afterwards.
 class PrimitiveSet {
  public:
-  PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives) {}
+  PrimitiveSet() : items_(kMaxPrimitives), links_(kMaxPrimitives), varying_(kMaxPrimitives) {}
 
   /// Appends one primitive; false, and nothing changed, when the set is full.
   /// RT: no allocation.
@@ -85,12 +98,19 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
+  /// How the primitive appended last varies: once each. RT: no allocation.
+  Varying& vary() noexcept {
+    Varying& last = varying_[varying_count_++];
+    last = {};
+    last.index = count_ - 1;
+    return last;
+  }
   /// The strength of a friction's line [N]. RT: no allocation.
   void setStrength(const FrictionLink& link, double strength) noexcept {
     items_[link.line].strength = strength;
   }
 
-  void clear() noexcept { count_ = link_count_ = 0; }
+  void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
   [[nodiscard]] std::size_t size() const noexcept { return count_; }
   [[nodiscard]] std::span<const Primitive> items() const noexcept {
     return {items_.data(), count_};
@@ -98,12 +118,19 @@ class PrimitiveSet {
   [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
     return {links_.data(), link_count_};
   }
+  /// Those that vary, in their order.
+  [[nodiscard]] std::span<const Varying> varying() const noexcept {
+    return {varying_.data(), varying_count_};
+  }
+  [[nodiscard]] std::span<Varying> varying() noexcept { return {varying_.data(), varying_count_}; }
 
  private:
   std::vector<Primitive> items_;
   std::vector<FrictionLink> links_;
+  std::vector<Varying> varying_;
   std::size_t count_ = 0;
   std::size_t link_count_ = 0;
+  std::size_t varying_count_ = 0;
 };
 
 }  // namespace palpate

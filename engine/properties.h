@@ -15,11 +15,14 @@ inline constexpr int kMaxProperties = 64;
 struct Properties {
   struct Scalar {
     double value = 0.0;
-    bool inside = false;  ///< False where there is no data.
+    bool inside = false;        ///< False where there is no data.
+    Vec3 slope = Vec3::Zero();  ///< Of the value as interpolated [its unit / m], in W; zero where
+                                ///< no mode's strength follows it, or where it is not known.
   };
   struct Vector {
     Vec3 value = Vec3::Zero();
     bool inside = false;
+    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; as slope.
   };
   std::array<Scalar, kMaxProperties> scalars;
   std::array<Vector, kMaxProperties> vectors;

@@ -133,21 +133,23 @@ BoundGraph Reader::bind(const Scene& scene, std::size_t part, std::size_t slot) 
 
 int BoundGraph::sample(const Vec3& p_W, Properties& out,
                        std::span<const Body> bodies) const noexcept {
-  const auto scalar = [&](int index, double value, bool inside) {
-    if (index >= 0) out.scalars[static_cast<std::size_t>(index)] = {value, inside};
+  const auto scalar = [&](int index, double value, bool inside, const Vec3& slope) {
+    if (index >= 0) out.scalars[static_cast<std::size_t>(index)] = {value, inside, slope};
   };
-  const auto vector = [&](int index, const Vec3& value, bool inside) {
-    if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside};
+  const auto vector = [&](int index, const Vec3& value, bool inside, const Mat3& jacobian) {
+    if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside, jacobian};
   };
+  const Vec3 level = Vec3::Zero();     // a slope that nobody wants or knows,
+  const Mat3 straight = Mat3::Zero();  // and a Jacobian
 
   const FieldSet wanted = fieldsAt(*graph, p_W, bodies);
   int count = 0;
   for (const ScalarRead& read : graph->scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
     if ((wanted.scalars >> i & 1U) == 0) {
-      scalar(read.value, graph->scalar_frames[i].background, false);
-      vector(read.gradient, Vec3::Zero(), false);
-      vector(read.cell_gradient, Vec3::Zero(), false);
+      scalar(read.value, graph->scalar_frames[i].background, false, level);
+      vector(read.gradient, Vec3::Zero(), false, straight);
+      vector(read.cell_gradient, Vec3::Zero(), false, straight);
       continue;
     }
     ++count;
@@ -158,18 +160,22 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const auto turned = [body](const Vec3& v) {
       return body == nullptr ? v : Vec3(body->pose.rotation * v);
     };
-    scalar(read.value, s.value, s.inside);
-    vector(read.gradient, turned(s.gradient), s.inside);
-    if (read.cell_gradient >= 0) {
-      vector(read.cell_gradient, turned(field.cellGradient(p, caches[i])), s.inside);
-    }
+    const bool own = read.cell_gradient >= 0 || read.slope;
+    const Vec3 cell_gradient = own ? turned(field.cellGradient(p, caches[i])) : level;
+    const double metres = graph->scalar_frames[i].metres_per_unit;
+    scalar(read.value, s.value, s.inside, read.slope ? Vec3(cell_gradient / metres) : level);
+    vector(read.gradient, turned(s.gradient), s.inside,
+           read.turn ? gradientJacobian(i, p_W, bodies) : straight);
+    vector(read.cell_gradient, cell_gradient, s.inside, straight);
   }
   for (const VectorRead& read : graph->vector_reads) {
     const auto i = static_cast<std::size_t>(read.field);
     if ((wanted.vectors >> i & 1U) == 0) {
-      vector(read.value, Vec3::Zero(), false);
-      vector(read.curl, Vec3::Zero(), false);
-      for (const int derived : {read.divergence, read.q, read.lambda2}) scalar(derived, 0.0, false);
+      vector(read.value, Vec3::Zero(), false, straight);
+      vector(read.curl, Vec3::Zero(), false, straight);
+      for (const int derived : {read.divergence, read.q, read.lambda2}) {
+        scalar(derived, 0.0, false, level);
+      }
       continue;
     }
     ++count;
@@ -181,26 +187,31 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
       s.value = turn * s.value;
       s.jacobian = turn * s.jacobian * turn.transpose();
     }
-    vector(read.value, s.value, s.inside);
-    vector(read.curl, curl(s.jacobian), s.inside);
-    scalar(read.divergence, divergence(s.jacobian), s.inside);
-    if (read.q >= 0) scalar(read.q, qCriterion(s.jacobian), s.inside);
-    if (read.lambda2 >= 0) scalar(read.lambda2, lambda2(s.jacobian), s.inside);
+    vector(read.value, s.value, s.inside, s.jacobian / graph->vector_frames[i].metres_per_unit);
+    vector(read.curl, curl(s.jacobian), s.inside, straight);
+    scalar(read.divergence, divergence(s.jacobian), s.inside, level);
+    if (read.q >= 0) scalar(read.q, qCriterion(s.jacobian), s.inside, level);
+    if (read.lambda2 >= 0) scalar(read.lambda2, lambda2(s.jacobian), s.inside, level);
   }
-  for (const UnitStep& step : graph->units) {
-    const Properties::Vector& v = out.vectors[static_cast<std::size_t>(step.from)];
-    vector(step.to, unit(v.value), v.inside);
-  }
-  for (const MagnitudeStep& magnitude : graph->magnitudes) {
-    const Properties::Vector& v = out.vectors[static_cast<std::size_t>(magnitude.from)];
-    scalar(magnitude.to, v.value.norm(), v.inside);
-  }
+  makeSteps(out);
   return count;
 }
 
-Mat3 BoundGraph::gradientJacobian(const Skin& skin, const Vec3& p_W,
+void BoundGraph::makeSteps(Properties& of) const noexcept {
+  for (const UnitStep& step : graph->units) {
+    const Properties::Vector& v = of.vectors[static_cast<std::size_t>(step.from)];
+    of.vectors[static_cast<std::size_t>(step.to)] = {unit(v.value), v.inside,
+                                                     turnOf(v.value, v.jacobian)};
+  }
+  for (const MagnitudeStep& step : graph->magnitudes) {
+    const Properties::Vector& v = of.vectors[static_cast<std::size_t>(step.from)];
+    of.scalars[static_cast<std::size_t>(step.to)] = {v.value.norm(), v.inside,
+                                                     v.jacobian.transpose() * unit(v.value)};
+  }
+}
+
+Mat3 BoundGraph::gradientJacobian(std::size_t i, const Vec3& p_W,
                                   std::span<const Body> bodies) const noexcept {
-  const auto i = static_cast<std::size_t>(skin.field);
   const Body* body = bodyOf(graph->scalar_motions[i], bodies);
   const Vec3& p = body == nullptr ? p_W : body->seen;
   Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
@@ -212,11 +223,17 @@ void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noex
   const auto turned = [&](int motion, int index) {
     const Body* body = bodyOf(motion, bodies);
     if (body == nullptr || !body->moved || index < 0) return;
-    Vec3& v = read.vectors[static_cast<std::size_t>(index)].value;
-    v = body->carry.rotation * v;
+    const Mat3& by = body->carry.rotation;
+    Properties::Vector& v = read.vectors[static_cast<std::size_t>(index)];
+    v.value = by * v.value;
+    v.jacobian = by * v.jacobian * by.transpose();
   };
   for (const ScalarRead& r : graph->scalar_reads) {
     const int motion = graph->scalar_motions[static_cast<std::size_t>(r.field)];
+    if (const Body* body = bodyOf(motion, bodies); body != nullptr && body->moved && r.slope) {
+      Vec3& slope = read.scalars[static_cast<std::size_t>(r.value)].slope;
+      slope = body->carry.rotation * slope;
+    }
     turned(motion, r.gradient);
     turned(motion, r.cell_gradient);
   }
@@ -225,10 +242,7 @@ void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noex
     turned(motion, r.value);
     turned(motion, r.curl);
   }
-  for (const UnitStep& step : graph->units) {
-    const Properties::Vector& v = read.vectors[static_cast<std::size_t>(step.from)];
-    read.vectors[static_cast<std::size_t>(step.to)].value = unit(v.value);
-  }
+  makeSteps(read);
 }
 
 FieldSet fieldsAt(const Graph& graph, const Vec3& p_W, std::span<const Body> bodies) noexcept {

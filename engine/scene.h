@@ -104,9 +104,9 @@ struct BoundGraph {
     const auto i = static_cast<std::size_t>(skin.field);
     return graph->scalar_fields[i]->firstFall(from, to, level, skin.sign, caches[i]);
   }
-  /// ScalarField::gradientJacobian of a surface's field in W, where sample() has read it.
-  /// RT: no allocation.
-  [[nodiscard]] Mat3 gradientJacobian(const Skin& skin, const Vec3& p_W,
+  /// ScalarField::gradientJacobian of a field, an index into Graph::scalar_fields, in W, where
+  /// sample() has read it. RT: no allocation.
+  [[nodiscard]] Mat3 gradientJacobian(std::size_t field, const Vec3& p_W,
                                       std::span<const Body> bodies) const noexcept
       PALPATE_NONBLOCKING;
   /// Along a stream, in the resting frame of its field, an index into Graph::vector_fields; see
@@ -116,6 +116,9 @@ struct BoundGraph {
     const auto i = static_cast<std::size_t>(field);
     return graph->vector_fields[i]->trace(p, order, caches[graph->scalar_fields.size() + i]);
   }
+
+  /// Directions and magnitudes of what was read. RT: no allocation.
+  void makeSteps(Properties& of) const noexcept PALPATE_NONBLOCKING;
 };
 
 /// What one thread's reads change: a cache for each field that it may read at once. Its memory is

@@ -55,6 +55,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
     proxy_.placed = true;
     proxy_.position = hand;
     proxy_.offset.setZero();
+    proxy_.beyond.setZero();
     length_rate_.forget();
   }
 }

@@ -47,6 +47,14 @@ double strengthOf(const IsosurfaceMode& mode, const Place& place, Side side) noe
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
+/// And how that changes with the place [N/m]. That one which was pushed through fades is left out:
+/// it snaps, and what it comes to is the same.
+Vec3 slopeOf(const IsosurfaceMode& mode, const Place& place,
+             const IsosurfaceMemory& memory) noexcept {
+  if (memory.side == Side::kOutside) return mode.strength.slope(place.at, mode.skin.value);
+  return memory.share * mode.strength.slope(place.at);
+}
+
 /// On which side is the proxy of what it reads?
 Side nextSide(const IsosurfaceMode& mode, const Place& place, const Sight& sight, bool free,
               IsosurfaceMemory& memory) noexcept {
@@ -118,9 +126,11 @@ bool emit(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) no
   const Properties::Vector& gradient = place.vector(mode.skin.gradient);
   if (!gradient.inside || gradient.value.isZero(0.0)) return true;
   const bool room =
-      !contact.placed || addContact(contact, mode.strength(place.at), mode.friction(place.at),
-                                    place.stand.proxy, place.set);
-  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at)) && room;
+      !contact.placed || addContact(contact, mode.strength(place.at), mode.strength.slope(place.at),
+                                    mode.friction(place.at), place.stand.proxy, place.set);
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at),
+                   {Mat3::Zero(), mode.viscosity.slope(place.at)}) &&
+         room;
 }
 
 bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memory) noexcept {
@@ -131,12 +141,13 @@ bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memo
   if (!place.stand.foreseen) see(mode, free, place, memory);
   bool room = true;
   if (!free && value.inside && memory.side != Side::kOutside) {
-    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at));
+    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at),
+                     {Mat3::Zero(), mode.viscosity.slope(place.at)});
   }
   if (!memory.contact.placed) return room;
   const double strength = memory.share * strengthOf(mode, place, memory.side);
-  return addContact(memory.contact, strength, mode.friction(place.at), place.stand.proxy,
-                    place.set) &&
+  return addContact(memory.contact, strength, slopeOf(mode, place, memory), mode.friction(place.at),
+                    place.stand.proxy, place.set) &&
          room;
 }
 

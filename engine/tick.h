@@ -9,7 +9,6 @@
 #include "engine/felt.h"
 #include "engine/friction.h"
 #include "engine/near_parts.h"
-#include "engine/newton.h"
 #include "engine/primitive.h"
 #include "engine/properties.h"
 #include "engine/scene.h"
@@ -23,6 +22,7 @@ namespace palpate {
 struct Proxy {
   Vec3 position = Vec3::Zero();  ///< [m]
   Vec3 offset = Vec3::Zero();    ///< From the probe [m].
+  Vec3 beyond = Vec3::Zero();    ///< And from where properties were read last [m].
   bool placed = false;           ///< Else it begins anew, at the hand.
   bool known = false;            ///< Properties have been read in this scene.
   bool lost = false;             ///< It came to the hand by a way that was not looked at: contacts
@@ -45,12 +45,12 @@ struct Surroundings {
 
 /// What a balance is of, what it came to, and what the next one begins with.
 struct BalanceMemory {
-  BalanceMemory() : forces(kMaxPrimitives, Vec3::Zero()) { turning.reserve(kMaxPrimitives); }
+  BalanceMemory() : forces(kMaxPrimitives, Vec3::Zero()) {}
 
   double stiffness = 0.0;  ///< k [N/m].
   PrimitiveSet primitives;
-  std::vector<Vec3> forces;           ///< Of each on the proxy [N].
-  std::vector<TurningPlane> turning;  ///< Those that turn.
+  std::vector<Vec3> forces;  ///< Of each on the proxy [N].
+  std::size_t surfaces = 0;  ///< Of the primitives that vary so many are planes of surfaces.
   WarmStart warm;
   FrictionStart friction;
 };

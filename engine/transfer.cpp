@@ -57,12 +57,25 @@ double TransferFunction::lowest() const noexcept {
   return std::min_element(knots_.begin(), knots_.end(), lower)->second;
 }
 
+std::vector<TransferFunction::Knot>::const_iterator TransferFunction::above(
+    double x) const noexcept {
+  return std::upper_bound(knots_.begin(), knots_.end(), x,
+                          [](double input, const Knot& knot) { return input < knot.first; });
+}
+
+double TransferFunction::slope(double x) const noexcept {
+  if (std::isnan(x)) return 0.0;
+  const auto after = above(x);
+  if (after == knots_.begin() || after == knots_.end()) return 0.0;
+  const Knot& a = *(after - 1);
+  const Knot& b = *after;
+  return (b.second - a.second) / (b.first - a.first);
+}
+
 double TransferFunction::operator()(double x) const noexcept {
   if (std::isnan(x)) return 0.0;
   if (knots_.size() == 1) return knots_.front().second;
-  const auto after =
-      std::upper_bound(knots_.begin(), knots_.end(), x,
-                       [](double input, const Knot& knot) { return input < knot.first; });
+  const auto after = above(x);
   if (after == knots_.begin()) return knots_.front().second;
   if (after == knots_.end()) return knots_.back().second;
   const Knot& a = *(after - 1);

@@ -30,9 +30,14 @@ class TransferFunction {
 
   /// The curve at x; 0 for NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double operator()(double x) const noexcept;
+  /// How steep it is just above x; 0 for NaN. RT: no allocation. Cost: O(log knots).
+  [[nodiscard]] double slope(double x) const noexcept;
 
  private:
   explicit TransferFunction(std::vector<Knot> knots) : knots_(std::move(knots)) {}
+  /// The first knot above x, and x no number has none.
+  [[nodiscard]] std::vector<Knot>::const_iterator above(double x) const noexcept;
+
   std::vector<Knot> knots_;
 };
 

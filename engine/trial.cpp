@@ -72,7 +72,10 @@ Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
     trial.cut = true;
     if (bodies.empty() || now.read ||
         !bodies.follow(tick.felt(), tick.proxy.position, target, trial.end)) {
-      trial.end = from + (reach / length) * line;
+      // Nor does a part of the way to a balance make energy, where that makes none.
+      const bool straight = !now.read && anchored(tick.balance);
+      const Vec3 way = straight ? Vec3(now.to.proxy - from) : line;
+      trial.end = from + std::min(1.0, reach / way.norm()) * way;
     }
   }
   if (!now.rail.laid) layRail(tick, now.to.proxy, now.rail, trial);

@@ -44,15 +44,15 @@ struct Reading {
 Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& surfaces,
                const std::vector<Primitive>& others = {}) {
   std::vector<Primitive> primitives = others;
-  std::vector<TurningPlane> turning;
+  std::vector<Varying> varying;
   for (const Surface& surface : surfaces) {
     const Vec3 g = surface.normal.gradient(x);
     const Vec3 n = g.normalized();
     const Vec3 c = surface.value.gradient(x);
     const double off = surface.value.at(x);
-    turning.push_back({primitives.size(),
+    varying.push_back({primitives.size(),
                        (Mat3::Identity() - n * n.transpose()) * surface.normal.curve / g.norm(),
-                       c.normalized(), off / c.norm()});
+                       Vec3::Zero(), c.normalized(), off / c.norm(), true});
     primitives.push_back({PrimitiveKind::kPlane, x - off / c.dot(n) * n, n, surface.strength});
   }
   std::vector<Vec3> forces(primitives.size());
@@ -61,7 +61,7 @@ Reading readAt(const Vec3& x, const Vec3& probe, const std::vector<Surface>& sur
   const SolveResult solved = solveProxy(probe, kStiffness, primitives, x, params, nullptr, forces);
   Reading out;
   out.residual = solved.proxy - x;
-  out.step = newtonStep(solved.proxy, x, kStiffness, primitives, forces, turning);
+  out.step = newtonStep(solved.proxy, x, x, kStiffness, primitives, forces, varying);
   for (std::size_t i = 0; i < primitives.size(); ++i)
     out.loads.push_back(loadOf(primitives[i], forces[i]));
   return out;
@@ -191,5 +191,6 @@ TEST_CASE("from a ridge the step goes down, and what does not turn is left alone
   const std::vector<Primitive> drag{{PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.2}};
   const std::vector<Vec3> forces{Vec3(0.1, 0.0, 0.0)};
   const Vec3 residual(1e-4, 2e-4, 3e-4);
-  CHECK(newtonStep(residual, Vec3::Zero(), kStiffness, drag, forces, {}) == residual);
+  const Vec3 x = Vec3::Zero();
+  CHECK(newtonStep(residual, x, x, kStiffness, drag, forces, {}) == residual);
 }

@@ -1,0 +1,288 @@
+// Primitives that vary with the place where they are read: strengths over a ramp, directions that
+// turn. What a tick takes for them, and what a hand feels of it.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+
+#include "engine/newton.h"
+#include "engine/step.h"
+#include "samplers/analytic_field.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using palpate::test::Random;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+constexpr double kStiffness = 500.0;
+constexpr double kVoxel = 1e-3;
+const ForceLimits kOpen{1e3, 1e12};
+
+FieldFrame frame(double metres_per_unit = 1.0) {
+  return {kVoxel, metres_per_unit, {Vec3::Constant(-1), Vec3::Constant(1)}, 0.0};
+}
+
+std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes,
+                                     const std::map<std::string, FieldPtr>& fields) {
+  GraphSpec spec;
+  spec.modes = modes;
+  return makeScene(spec, fields, {kStiffness, 0.0});
+}
+
+/// What a hand on a path feels.
+struct Feel {
+  double change = 0.0;    ///< Of the force from tick to tick [N],
+  double second = 0.0;    ///< and of that change.
+  double readings = 0.0;  ///< A tick, in the mean.
+  int unfinished = 0;     ///< Ticks.
+  double most = 0.0;      ///< Of the force [N].
+  Vec3 proxy = Vec3::Zero();
+};
+template <class Path>
+Feel along(const Scene& scene, int ticks, Path path) {
+  Reader reader;
+  ProxyState state(kOpen);
+  Feel felt;
+  std::array<Vec3, 3> force;
+  force.fill(Vec3::Zero());
+  int readings = 0;
+  for (int i = 0; i < ticks; ++i) {
+    const StepReport r = hapticStep(scene, reader, {path(i)}, state, kDt);
+    REQUIRE(r.status != StepStatus::kFault);
+    force = {r.wanted, force[0], force[1]};
+    readings += r.substeps;
+    felt.unfinished += r.status == StepStatus::kConverged ? 0 : 1;
+    felt.most = std::max(felt.most, r.wanted.norm());
+    if (i > 0) felt.change = std::max(felt.change, (force[0] - force[1]).norm());
+    if (i > 1) felt.second = std::max(felt.second, (force[0] - 2.0 * force[1] + force[2]).norm());
+    felt.proxy = r.proxy;
+  }
+  felt.readings = static_cast<double>(readings) / ticks;
+  return felt;
+}
+
+/// x [m], in units of so many metres.
+FieldPtr height(double metres_per_unit = 1.0) {
+  return makeScalarField(frame(metres_per_unit), [metres_per_unit](const Vec3& p) {
+    return ScalarSample{p.x() / metres_per_unit, Vec3::UnitX(), true};
+  });
+}
+
+}  // namespace
+
+TEST_CASE("a curve's slope is that beyond a knot, and none beyond the ends", "[transfer]") {
+  const auto curve = TransferFunction::piecewise({{0, 1}, {1, 3}, {1, 5}, {3, 4}});
+  CHECK(curve.slope(-0.1) == 0.0);
+  CHECK(curve.slope(0.0) == 2.0);
+  CHECK(curve.slope(0.9) == 2.0);
+  CHECK(curve.slope(1.0) == -0.5);
+  CHECK(curve.slope(3.0) == 0.0);
+  CHECK(curve.slope(std::nan("")) == 0.0);
+  CHECK(TransferFunction(2.0).slope(1.0) == 0.0);
+}
+
+TEST_CASE("a directed force that rises steeply is felt smoothly, by about one reading a tick",
+          "[modes][eq8]") {
+  // 2 N over so many metres: from twice to eight times as steep as the spring.
+  const double width = GENERATE(2e-3, 1e-3, 0.5e-3);
+  const double metres_per_unit = GENERATE(1.0, 1e-3);
+  ModeSpec push;
+  push.kind = ModeKind::kForce;
+  push.of = "height";
+  push.strength = TransferFunction::window(0.0, width / metres_per_unit, 2.0);
+  const auto scene = sceneOf({push}, {{"height", height(metres_per_unit)}});
+  // There and back at 10 mm/s.
+  const Feel felt = along(
+      *scene, 2000, [](int i) { return Vec3(-5e-3 + 1e-5 * (i < 1000 ? i : 2000 - i), 0, 0); });
+  CAPTURE(width, metres_per_unit, felt.second, felt.change, felt.readings);
+  CHECK(felt.most == Approx(2.0).epsilon(0.01));
+  CHECK(felt.unfinished == 0);
+  CHECK(felt.second < 0.01);
+  CHECK(felt.readings < 1.1);
+}
+
+TEST_CASE("a force towards an axis within its reach comes to rest on it", "[modes][eq8]") {
+  const double strength = GENERATE(0.1, 0.5, 2.0);
+  const auto radial = makeVectorField(frame(), [](const Vec3& p) {
+    Mat3 J = Mat3::Zero();
+    J(0, 0) = J(1, 1) = -1.0;
+    return VectorSample{Vec3(-p.x(), -p.y(), 0), J, true};
+  });
+  ModeSpec pull;
+  pull.kind = ModeKind::kForce;
+  pull.of = "radial";
+  pull.strength = strength;
+  const auto scene = sceneOf({pull}, {{"radial", radial}});
+  const double reach = strength / kStiffness;
+  // Through the axis, beside it by a hundredth of its reach, at 10 mm/s.
+  const int ticks = static_cast<int>(2.0 * reach / 1e-5);
+  const Feel felt =
+      along(*scene, ticks, [&](int i) { return Vec3(-reach + 1e-5 * i, 0.01 * reach, 1e-6 * i); });
+  CAPTURE(strength, felt.change, felt.readings, felt.unfinished);
+  CHECK(felt.change < 0.02);
+  CHECK(felt.unfinished == 0);
+  CHECK(felt.readings < 8.0);
+}
+
+TEST_CASE("round a vortex and on a front the proxy keeps its radius, however fast", "[modes]") {
+  const double speed = GENERATE(0.05, 0.2, 0.9);  // [m/s]: the hand up to a voxel a tick
+  const bool tube = GENERATE(false, true);
+  const double strength = GENERATE(0.3, 1.5);
+  ModeSpec mode;
+  mode.kind = tube ? ModeKind::kVortexTube : ModeKind::kFrontShape;
+  mode.of = tube ? "flow" : "outwards";
+  mode.strength = strength;
+  const auto outwards = makeVectorField(frame(), [](const Vec3& p) {
+    Mat3 J = Mat3::Zero();
+    J(0, 0) = J(1, 1) = 1.0;
+    return VectorSample{Vec3(p.x(), p.y(), 0), J, true};
+  });
+  const auto scene = sceneOf(
+      {mode}, {{"flow", makeVortex(Vec3::Zero(), {0, 0, 3}, 0.2, 0.5)}, {"outwards", outwards}});
+  // The proxy takes its radius at rest; then the hand goes round, outside by half of what holds.
+  constexpr double kRadius = 0.02;
+  const double outside = 0.5 * strength / kStiffness;
+  const double turn = speed * kDt / kRadius;
+  const int ticks = static_cast<int>(0.2 / (speed * kDt));
+  const Feel felt = along(*scene, ticks, [&](int i) {
+    const double r = kRadius + std::min(1.0, i / 20.0) * outside;
+    return Vec3(r * std::cos(turn * i), r * std::sin(turn * i), 0.0);
+  });
+  const double drift = std::abs(felt.proxy.head<2>().norm() - kRadius) / kVoxel;
+  CAPTURE(speed, tube, strength, drift, felt.readings, felt.second, felt.unfinished);
+  CHECK(drift < 1e-3);
+  CHECK(felt.readings < 3.0);
+  CHECK(felt.unfinished == 0);
+}
+
+TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and moved",
+          "[modes][graph]") {
+  // Values in units of 3 mm; the magnitude of a vector, its direction, and a product of curves.
+  const double unit_size = 3e-3;
+  const auto hill = makeScalarField(frame(unit_size), [=](const Vec3& p) {
+    const Vec3 u = p / unit_size;
+    return ScalarSample{std::sin(u.x()) + u.y() * u.z(), Vec3(std::cos(u.x()), u.z(), u.y()), true};
+  });
+  const auto flow = makeVectorField(frame(unit_size), [=](const Vec3& p) {
+    const Vec3 u = p / unit_size;
+    Mat3 J;
+    J << 0, 1, 0, std::cos(u.x()), 0, 0, 0, u.z(), u.y();
+    return VectorSample{Vec3(u.y() + 3.0, std::sin(u.x()), u.y() * u.z()), J, true};
+  });
+  ModeSpec pull;
+  pull.kind = ModeKind::kForce;
+  pull.of = "direction";
+  pull.strength = TransferSpec(
+      std::vector<TransferSpec::Factor>{{TransferFunction::piecewise({{-50, 0}, {50, 1}}), "hill"},
+                                        {TransferFunction::piecewise({{0, 0}, {50, 2}}), "speed"}});
+  ModeSpec slope;
+  slope.kind = ModeKind::kForce;
+  slope.of = "hill";
+  GraphSpec spec;
+  spec.modes = {pull, slope};
+  spec.modes[1].strength = 1.0;
+  spec.fields = {{"speed", {Derivation::kMagnitude, "flow"}},
+                 {"direction", {Derivation::kUnit, "flow"}}};
+  std::vector<Keyframe> keys(2);
+  keys[1].time = 1.0;
+  const Eigen::Quaterniond q(Eigen::AngleAxisd(0.7, Vec3(0.2, 0.9, -0.3).normalized()));
+  keys[1].rotation_wxyz = {q.w(), q.x(), q.y(), q.z()};
+  const auto motion = std::make_shared<const Motion>(keys, false);
+  const bool moves = GENERATE(false, true);
+  if (moves) spec.motions = {{"hill", motion}, {"flow", motion}};
+  const auto scene = makeScene(spec, {{"hill", hill}, {"flow", flow}}, {kStiffness, 0.0});
+  Reader reader;
+  const BoundGraph graph = reader.bind(*scene);
+  Random random(61);
+  for (int c = 0; c < 200; ++c) {
+    // As a moved volume sees it.
+    std::vector<Body> bodies(moves ? 1 : 0);
+    const auto readAt = [&](const Vec3& p, Properties& out) {
+      for (Body& body : bodies) {
+        body.pose = motion->poseAt(0.6);
+        body.seen = body.pose.toRest(p);
+      }
+      (void)graph.sample(p, out, bodies);
+    };
+    const Vec3 p = random.inCube(5e-3);
+    Properties at;
+    Properties above;
+    Properties below;
+    readAt(p, at);
+    const Graph& names = *graph.graph;
+    const auto vector = [&](const char* name) {
+      const auto& all = names.vector_properties;
+      const auto i = std::find(all.begin(), all.end(), name) - all.begin();
+      REQUIRE(static_cast<std::size_t>(i) < all.size());
+      return static_cast<std::size_t>(i);
+    };
+    const std::size_t direction = vector("unit of flow");
+    const std::size_t gradient = vector("gradient of hill");
+    const Transfer& strength = std::get<ForceMode>(names.modes[0]).strength;
+    constexpr double kStep = 1e-6;
+    for (int a = 0; a < 3; ++a) {
+      readAt(p + kStep * Vec3::Unit(a), above);
+      readAt(p - kStep * Vec3::Unit(a), below);
+      const double rate = (strength(above) - strength(below)) / (2.0 * kStep);
+      CHECK(strength.slope(at)[a] == Approx(rate).margin(1e-4));
+      for (const std::size_t v : {direction, gradient}) {
+        const Vec3 turn = (above.vectors[v].value - below.vectors[v].value) / (2.0 * kStep);
+        CHECK((at.vectors[v].jacobian.col(a) - turn).norm() < 1e-3 * (1.0 + turn.norm()));
+      }
+    }
+  }
+}
+
+TEST_CASE("from strengths and directions that vary Newton's step is of second order", "[newton]") {
+  // A smooth force s(x) d(x), and a point that yields with a strength of its own slope.
+  const auto force = [](const Vec3& x, Vec3& d, Varying& varies) {
+    const Vec3 u = x / 1e-3;
+    const Vec3 v(1.0 + 0.2 * u.y(), 0.3 * u.x() * u.x(), 0.5 + 0.1 * u.z());
+    Mat3 J;
+    J << 0, 0.2, 0, 0.6 * u.x(), 0, 0, 0, 0, 0.1;
+    d = v.normalized();
+    varies.turn = turnOf(v, J / 1e-3);
+    varies.slope = Vec3(0.3 * u.x(), 0.2, -0.1) / 1e-3;
+    return 1.0 + 0.15 * u.x() * u.x() + 0.2 * u.y() - 0.1 * u.z();
+  };
+  Random random(62);
+  int tried = 0;
+  for (int c = 0; c < 300; ++c) {
+    const Vec3 probe = random.inCube(1e-3);
+    const Vec3 drag_at = probe + 0.02 * random.direction();
+    const double drag = 0.1;
+    const auto stepFrom = [&](const Vec3& x, double& residual) {
+      std::array<Primitive, 2> primitives;
+      Varying varies;
+      primitives[0].kind = PrimitiveKind::kForce;
+      primitives[0].strength = force(x, primitives[0].direction, varies);
+      primitives[1] = {PrimitiveKind::kPoint, drag_at, Vec3::UnitX(),
+                       drag * (1.0 + (x - probe).x() / 5e-3)};
+      Varying of_drag;
+      of_drag.index = 1;
+      of_drag.slope = drag / 5e-3 * Vec3::UnitX();
+      std::array<Vec3, 2> forces;
+      SolverParams params;
+      params.tolerance = 1e-12;
+      const SolveResult solved = solveProxy(probe, 1000.0, primitives, x, params, nullptr, forces);
+      residual = (solved.proxy - x).norm();
+      return newtonStep(solved.proxy, x, x, 1000.0, primitives, forces,
+                        std::array<Varying, 2>{varies, of_drag});
+    };
+    Vec3 x = probe;
+    std::array<double, 8> residuals{};
+    for (double& residual : residuals) x += stepFrom(x, residual);
+    if (residuals[1] > 3e-4) continue;  // not near enough yet to say
+    ++tried;
+    // As its square, down to rounding.
+    CHECK(residuals[2] <= 4e3 * residuals[1] * residuals[1] + 1e-12);
+    CHECK(residuals[4] <= 1e-12);
+  }
+  CHECK(tried > 200);
+}
