@@ -21,5 +21,6 @@ cmake -S . -B build/lint -G Ninja -DCMAKE_CXX_COMPILER_LAUNCHER= -DPALPATE_TESTS
     { cat build/lint/configure.log; exit 1; }
 cmake --build build/lint --target palpate_bench_commit >/dev/null  # a header made by the build
 mapfile -t sources < <(git ls-files '*.cpp' | grep -v '^tests/')
+tests/tidy_test.py
 tests/tidy.py "$@" build/lint "${sources[@]}"
 echo "lint: ${#files[@]} files formatted, ${#sources[@]} sources tidy"

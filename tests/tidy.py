@@ -2,10 +2,10 @@
 """clang-tidy over sources that have not passed it as they are: tidy.py [--all] BUILD SOURCE...
 
 BUILD has a compile_commands.json. A source has passed as it is when a stamp says so: a file named
-by a hash of clang-tidy's version, its configuration, the compile command, and the bytes of every
-file that the source includes, the system's among them. Stamps lie in the user's cache folder, as
-ccache's objects do, so that a fresh clone knows what another has passed. --all asks no stamp, and
-the one check that is slow as well.
+by a hash of clang-tidy's version, its configuration, this file, the compile command, and the bytes
+of every file that the source includes, the system's among them. Stamps lie in the user's cache
+folder, as ccache's objects do, so that a fresh clone knows what another has passed. --all asks no
+stamp, and the one check that is slow as well.
 
 Most of the time goes into headers, which clang-tidy 14 reads and matches anew for every source. So
 sources with the same flags are asked several in one unit; those of a unit with complaints, also
@@ -68,7 +68,8 @@ class Stamps:
             self.entries.setdefault(file, []).append(entry["command"])
         self.commands = {file: [self.here(c) for c in commands]
                          for file, commands in self.entries.items()}
-        self.common = "\n".join([VERSION, *TIDY, SLOW, (ROOT / ".clang-tidy").read_text()])
+        self.common = "\n".join([VERSION, Path(__file__).read_text(),
+                                 (ROOT / ".clang-tidy").read_text()])
 
     def hash_of(self, file):
         if file not in self.hashes:
@@ -84,10 +85,10 @@ class Stamps:
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def tidy(build, source, every, *more):
+def tidy(build, source, every):
     """Whether it has passed, and what clang-tidy has to say."""
     checks = [] if every else [f"-checks=-{SLOW}"]
-    run = subprocess.run([*TIDY, *checks, *more, "-p", str(build), source], stdout=subprocess.PIPE,
+    run = subprocess.run([*TIDY, *checks, "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
     words = run.stdout + run.stderr
     return run.returncode == 0, words or f"{source}: clang-tidy ended with {run.returncode}"
@@ -106,16 +107,17 @@ def own_names(text):
 
 
 def unit_of(sources):
-    """One text that includes them: what they include first, so that a name which several of them
-    define can be told apart where it is their own."""
+    """One text of them all: what they include first, so that a name which several of them define
+    can be told apart where it is their own. Pasted, not included: the analyzer, and some checks,
+    look at the main file's own text only."""
     texts = {source: Path(source).read_text() for source in sources}
     headers = dict.fromkeys(h for t in texts.values() for h in re.findall(r"^#include .*", t, re.M))
     lines = [*headers]
     seen = collections.Counter()
-    for source, text in texts.items():
+    for text in texts.values():
         again = sorted(name for name in own_names(text) if seen[name])
         lines += [f"#define {name} {name}{chr(ord('A') + seen[name])}" for name in again]
-        lines += [f'#include "{source}"  // NOLINT(bugprone-suspicious-include)', *(f"#undef {name}" for name in again)]
+        lines += [text, *(f"#undef {name}" for name in again)]
         seen.update(own_names(text))
     return "\n".join(lines) + "\n"
 
@@ -147,8 +149,7 @@ def ask(build, unit, every):
     """For each source of a unit, whether it has passed, and what clang-tidy has to say."""
     file, sources = unit
     if len(sources) > 1:
-        own = r"-header-filter=.*/(engine|samplers|devices|scenes|tests|bench)/.*\.(h|cpp)$"
-        if tidy(build / "units", file, every, own)[0]:
+        if tidy(build / "units", file, every)[0]:
             return [(source, True, "") for source in sources]
     return [(source, *tidy(build, source, every)) for source in sources]
 

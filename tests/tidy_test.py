@@ -1,0 +1,67 @@
+#!/usr/bin/env python3
+"""Of sources that tidy.py asks in one unit it hears what each would be told alone."""
+import json
+import tempfile
+import unittest
+from pathlib import Path
+
+import tidy
+
+GOOD = """#include <vector>
+namespace {
+struct Options {
+  int rounds = 1;
+};
+int run(const Options& options) { return options.rounds; }
+}  // namespace
+int first() { return run(Options()); }
+"""
+# The same names, and others within.
+OTHER = """#include <string>
+namespace {
+struct Options {
+  std::string name;
+};
+std::size_t run(const Options& options) { return options.name.size(); }
+}  // namespace
+std::size_t second() { return run(Options()); }
+"""
+FAULTS = {
+    "readability-identifier-naming": "int Bad_Name() { return 0; }\n",
+    "clang-analyzer-core.NullDereference":
+        "static int at(const int* p, bool b) { return p == nullptr && b ? *p : 0; }\n"
+        "int useNull(bool b) { return at(nullptr, b); }\n",
+    "bugprone-infinite-loop": "void wait() { int i = 0; while (i < 1) { } }\n",
+}
+
+
+class Unit(unittest.TestCase):
+    def told(self, *texts):
+        with tempfile.TemporaryDirectory() as folder:
+            build = Path(folder)
+            (build / ".clang-tidy").write_text((tidy.ROOT / ".clang-tidy").read_text())
+            sources = []
+            for i, text in enumerate(texts):
+                sources.append(build / f"source{i}.cpp")
+                sources[-1].write_text(text)
+            unit = build / "unit.cpp"
+            unit.write_text(tidy.unit_of(map(str, sources)))
+            (build / "compile_commands.json").write_text(json.dumps([
+                {"directory": folder, "file": str(unit), "command": f"c++ -std=c++20 -c {unit}"}]))
+            return tidy.tidy(build, str(unit), every=False)
+
+    def test_good_sources_with_the_same_names_pass(self):
+        passed, words = self.told(GOOD, OTHER)
+        self.assertTrue(passed, words)
+
+    def test_a_fault_in_any_of_them_is_heard(self):
+        for check, fault in FAULTS.items():
+            for texts in ((GOOD + fault, OTHER), (GOOD, OTHER + fault)):
+                with self.subTest(check=check, last=texts[0] == GOOD):
+                    passed, words = self.told(*texts)
+                    self.assertFalse(passed)
+                    self.assertIn(check, words)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=0)
