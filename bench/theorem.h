@@ -49,10 +49,13 @@ inline StepReport provenStep(const Scene& scene, Reader& reader, const HandState
   for (const Primitive& primitive : state.primitives().items()) strengths += primitive.strength;
   double voxel = 0.0;
   for (const FieldFrame& frame : scene.graph.scalar_frames) voxel = std::max(voxel, frame.voxel);
-  for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
+  const auto varying = state.primitives().varying();
+  if (std::any_of(varying.begin(), varying.end(), [](const Varying& v) { return !v.surface; })) {
+    for (const FieldFrame& frame : scene.graph.vector_frames) voxel = std::max(voxel, frame.voxel);
+  }
   // Strengths that vary are those of where properties were read, the tolerance away.
   const double once = scene.step.tolerance_voxels * voxel;
-  for (const Varying& one : state.primitives().varying()) strengths += one.slope.norm() * once;
+  for (const Varying& one : varying) strengths += one.slope.norm() * once;
   // The proxy is within the tolerance of its answer, and that of what its strengths can hold.
   const double tolerance = 2.0 * once;
   const double over =

@@ -6,6 +6,7 @@
 #include <set>
 #include <sstream>
 #include <tuple>
+#include <type_traits>
 
 #include "engine/error.h"
 
@@ -424,9 +425,28 @@ class Compiler {
     graph_.modes.push_back(compileMode(mode, path));
     graph_.mode_fields.push_back({support_, current_});
     graph_.mode_voxels.push_back(finestOf(current_));
+    graph_.mode_follows.push_back(follows(graph_.modes.back()) ? 1 : 0);
     graph_.mode_motions.push_back(motionOf(mode));
     graph_.mode_sources.push_back(number);
     graph_.mode_names.push_back(name);
+  }
+
+  static bool follows(const Mode& mode) noexcept {
+    return std::visit(
+        [](const auto& m) {
+          using Kind = std::decay_t<decltype(m)>;
+          constexpr bool kAlong =
+              std::is_same_v<Kind, ForceMode> || std::is_same_v<Kind, ViscosityMode> ||
+              std::is_same_v<Kind, FrontShapeMode> || std::is_same_v<Kind, VortexTubeMode>;
+          if constexpr (kAlong) {
+            const auto& factors = m.strength.factors;
+            return std::any_of(factors.begin(), factors.end(), [](const Transfer::Factor& factor) {
+              return factor.scalar >= 0 && !factor.curve.isConstant();
+            });
+          }
+          return false;
+        },
+        mode);
   }
 
   [[nodiscard]] double finestOf(const FieldSet& set) const noexcept {

@@ -1,12 +1,14 @@
 #include "engine/iteration.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "engine/newton.h"
 
 namespace palpate {
 namespace {
 
+constexpr double kUnknown = std::numeric_limits<double>::infinity();
 /// A step so much shorter than the way before it falls fast enough to be believed.
 constexpr double kFalls = 0.25;
 /// Share of the tolerance that may be left so.
@@ -19,6 +21,7 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   balance.primitives.clear();
   balance.surfaces = 0;
   now.voxel = std::numeric_limits<double>::infinity();
+  now.follows = false;
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
     if (&memory == now.rail.of) {
       memory.emitted = 1;
@@ -38,18 +41,28 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
       worsen(tick.report, StepStatus::kDropped);
     }
     const std::span<Varying> varying = balance.primitives.varying();
-    if (varying.size() == before) return;
+    const bool varies = varying.size() > before;
     const Touch touch = touchOf(mode, memory);
     if (touch.skin == nullptr) {
-      now.voxel = std::min(now.voxel, felt.graph().mode_voxels[i]);
+      const double voxel = felt.graph().mode_voxels[i];
+      const bool follows = felt.graph().mode_follows[i] != 0 && memory.emitted > 0;
+      if (follows || varies) now.followed = std::min(now.followed, voxel);
+      if (!varies) return;
+      now.follows = true;
+      now.voxel = std::min(now.voxel, voxel);
       return;
     }
+    if (!varies) return;
     now.voxel = std::min(now.voxel, touch.skin->voxel);
     if (touch.contact->plane < 0) return;
     tellTurn(*touch.contact, *touch.skin, x, foreseen,
              varying[static_cast<std::size_t>(touch.contact->varies)]);
     ++balance.surfaces;
   });
+  if (balance.surfaces == 0 && now.followed < kUnknown) {
+    now.follows = true;
+    now.voxel = std::min(now.voxel, now.followed);
+  }
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
@@ -84,7 +97,8 @@ bool anchored(const BalanceMemory& b) noexcept {
   const auto pushes = [&](const Varying& one) {
     return b.primitives.items()[one.index].kind == PrimitiveKind::kForce;
   };
-  return b.surfaces == 0 && std::none_of(varying.begin(), varying.end(), pushes);
+  return b.surfaces == 0 && !varying.empty() &&
+         std::none_of(varying.begin(), varying.end(), pushes);
 }
 
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
@@ -94,7 +108,7 @@ void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
   for (const Felt& felt : tick.felt()) {
     tick.report.samples += felt.bound.sample(at, *felt.properties, bodies.items());
   }
-  now.read_at = at;
+  now.last_read = now.read_at = at;
   now.read = true;
 }
 
@@ -149,7 +163,7 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   TrustRegion& trust = now.trust;
   Balanced& to = now.to;
   const double step = to.step.norm();
-  const bool varies = !tick.balance.primitives.varying().empty();
+  const bool varies = now.follows || tick.balance.surfaces > 0;
   const bool by_balance = anchored(tick.balance);
   if (!varies) {
     trust.forgetLeast();
@@ -159,18 +173,26 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
     trust.least_target = by_balance ? to.proxy : to.target;
   }
   const bool free = varies && tick.balance.surfaces == 0;
-  if (to.step.dot(way) < -0.25 * way.squaredNorm()) {
-    trust.radius = 0.5 * std::min(way.norm(), step);
-    trust.turned = true;
-  } else {
-    trust.radius *= free && trust.turned ? 0.5 : 2.0;
-  }
-  trust.went = way.norm();
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
-  trust.closed = free && step > tolerance && trust.radius <= tolerance;
+  const bool back = to.step.dot(way) < -0.25 * way.squaredNorm();
+  if (back) {
+    trust.radius = 0.5 * std::min(way.norm(), step);
+    // Between two readings that lead to each other.
+    trust.ahead = free && trust.went > 0.0 ? way.norm() : kUnknown;
+  } else {
+    trust.radius *= 2.0;
+    trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
+  }
+  if (trust.ahead < kUnknown) trust.radius = 0.5 * trust.ahead;
+  trust.went = way.norm();
+  const double reach = reachOfStrengths(tick);
+  const Vec3 offset = now.read_at - tick.probe;
+  trust.closed = step > tolerance && trust.ahead <= 2.0 * tolerance &&
+                 offset.norm() <= std::max(reach, trust.reach) + tolerance;
+  trust.reach = reach;
   if (trust.closed) {
     to.target = by_balance ? to.proxy : now.read_at;
-    to.target_offset = by_balance ? to.offset : Vec3(now.read_at - tick.probe);
+    to.target_offset = by_balance ? to.offset : offset;
   }
 }
 
@@ -187,7 +209,7 @@ double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
 
 bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
-  if (b.primitives.varying().empty() || now.trust.closed) return true;
+  if ((!now.follows && b.surfaces == 0) || now.trust.closed) return true;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double step = now.to.step.norm();
   double reach = reachOfStrengths(tick);
@@ -197,7 +219,7 @@ bool steady(const Tick& tick, const Iteration& now) noexcept {
   if (now.to.target_offset.norm() - reach - now.rail.waiting.norm() > tolerance) return false;
   if (step <= tolerance) return !anchored(b) || (now.to.proxy - now.read_at).norm() <= tolerance;
   const double went = now.trust.went;
-  if (b.surfaces != b.primitives.size() || step > kFalls * went) return false;
+  if (now.follows || b.surfaces != b.primitives.size() || step > kFalls * went) return false;
   return std::max(step * step / went, leaves(tick, now, step)) <= kRest * tolerance;
 }
 
@@ -205,7 +227,8 @@ Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double residual = (now.to.proxy - now.read_at).norm();
   const auto sure = [&](double way) { return leaves(tick, now, way) <= kSure * tolerance; };
-  if (tick.balance.primitives.varying().empty() || now.trust.closed) return now.to.target;
+  const bool varies = now.follows || tick.balance.surfaces > 0;
+  if (!varies || now.trust.closed) return now.to.target;
   if (residual <= tolerance && sure(residual)) return now.to.proxy;
   const double step = now.to.step.norm();
   return step > tolerance || sure(step) ? now.to.target : now.read_at;

@@ -19,15 +19,17 @@ struct Balanced {
 };
 
 /// How far Newton's step is believed: a voxel, half as far each time that it turns back on the last
-/// one. Without surfaces half as far with every reading from then on: that is bisection.
+/// one. Without surfaces a step that turns back between two readings has what it looks for between
+/// them: then half of what is left of that way, which is bisection.
 struct TrustRegion {
   double radius = std::numeric_limits<double>::infinity();  ///< [m]
-  bool turned = false;                                      ///< A step has turned back,
-  bool closed = false;                                      ///< and what it turns back on is found.
-  double went = 0.0;                                        ///< Between the last two readings [m].
-  double least = std::numeric_limits<double>::infinity();   ///< The shortest step of this move [m],
-  Vec3 least_at = Vec3::Zero();                             ///< from here,
-  Vec3 least_target = Vec3::Zero();                         ///< to there.
+  double ahead = std::numeric_limits<double>::infinity();   ///< It is within so much [m],
+  bool closed = false;                                      ///< and that is little enough.
+  double reach = 0.0;  ///< Of the strengths at the last reading [m].
+  double went = 0.0;   ///< Between the last two readings [m].
+  double least = std::numeric_limits<double>::infinity();  ///< The shortest step of this move [m],
+  Vec3 least_at = Vec3::Zero();                            ///< from here,
+  Vec3 least_target = Vec3::Zero();                        ///< to there.
 
   /// None so far counts.
   void forgetLeast() noexcept { least = std::numeric_limits<double>::infinity(); }
@@ -35,16 +37,21 @@ struct TrustRegion {
 
 /// The iteration of one slice of a tick: volumes and hand stand.
 struct Iteration {
-  Vec3 read_at = Vec3::Zero();  ///< Where properties were read last [m],
-  bool read = false;  ///< in this slice: the next trial step begins there, not at the proxy.
+  Vec3 last_read = Vec3::Zero();  ///< Where properties were read last [m],
+  Vec3 read_at = Vec3::Zero();    ///< and whence the next trial step is: there,
+  bool read = false;              ///< if it was in this slice; else it is from the proxy.
   Balanced to;
   TrustRegion trust;
   double voxel = std::numeric_limits<double>::infinity();  ///< The finest of what varies [m].
+  bool follows = false;  ///< Something else than a surface varies, or has in this slice: what was
+                         ///< read holds for the place of its reading only.
+  double followed = std::numeric_limits<double>::infinity();  ///< The finest voxel of that [m].
   Rail rail;
 };
 
-/// What varies is all anchored at the proxy, and nothing of it pushes: its balance, as it was read,
-/// makes no energy, and what Newton's step is beyond it might.
+/// Something varies, and nothing that does pushes or is put on a surface: what is left stands at
+/// the proxy (but a front that is snapped off). Its balance, as it was read, makes no energy, and
+/// what Newton's step is beyond that might.
 [[nodiscard]] bool anchored(const BalanceMemory& b) noexcept;
 
 /// Reads properties at a place [m]: step 1 of the paper's figure 1. RT: no allocation.
@@ -62,8 +69,8 @@ void lookRound(Tick& tick) noexcept PALPATE_NONBLOCKING;
 /// The trust region after a reading that came `way` [m] from the last. Forces that leap, as those
 /// towards an axis do on it, have no place where Newton's step ends; they balance where it turns
 /// back on itself however short its way: a force between those on both sides is the balance's
-/// (Filippov's solution). Closed in on to the tolerance, that is where the last reading was; where
-/// nothing pushes the balance of that reading, which makes no energy.
+/// (Filippov's solution). Found to the tolerance, that is where the last reading was; where nothing
+/// pushes the balance of that reading, which makes no energy.
 void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
 
 /// What is left after Newton's step is within the tolerance: the step itself is, and where nothing

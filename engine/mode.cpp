@@ -58,17 +58,21 @@ double Transfer::operator()(const Properties& properties, double own) const noex
   return product;
 }
 
-Vec3 Transfer::slope(const Properties& properties, int except) const noexcept {
+Vec3 Transfer::slope(const Properties& properties) const noexcept {
   Vec3 sum = Vec3::Zero();
   for (const Factor& factor : factors) {
-    if (factor.scalar < 0 || factor.scalar == except || factor.curve.isConstant()) continue;
+    if (factor.scalar < 0 || factor.curve.isConstant()) continue;
     const Properties::Scalar& input = properties.scalars[static_cast<std::size_t>(factor.scalar)];
     double rate = input.inside ? factor.curve.slope(input.value) : 0.0;
     if (rate == 0.0) continue;
     for (const Factor& other : factors) {
       if (&other == &factor) continue;
-      const auto i = static_cast<std::size_t>(other.scalar);
-      rate *= other.scalar < 0 ? other.curve(0.0) : other.curve(properties.scalars[i].value);
+      if (other.scalar < 0) {
+        rate *= other.curve(0.0);
+        continue;
+      }
+      const Properties::Scalar& beside = properties.scalars[static_cast<std::size_t>(other.scalar)];
+      rate *= beside.inside ? other.curve(beside.value) : 0.0;
     }
     sum += rate * input.slope;
   }

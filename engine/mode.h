@@ -30,10 +30,10 @@ struct Transfer {
   /// The product, >= 0; 0 where a factor's property has no data. `own` is what factors of scalar
   /// -1 read; a constant reads nothing. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
-  /// How the product changes with the place where its factors were read [1/m], but for scalar
-  /// `except`. At a knot the curve's slope is that beyond it. RT: no allocation.
-  [[nodiscard]] Vec3 slope(const Properties& properties,
-                           int except = -1) const noexcept PALPATE_NONBLOCKING;
+  /// How the product changes with the place where its factors were read [its unit / m]; zero where
+  /// one of them has no data. At a knot a curve's slope is that beyond it; what the mode itself
+  /// measures counts as constant. RT: no allocation.
+  [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
   /// The product if scalar `index` were `value`, where there are data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
   /// The product whether or not there are data: without, a scalar is its background, a magnitude

@@ -55,7 +55,7 @@ void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
   const Vec3 before = proxy.offset;
   proxy.position = trial.end;
-  proxy.beyond = trial.end - now.read_at;
+  proxy.beyond = trial.end - now.last_read;
   proxy.offset = trial.complete ? now.to.target_offset : Vec3(trial.end - tick.probe);
   tick.report.waiting = now.rail.waiting;
   tick.report.injected +=
@@ -123,7 +123,8 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
     now.to.target = trial.end = at;
   }
   const TrustRegion& trust = now.trust;
-  if (!arrived && trust.least < now.to.step.norm()) {
+  const bool best = trust.least < now.to.step.norm();
+  if (!arrived && (best || anchored(tick.balance))) {
     now.read_at = trust.least_at;
     now.to.target = trust.least_target;
     now.to.target_offset = now.to.target - tick.probe;

@@ -60,7 +60,7 @@ struct Varying {
                                ///< On a surface the slope c, unit, outwards, that the interpolated
                                ///< value has at x; where values are trilinear not n.
   double height = 0.0;         ///< So far along `across` is x above the plane [m].
-  bool surface = false;        ///< It is the plane of a surface.
+  bool surface = false;        ///< It is the plane of a surface; of others false.
 };
 
 /// Most primitives that one tick may balance.
@@ -98,12 +98,15 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// How the primitive appended last varies: once each. RT: no allocation.
+  /// How the primitive appended last varies, to be written; asked again, the same. Of an empty set
+  /// it is nobody's. RT: no allocation.
   Varying& vary() noexcept {
-    Varying& last = varying_[varying_count_++];
-    last = {};
-    last.index = count_ - 1;
-    return last;
+    if (count_ == 0) return varying_[0];
+    if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
+      varying_[varying_count_] = {};
+      varying_[varying_count_++].index = count_ - 1;
+    }
+    return varying_[varying_count_ - 1];
   }
   /// The strength of a friction's line [N]. RT: no allocation.
   void setStrength(const FrictionLink& link, double strength) noexcept {

@@ -22,7 +22,8 @@ struct Properties {
   struct Vector {
     Vec3 value = Vec3::Zero();
     bool inside = false;
-    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; as slope.
+    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; of a curl
+                                   ///< zero, of a gradient where no primitive is along it.
   };
   std::array<Scalar, kMaxProperties> scalars;
   std::array<Vector, kMaxProperties> vectors;

@@ -47,11 +47,12 @@ double strengthOf(const IsosurfaceMode& mode, const Place& place, Side side) noe
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
-/// And how that changes with the place [N/m]. That one which was pushed through fades is left out:
-/// it snaps, and what it comes to is the same.
+/// And how that changes with the place, of one that was pushed through [N/m]: before that its
+/// strength matters in the last tick only. That it fades is left out: it snaps, and what it comes
+/// to is the same.
 Vec3 slopeOf(const IsosurfaceMode& mode, const Place& place,
              const IsosurfaceMemory& memory) noexcept {
-  if (memory.side == Side::kOutside) return mode.strength.slope(place.at, mode.skin.value);
+  if (memory.side == Side::kOutside) return Vec3::Zero();
   return memory.share * mode.strength.slope(place.at);
 }
 

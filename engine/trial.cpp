@@ -50,6 +50,14 @@ void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
   ++tick.strayed;
 }
 
+/// Nearest to p on the way from a to b. A part of the way to a balance makes no energy where that
+/// makes none.
+Vec3 onWay(const Vec3& a, const Vec3& b, const Vec3& p) noexcept {
+  const Vec3 way = b - a;
+  const double length = way.squaredNorm();
+  return length > 0.0 ? Vec3(a + std::clamp((p - a).dot(way) / length, 0.0, 1.0) * way) : a;
+}
+
 }  // namespace
 
 Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
@@ -72,10 +80,8 @@ Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
     trial.cut = true;
     if (bodies.empty() || now.read ||
         !bodies.follow(tick.felt(), tick.proxy.position, target, trial.end)) {
-      // Nor does a part of the way to a balance make energy, where that makes none.
-      const bool straight = !now.read && anchored(tick.balance);
-      const Vec3 way = straight ? Vec3(now.to.proxy - from) : line;
-      trial.end = from + std::min(1.0, reach / way.norm()) * way;
+      trial.end = from + (reach / length) * line;
+      if (anchored(tick.balance)) trial.end = onWay(tick.proxy.position, now.to.proxy, trial.end);
     }
   }
   if (!now.rail.laid) layRail(tick, now.to.proxy, now.rail, trial);

@@ -88,7 +88,7 @@ class Stamps:
 def tidy(build, source, every):
     """Whether it has passed, and what clang-tidy has to say."""
     checks = [] if every else [f"-checks=-{SLOW}"]
-    run = subprocess.run([*TIDY, *checks, "-p", str(build), source], stdout=subprocess.PIPE,
+    run = subprocess.run([*TIDY, *checks, f"--config-file={ROOT / '.clang-tidy'}", "-p", str(build), source], stdout=subprocess.PIPE,
                          stderr=subprocess.PIPE, text=True, check=False)
     words = run.stdout + run.stderr
     return run.returncode == 0, words or f"{source}: clang-tidy ended with {run.returncode}"
@@ -106,20 +106,43 @@ def own_names(text):
     return names
 
 
+def using(source):
+    """Its using-declarations: whether one of them is used is heard only where no other source of
+    the unit has it."""
+    return set(re.findall(r"^ *using [\w:]+::\w+;", Path(source).read_text(), re.M))
+
+
 def unit_of(sources):
     """One text of them all: what they include first, so that a name which several of them define
     can be told apart where it is their own. Pasted, not included: the analyzer, and some checks,
-    look at the main file's own text only."""
+    look at the main file's own text only; and renamed there, not by the preprocessor, behind which
+    names are not looked at."""
     texts = {source: Path(source).read_text() for source in sources}
     headers = dict.fromkeys(h for t in texts.values() for h in re.findall(r"^#include .*", t, re.M))
     lines = [*headers]
     seen = collections.Counter()
     for text in texts.values():
-        again = sorted(name for name in own_names(text) if seen[name])
-        lines += [f"#define {name} {name}{chr(ord('A') + seen[name])}" for name in again]
-        lines += [text, *(f"#undef {name}" for name in again)]
-        seen.update(own_names(text))
+        own = own_names(text)
+        for name in sorted(own):
+            if seen[name]:
+                text = re.sub(rf"\b{name}\b", name + chr(ord("A") + seen[name]), text)
+        lines.append(text)
+        seen.update(own)
     return "\n".join(lines) + "\n"
+
+
+def together(sources):
+    """Shares sources out into units."""
+    parts = [[] for _ in range(-(-len(sources) // TOGETHER))]
+    for source in sources:
+        mine = using(source)
+        fits = [part for part in parts if len(part) < TOGETHER and
+                not any(mine & using(other) for other in part)]
+        if fits:
+            min(fits, key=len).append(source)
+        else:
+            parts.append([source])
+    return parts
 
 
 def units(stamps, build, sources):
@@ -127,14 +150,14 @@ def units(stamps, build, sources):
     alike = collections.defaultdict(list)
     for source in sources:
         commands = stamps.entries.get(source, [])
-        flags = re.sub(r" -o \S+ -c \S+$", "", commands[0]) if commands else None
-        alike[flags if flags else source].append(source)
+        one = len(commands) == 1
+        flags = re.sub(r" -o \S+ -c \S+$", "", commands[0]) if one else None
+        alike[flags if one else source].append(source)
     folder = build / "units"
     folder.mkdir(exist_ok=True)
     found, commands = [], []
     for flags, group in alike.items():
-        parts = -(-len(group) // TOGETHER)
-        for part in (group[i::parts] for i in range(parts)):
+        for part in together(group):
             file = folder / f"unit{len(found)}.cpp"
             if len(part) > 1:
                 file.write_text(unit_of(part))

@@ -33,13 +33,14 @@ FAULTS = {
         "int useNull(bool b) { return at(nullptr, b); }\n",
     "bugprone-infinite-loop": "void wait() { int i = 0; while (i < 1) { } }\n",
 }
+# A name of one's own that the other source has as well, there for another thing.
+NAMES = "namespace {\nstruct %s {};\nint %s() { return 0; }\n}  // namespace\nint %s() { return %s(); }\n"
 
 
 class Unit(unittest.TestCase):
     def told(self, *texts):
         with tempfile.TemporaryDirectory() as folder:
             build = Path(folder)
-            (build / ".clang-tidy").write_text((tidy.ROOT / ".clang-tidy").read_text())
             sources = []
             for i, text in enumerate(texts):
                 sources.append(build / f"source{i}.cpp")
@@ -61,6 +62,21 @@ class Unit(unittest.TestCase):
                     passed, words = self.told(*texts)
                     self.assertFalse(passed)
                     self.assertIn(check, words)
+
+    def test_a_wrong_name_is_heard_though_the_other_has_it_rightly(self):
+        self.assertTrue(self.told(NAMES % ("Told", "shape", "one", "shape"), GOOD)[0])
+        passed, words = self.told(NAMES % ("Told", "shape", "one", "shape"),
+                                  NAMES % ("shape", "Told", "two", "Told"))
+        self.assertFalse(passed)
+        self.assertIn("invalid case style for struct 'shapeB'", words)
+
+    def test_sources_with_one_using_declaration_are_not_together(self):
+        with tempfile.TemporaryDirectory() as folder:
+            sources = []
+            for i, line in enumerate(("using std::max;", "int a;", "using std::max;")):
+                sources.append(str(Path(folder) / f"source{i}.cpp"))
+                Path(sources[-1]).write_text(line + "\n")
+            self.assertEqual(tidy.together(sources), [sources[:2], sources[2:]])
 
 
 if __name__ == "__main__":
