@@ -270,6 +270,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
       for (Body& body : bodies) {
         body.pose = motion->poseAt(0.6);
         body.seen = body.pose.toRest(p);
+        body.moved = false;
       }
       (void)graph.sample(p, out, bodies);
     };
@@ -299,6 +300,25 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
         CHECK((at.vectors[v].jacobian.col(a) - turn).norm() < 1e-3 * (1.0 + turn.norm()));
       }
     }
+    if (!moves) continue;
+    // Carried on by its volume, what was read is what would be read there.
+    Properties fresh;
+    Body& body = bodies[0];
+    const Pose before = body.pose;
+    const Vec3 rest = before.toRest(p);
+    body.pose = motion->poseAt(0.9);
+    body.seen = rest;
+    body.carry.rotation = body.pose.rotation * before.rotation.transpose();
+    body.moved = true;
+    (void)graph.sample(body.pose(rest), fresh, bodies);
+    graph.turn(at, bodies);
+    for (const std::size_t v : {direction, gradient}) {
+      CHECK((at.vectors[v].value - fresh.vectors[v].value).norm() < 1e-9);
+      CHECK((at.vectors[v].jacobian - fresh.vectors[v].jacobian).norm() <
+            1e-6 * (1.0 + fresh.vectors[v].jacobian.norm()));
+    }
+    CHECK((strength.slope(at) - strength.slope(fresh)).norm() <
+          1e-9 * (1.0 + strength.slope(fresh).norm()));
   }
 }
 
