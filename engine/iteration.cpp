@@ -183,11 +183,14 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
     trust.radius *= 2.0;
     trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
   }
-  if (trust.ahead < kUnknown) trust.radius = 0.5 * trust.ahead;
+  // Where nothing is there is no force: of a leap that small the side that has one is gone to.
+  const bool found = trust.ahead <= 2.0 * tolerance;
+  const bool nothing = tick.balance.primitives.size() == 0;
+  if (trust.ahead < kUnknown) trust.radius = (found && nothing ? 1.0 : 0.5) * trust.ahead;
   trust.went = way.norm();
   const double reach = reachOfStrengths(tick);
   const Vec3 offset = now.read_at - tick.probe;
-  trust.closed = step > tolerance && trust.ahead <= 2.0 * tolerance &&
+  trust.closed = step > tolerance && found && !nothing &&
                  offset.norm() <= std::max(reach, trust.reach) + tolerance;
   trust.reach = reach;
   if (trust.closed) {
