@@ -32,10 +32,9 @@ bool nothing(Vec3& before) noexcept {
 /// the direction does that it is made of (midway). For Newton's step n(x + step) . (x + step -
 /// position) = 0, so (n + turn^T w) . step = -n . w, w = x - position.
 Variation planeVaries(const Place& place, const Vec3& position, const Vec3& normal,
-                      const Mat3& turn, const Vec3& slope) noexcept {
+                      const Mat3& turn) noexcept {
   Variation plane;
   plane.turn = 0.5 * turn;
-  plane.slope = slope;
   const Vec3 way = place.stand.read - position;
   plane.across = normal + plane.turn.transpose() * way;
   plane.height = normal.dot(way);
@@ -43,7 +42,7 @@ Variation planeVaries(const Place& place, const Vec3& position, const Vec3& norm
 }
 
 Variation opposed(const Variation& plane) noexcept {
-  return {-plane.turn, plane.slope, -plane.across, -plane.height};
+  return {-plane.turn, Vec3::Zero(), -plane.across, -plane.height};
 }
 
 /// Two opposed planes: held both ways along the normal.
@@ -89,8 +88,7 @@ bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memo
     turn = turnOf(v.value, v.jacobian);
   }
   const double strength = mode.strength(place.at);
-  const Variation plane =
-      planeVaries(place, memory.anchor, memory.normal, turn, mode.strength.slope(place.at));
+  const Variation plane = planeVaries(place, memory.anchor, memory.normal, turn);
   if (mode.two_sided) return addSlab(place, memory.anchor, memory.normal, strength, plane);
   return place.add(PrimitiveKind::kPlane, memory.anchor, memory.normal, strength, plane);
 }
@@ -103,29 +101,20 @@ bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memo
   // What the flow turns by over a voxel: of less than rounding nothing is felt.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
-  const double share = v.value.norm() > 0.0 ? turning : 1.0;
-  const double strength = share * mode.strength(place.at);
-  const Vec3 slope = share * mode.strength.slope(place.at);
+  const double strength =
+      v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
   const double radius = 2.0 * outwards.norm() / spin;  // in voxels
   // From the core's line to the tube's planes over a voxel. How the core turns is not read.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
-  Vec3 passing = Vec3::Zero();  // d line/dx
-  if (line > 0.0 && line < 1.0) {
-    passing = -2.0 / spin * v.jacobian.transpose() * core.cross(radial);
-  }
-  if (!place.add(PrimitiveKind::kLine, core, line * strength,
-                 {Mat3::Zero(), line * slope + strength * passing})) {
-    return false;
-  }
+  if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;
   if (line >= 1.0) return nothing(memory.before);
   Mat3 turned;  // d (v x core)/dx
   for (int j = 0; j < 3; ++j) turned.col(j) = v.jacobian.col(j).cross(core);
   const Vec3& p = place.stand.proxy;
   const Vec3 normal = midway(place.stand, radial, memory.before);
-  const Variation plane = planeVaries(place, p, normal, turnOf(outwards, turned),
-                                      (1.0 - line) * slope - strength * passing);
+  const Variation plane = planeVaries(place, p, normal, turnOf(outwards, turned));
   return addSlab(place, p, normal, (1.0 - line) * strength, plane);
 }
 

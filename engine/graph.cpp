@@ -6,7 +6,6 @@
 #include <set>
 #include <sstream>
 #include <tuple>
-#include <type_traits>
 
 #include "engine/error.h"
 
@@ -432,21 +431,12 @@ class Compiler {
   }
 
   static bool follows(const Mode& mode) noexcept {
-    return std::visit(
-        [](const auto& m) {
-          using Kind = std::decay_t<decltype(m)>;
-          constexpr bool kAlong =
-              std::is_same_v<Kind, ForceMode> || std::is_same_v<Kind, ViscosityMode> ||
-              std::is_same_v<Kind, FrontShapeMode> || std::is_same_v<Kind, VortexTubeMode>;
-          if constexpr (kAlong) {
-            const auto& factors = m.strength.factors;
-            return std::any_of(factors.begin(), factors.end(), [](const Transfer::Factor& factor) {
-              return factor.scalar >= 0 && !factor.curve.isConstant();
-            });
-          }
-          return false;
-        },
-        mode);
+    const auto* force = std::get_if<ForceMode>(&mode);
+    if (force == nullptr) return false;
+    const auto& factors = force->strength.factors;
+    return std::any_of(factors.begin(), factors.end(), [](const Transfer::Factor& factor) {
+      return factor.scalar >= 0 && !factor.curve.isConstant();
+    });
   }
 
   [[nodiscard]] double finestOf(const FieldSet& set) const noexcept {

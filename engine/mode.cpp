@@ -20,8 +20,7 @@ bool emit(const ForceMode& mode, const Place& place, std::monostate&) noexcept {
 
 bool emit(const ViscosityMode& mode, const Place& place, std::monostate&) noexcept {
   if (!place.scalar(mode.scalar).inside) return true;
-  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.strength(place.at),
-                   {Mat3::Zero(), mode.strength.slope(place.at)});
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.strength(place.at));
 }
 
 bool emit(const GuideMode& mode, const Place& place, std::monostate&) noexcept {

@@ -9,8 +9,9 @@ namespace palpate {
 
 /// How a primitive that a mode adds varies with the place where properties were read; see Varying.
 struct Variation {
-  Mat3 turn = Mat3::Zero();    ///< Of its direction [1/m].
-  Vec3 slope = Vec3::Zero();   ///< Of its strength [N/m].
+  Mat3 turn = Mat3::Zero();   ///< Of its direction [1/m].
+  Vec3 slope = Vec3::Zero();  ///< Of its strength [N/m]; what is anchored at the proxy has none: it
+                              ///< slips, by what was read, as far as that says.
   Vec3 across = Vec3::Zero();  ///< Of a plane that turns,
   double height = 0.0;         ///< see there.
 

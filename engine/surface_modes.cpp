@@ -129,9 +129,7 @@ bool emit(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) no
   const bool room =
       !contact.placed || addContact(contact, mode.strength(place.at), mode.strength.slope(place.at),
                                     mode.friction(place.at), place.stand.proxy, place.set);
-  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at),
-                   {Mat3::Zero(), mode.viscosity.slope(place.at)}) &&
-         room;
+  return place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at)) && room;
 }
 
 bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memory) noexcept {
@@ -142,8 +140,7 @@ bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memo
   if (!place.stand.foreseen) see(mode, free, place, memory);
   bool room = true;
   if (!free && value.inside && memory.side != Side::kOutside) {
-    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at),
-                     {Mat3::Zero(), mode.viscosity.slope(place.at)});
+    room = place.add(PrimitiveKind::kPoint, Vec3::UnitX(), mode.viscosity(place.at));
   }
   if (!memory.contact.placed) return room;
   const double strength = memory.share * strengthOf(mode, place, memory.side);
