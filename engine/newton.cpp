@@ -152,7 +152,7 @@ Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primiti
 Vec3 newtonStep(const Vec3& balance, const Vec3& from, const Vec3& read, double stiffness,
                 std::span<const Primitive> primitives, std::span<const Vec3> forces,
                 std::span<const Varying> varying) noexcept {
-  const Vec3 residual = balance - from;
+  Vec3 residual = balance - from;
   Mat3 surfaces = Mat3::Zero();
   Mat3 others = Mat3::Zero();
   bool varies = false;
