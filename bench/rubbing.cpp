@@ -19,15 +19,15 @@ namespace palpate::bench {
 
 namespace {
 
-constexpr double kDepth = 1e-3;     // [m]
-constexpr double kArc = 0.05;       // [m]
-constexpr double kFollows = 5.0;    // [Hz], what a hand can
-constexpr double kBetween = 0.012;  // [m], slices
+constexpr double kPressed = 1e-3;     // [m]
+constexpr double kArc = 0.05;         // [m]
+constexpr double kHandFollows = 5.0;  // [Hz], what a hand can
+constexpr double kBetween = 0.012;    // [m], slices
 constexpr int kArcs = 4;
-constexpr int kRays = 5000;        // about a slice
-constexpr double kFar = 0.14;      // [m], where rays begin
-constexpr double kNear = 0.02;     // and end
-constexpr double kStrength = 5.0;  // [N]
+constexpr int kRays = 5000;     // about a slice
+constexpr double kFar = 0.14;   // [m], where rays begin
+constexpr double kNear = 0.02;  // and end
+constexpr double kHolds = 5.0;  // [N]
 
 /// The skin about an axis along z: how far out it is, by angle.
 class Outline {
@@ -125,14 +125,15 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
   Sums engine;
   Sums held;
   for (int slice = 0; slice < slices; ++slice) {
-    const Outline skin(*field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kFollows);
+    const Outline skin(*field, kBetween * (slice - 0.5 * (slices - 1)), level,
+                       speed / kHandFollows);
     for (int arc = 0; arc < kArcs; ++arc) {
-      const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kStrength);
+      const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kHolds);
       double a = 2.0 * std::numbers::pi * arc / kArcs;
       constexpr int kComing = 300;  // ticks, from 4 mm outside
       Vec3 proxy;
       for (int i = 0; i <= kComing; ++i) {
-        const double depth = -4e-3 + (4e-3 + kDepth) * i / kComing;
+        const double depth = -4e-3 + (4e-3 + kPressed) * i / kComing;
         proxy = tick(skin.at(a, depth)).proxy;
       }
       Vec3 back = proxy;  // the one that is held back
@@ -141,7 +142,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
       const auto ticks = static_cast<long>(kArc / speed / kMotionTick);
       for (long t = 0; t < ticks; ++t) {
         a += speed * kMotionTick / skin.radius(a);
-        const Vec3 hand = skin.at(a, kDepth);
+        const Vec3 hand = skin.at(a, kPressed);
         const double before = (proxy - hand).norm();
         const double reach = (back - hand).norm();
         const Ticked r = tick(hand);

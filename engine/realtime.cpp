@@ -20,7 +20,7 @@ namespace {
 
 constexpr std::int64_t kSecond = 1000000000;  // [ns]
 // It goes on while a machine sleeps: a loop that wakes up with it is late.
-constexpr clockid_t kClock = CLOCK_BOOTTIME;
+constexpr clockid_t kSystemClock = CLOCK_BOOTTIME;
 
 /// Writes to a stack deeper than a tick's, so that no tick is the first to.
 [[gnu::noinline]] void touchStack() noexcept {
@@ -93,13 +93,13 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
 
 std::int64_t nowNs() noexcept {
   timespec t{};
-  clock_gettime(kClock, &t);
+  clock_gettime(kSystemClock, &t);
   return t.tv_sec * kSecond + t.tv_nsec;
 }
 
 void sleepUntil(std::int64_t ns) noexcept {
   const timespec t{static_cast<time_t>(ns / kSecond), static_cast<long>(ns % kSecond)};
-  while (clock_nanosleep(kClock, TIMER_ABSTIME, &t, nullptr) == EINTR) {
+  while (clock_nanosleep(kSystemClock, TIMER_ABSTIME, &t, nullptr) == EINTR) {
   }
 }
 

@@ -11,7 +11,7 @@ namespace palpate {
 namespace {
 
 /// What is read holds so far from there, as a share of how far the proxy may go.
-constexpr double kNear = 0.25;
+constexpr double kNearShare = 0.25;
 
 /// How far the proxy may go from a before properties are read again: a voxel of the finest volume
 /// that the way to b can meet, any distance where there is none or where it is empty. A volume
@@ -69,7 +69,7 @@ Trial advance(Tick& tick, Iteration& now, bool unread) noexcept {
   const double length = line.norm();
   const double reach =
       unread ? std::numeric_limits<double>::infinity() : reachFrom(tick, now, from, target);
-  trial.near = length <= kNear * reach;
+  trial.near = length <= kNearShare * reach;
   const double trusted = now.trust.radius;
   if (length > trusted && trusted < reach && !steady(tick, now)) {
     trial.complete = false;

@@ -13,7 +13,7 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kRate = 1000.0;  // [Hz], feel's
+constexpr double kFeelRate = 1000.0;  // [Hz]
 
 std::string describe(const TransferSpec& transfer, const std::string& unit, const std::string& by,
                      bool is_strength = false) {
@@ -175,8 +175,8 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     json["coupling"]["stiffness_by"] = describe(*spec.graph.stiffness, "N/m", "");
   }
   // On the arm that feel tries a scene on.
-  const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kRate);
-  json["coupling"]["room"] = roomFor(arm.info(), kRate, stiffestCoupling(spec));
+  const SimulatedDevice arm({}, {}, {[](double) { return Vec3(0, 0, 0); }, 0.0}, kFeelRate);
+  json["coupling"]["room"] = roomFor(arm.info(), kFeelRate, stiffestCoupling(spec));
   json["max_substeps"] = spec.step.max_substeps;
   json["tolerance_voxels"] = spec.step.tolerance_voxels;
   json["volumes"] = OrderedJson::object();
@@ -249,7 +249,7 @@ std::string remark(const OrderedJson& thickness) {
       thickness["least"].get<double>(), place("thinnest"));
 }
 
-void print(const OrderedJson& json) {
+void printCheck(const OrderedJson& json) {
   say("scene     {}: valid\n", json["scene"].get<std::string>());
   const OrderedJson& bounds = json["bounds"];
   const auto corner = [&](std::size_t i) {
@@ -354,7 +354,7 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       if (*json) {
         sayJson(out);
       } else {
-        print(out);
+        printCheck(out);
       }
       return kDone;
     };

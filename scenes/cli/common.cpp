@@ -15,11 +15,8 @@
 #include "engine/error.h"
 
 namespace palpate::cli {
-namespace {
 
 volatile std::sig_atomic_t interrupted = 0;
-
-}  // namespace
 
 std::function<void(double)> showProgress(const std::string& what) {
   if (isatty(STDERR_FILENO) == 0) return nullptr;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <csignal>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -23,6 +24,9 @@ inline constexpr int kEndedEarly = 1;
 inline constexpr int kBadInput = 2;
 inline constexpr int kInternal = 3;
 inline constexpr int kInterrupted = 130;
+
+/// The signal that asked the program to stop, or 0.
+extern volatile std::sig_atomic_t interrupted;
 
 /// A verb adds itself to the program; its body runs after parsing and returns the exit status.
 void addInfo(CLI::App& app, std::function<int()>& body);

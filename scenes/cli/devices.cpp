@@ -27,7 +27,6 @@
 namespace palpate::cli {
 namespace {
 
-volatile std::sig_atomic_t interrupted = 0;
 constexpr double kRate = 1000.0;
 constexpr auto kPeriod = static_cast<std::int64_t>(1e9 / kRate);
 constexpr double kSlew = 100.0;     // [N/s]: nothing of a test is sudden
@@ -38,7 +37,7 @@ constexpr const char* kNoMotor = "it has no motor there, and gives no force";
 constexpr std::uint16_t kTeensyMaker = 0x16C0;
 constexpr std::uint16_t kTeensyBoot = 0x0478;
 
-struct Options {
+struct DevicesOptions {
   std::string profile;
   std::string test;
   std::string watch;
@@ -111,7 +110,7 @@ OrderedJson factsIn(const HidProfile& profile) {
 }
 
 /// What was understood of one profile: a name, or a file.
-int show(const Options& options) {
+int show(const DevicesOptions& options) {
   const std::optional<ArmName> parsed = parseArmName(options.profile);
   if (parsed && parsed->profile.empty()) {
     throw Error(options.profile, "it names no profile", "palpate devices lists them");
@@ -171,7 +170,7 @@ int show(const Options& options) {
   return kDone;
 }
 
-int list(const Options& options) {
+int list(const DevicesOptions& options) {
   std::vector<std::string> notes;
   const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
   for (const std::string& note : notes) complain(note);
@@ -488,7 +487,7 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   return json;
 }
 
-int test(const Options& options) {
+int test(const DevicesOptions& options) {
   if (!(options.force > 0.0 && options.force <= kMostForce)) {
     throw Error("--force",
                 fmt::format("{} N is not above 0 and at most {}", options.force, kMostForce),
@@ -604,7 +603,7 @@ int test(const Options& options) {
 
 /// What an arm says, again and again; nothing is sent, so that another program may drive it
 /// meanwhile.
-int watch(const Options& options) {
+int watch(const DevicesOptions& options) {
   struct sigaction action {};
   action.sa_handler = [](int signal) { interrupted = signal; };
   sigemptyset(&action.sa_mask);
@@ -654,7 +653,7 @@ int watch(const Options& options) {
 void addDevices(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "devices", "What arms are plugged in, their limits and where those come from; tests one");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<DevicesOptions>();
   verb->add_option("PROFILE", options->profile,
                    "What a profile's numbers come to: a name, or a file");
   verb->add_option("--test", options->test,

@@ -10,7 +10,7 @@
 namespace palpate::cli {
 namespace {
 
-struct Options {
+struct ExplainOptions {
   std::string scene;
   std::string at;
   std::string push;
@@ -656,7 +656,7 @@ void printBalance(const OrderedJson& json) {
   say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
 }
 
-void print(const OrderedJson& json) {
+void printTick(const OrderedJson& json) {
   say("scene     {}\n", text(json["scene"]));
   say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
       text(json["rest"]["moved"]), text(json["rest"]["force"]));
@@ -681,7 +681,7 @@ void print(const OrderedJson& json) {
   for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
 }
 
-int explain(const Options& options) {
+int explain(const ExplainOptions& options) {
   checkRate(options.rate);
   const Vec3 at = readVector("--at", options.at);
   const Vec3 hand = at + readVector("--push", options.push);
@@ -718,7 +718,7 @@ int explain(const Options& options) {
   if (options.json) {
     sayJson(out);
   } else {
-    print(out);
+    printTick(out);
   }
   if (report.status != StepStatus::kFault) return kDone;
   complain("explain: the force was cut: a sample was not finite: mend the volume");
@@ -730,7 +730,7 @@ int explain(const Options& options) {
 void addExplain(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("explain", "Runs one tick and says why its force is what it is");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ExplainOptions>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
   verb->add_option("--at", options->at, "x,y,z: where the proxy is; the hand rests there first [m]")
       ->required();

@@ -40,10 +40,9 @@
 namespace palpate::cli {
 namespace {
 
-volatile std::sig_atomic_t interrupted = 0;
 constexpr double kDefaultSeconds = 10.0;
 
-struct Options {
+struct FeelOptions {
   std::string scene;
   std::vector<std::string> devices{"simulated"};
   std::optional<double> seconds;
@@ -58,7 +57,7 @@ struct Options {
   bool json = false;
 };
 
-std::unique_ptr<Device> makeDevice(const Options& options, const std::string& name,
+std::unique_ptr<Device> makeDevice(const FeelOptions& options, const std::string& name,
                                    const Box& bounds) {
   if (name == "simulated") {
     const auto target = explore(bounds, options.seconds.value_or(kDefaultSeconds));
@@ -187,7 +186,7 @@ Legible timeWords(const OrderedJson& summary) {
     return rounded(1e-3 * summary["wake_ns"][key].get<double>());
   };
   const OrderedJson& got = summary["realtime"];
-  return words(
+  return cli::words(
       "clock     {} Hz kept; {} late ticks; woken {} us after time (median), {} p99, {} p99.9, {} "
       "worst; {} page faults; {}, {}\n",
       rounded(summary["rate_kept"].is_null() ? 0.0 : summary["rate_kept"].get<double>()),
@@ -198,7 +197,7 @@ Legible timeWords(const OrderedJson& summary) {
 }
 
 /// The trace of one hand of several: T.csv, T.2.csv, ...
-std::string traceOf(const Options& options, std::size_t hand) {
+std::string traceOf(const FeelOptions& options, std::size_t hand) {
   if (options.trace.empty() || hand == 0) return options.trace;
   std::filesystem::path place(options.trace);
   const std::string end = place.extension().string();
@@ -207,7 +206,7 @@ std::string traceOf(const Options& options, std::size_t hand) {
 }
 
 /// No two outputs may go to one place, and none to what is read.
-void checkOutputs(const Options& options, const SceneSpec& spec) {
+void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
   std::vector<std::string> places{options.summary, options.picture};
   for (std::size_t i = 0; i < options.devices.size(); ++i) places.push_back(traceOf(options, i));
   if (options.json) places.emplace_back("-");
@@ -408,7 +407,7 @@ struct Hand {
   Picture* picture = nullptr;  ///< The first one's.
   OrderedJson granted;
 
-  Hand(std::unique_ptr<Device> d, const Scene& scene, const Options& options,
+  Hand(std::unique_ptr<Device> d, const Scene& scene, const FeelOptions& options,
        const std::string& trace_place, Picture* drawn)
       : log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
         device(std::move(d)),
@@ -425,7 +424,7 @@ using Hands = std::vector<std::unique_ptr<Hand>>;
 
 /// What a run asks for, once it is known to be good.
 struct Run {
-  const Options& options;
+  const FeelOptions& options;
   Hands& hands;
   std::shared_ptr<const Scene> scene;
   std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
@@ -573,7 +572,7 @@ void runOnTime(const Run& run, Guardian& guardian) {
   for (const auto& hand : hands) hand->end();
 }
 
-void checkOptions(const Options& options) {
+void checkOptions(const FeelOptions& options) {
   const double slowest = options.realtime ? 500.0 : 10.0;
   const double fastest = options.realtime ? 20000.0 : 100000.0;
   if (!(options.rate >= slowest && options.rate <= fastest)) {
@@ -611,7 +610,7 @@ void checkOptions(const Options& options) {
   }
 }
 
-OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec& spec) {
+OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec) {
   OrderedJson summary;
   summary["version"] = kVersion;
   summary["scene"] = spec.source;
@@ -629,7 +628,7 @@ OrderedJson summaryOf(const Options& options, const Hand& hand, const SceneSpec&
   return summary;
 }
 
-void tell(const Options& options, const Hand& hand, const OrderedJson& summary) {
+void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
       rounded(summary["seconds"].get<double>()), rounded(options.rate),
       options.realtime ? "on time" : "in virtual time", hand.device->info().name,
@@ -638,7 +637,7 @@ void tell(const Options& options, const Hand& hand, const OrderedJson& summary) 
   if (options.realtime) say("{}", timeWords(summary));
 }
 
-int feel(const Options& options) {
+int feel(const FeelOptions& options) {
   checkOptions(options);
   // Before there is much memory, and before there are threads.
   std::optional<Guardian> guardian;
@@ -724,7 +723,7 @@ int feel(const Options& options) {
 
 void addFeel(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("feel", "Feels a scene and says what was felt, and how well");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<FeelOptions>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
   verb->add_option("--device", options->devices,
                    "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), or "

@@ -10,14 +10,14 @@
 namespace palpate::cli {
 namespace {
 
-struct Options {
+struct MakeOptions {
   std::string name;
   std::string out;
   std::optional<double> voxel;
   bool json = false;
 };
 
-int make(const Options& options) {
+int make(const MakeOptions& options) {
   if (std::filesystem::path(options.out).extension() != ".vdb") {
     throw Error(options.out, "the output is not named .vdb", "name it so");
   }
@@ -54,7 +54,7 @@ int make(const Options& options) {
 
 void addMake(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("make", "Makes a .vdb from formulas, to try things on");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<MakeOptions>();
   std::string volumes = "Volumes:\n";
   for (const MadeVolume& volume : madeVolumes()) {
     volumes +=

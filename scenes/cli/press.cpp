@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kMostSteps = 1e6;  // each way
 
-struct Options {
+struct PressOptions {
   std::string scene;
   std::string at;
   std::string along;
@@ -93,7 +93,7 @@ class Curve {
   }
 
   [[nodiscard]] const std::vector<Row>& rows() const { return rows_; }
-  [[nodiscard]] OrderedJson summary(const Options& options, const std::string& source) const;
+  [[nodiscard]] OrderedJson summary(const PressOptions& options, const std::string& source) const;
 
  private:
   [[nodiscard]] Row seen(int tick, const StepReport& r) const {
@@ -217,7 +217,7 @@ OrderedJson report(const std::string& name, const ModePressed& mode) {
   return json;
 }
 
-OrderedJson Curve::summary(const Options& options, const std::string& source) const {
+OrderedJson Curve::summary(const PressOptions& options, const std::string& source) const {
   const auto most = std::max_element(rows_.begin(), rows_.end(), [](const Row& a, const Row& b) {
     return std::hypot(a.force_along, a.force_across) < std::hypot(b.force_along, b.force_across);
   });
@@ -311,7 +311,7 @@ void printMode(const OrderedJson& mode) {
   say("mode      {}: {}\n", name, sentence(text));
 }
 
-void print(const OrderedJson& json) {
+void printPress(const OrderedJson& json) {
   const auto of = [](const OrderedJson& value) { return shown(value.get<double>()); };
   say("press     {} deep at {} m/s, {} ticks\n", millimetres(json["depth"]), of(json["speed"]),
       json["ticks"].get<std::size_t>());
@@ -329,7 +329,7 @@ void print(const OrderedJson& json) {
       of(json["net_energy"]), of(json["net_energy_bound"]), of(json["injected_energy"]));
 }
 
-Way wayOf(const Options& options) {
+Way wayOf(const PressOptions& options) {
   Way way;
   way.at = readVector("--at", options.at);
   way.along = readVector("--along", options.along);
@@ -351,7 +351,7 @@ Way wayOf(const Options& options) {
 }
 
 /// No two outputs may go to one place, and none to what is read.
-void checkOutputs(const Options& options, const SceneSpec& spec) {
+void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
   if (options.json && options.csv == "-") {
     throw Error("press", "two outputs would go to \"-\"", "give --csv a file");
   }
@@ -380,7 +380,7 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   return !state.faulted();
 }
 
-int press(const Options& options) {
+int press(const PressOptions& options) {
   checkRate(options.rate);
   noteInterrupts();
   const Way way = wayOf(options);
@@ -413,7 +413,7 @@ int press(const Options& options) {
     sayJson(summary);
   } else if (options.csv != "-") {
     printTable(curve, way.steps);
-    print(summary);
+    printPress(summary);
   }
   if (good) return kDone;
   complain("press: the force was cut: a sample was not finite: mend the volume");
@@ -425,7 +425,7 @@ int press(const Options& options) {
 void addPress(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("press", "Presses straight in and out; prints the force-depth curve");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<PressOptions>();
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
   verb->add_option("--at", options->at, "x,y,z: where the hand begins and ends [m]")->required();
   verb->add_option("--along", options->along,

@@ -17,7 +17,7 @@ namespace {
 constexpr std::array<std::string_view, 7> kDerived{"curl", "divergence", "jacobian", "magnitude",
                                                    "unit", "q",          "lambda2"};
 
-struct Options {
+struct SampleOptions {
   std::string file;
   std::string grid;
   std::string points;
@@ -87,7 +87,7 @@ Table vectorTable(const std::shared_ptr<const VectorField>& field,
   return table;
 }
 
-int sample(const Options& options) {
+int sample(const SampleOptions& options) {
   for (const std::string& word : options.derive) {
     if (std::find(kDerived.begin(), kDerived.end(), word) != kDerived.end()) continue;
     throw Error("--derive", "\"" + word + "\" is not known",
@@ -146,7 +146,7 @@ int sample(const Options& options) {
 void addSample(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "sample", "Value and derivatives of a grid at points of the file's own world space");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<SampleOptions>();
   verb->add_option("FILE", options->file, "A .vdb file")->required();
   verb->add_option("--grid", options->grid, "The grid; may be left out if there is only one");
   verb->add_option("--points", options->points, "CSV with the header x,y,z; - is standard input")

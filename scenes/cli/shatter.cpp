@@ -11,7 +11,7 @@
 namespace palpate::cli {
 namespace {
 
-struct Options {
+struct ShatterOptions {
   std::string file;
   std::string out;
   std::string grid;
@@ -21,7 +21,7 @@ struct Options {
   bool json = false;
 };
 
-int shatter(const Options& options) {
+int shatter(const ShatterOptions& options) {
   noteInterrupts();
   static const std::map<std::string, double> units{
       {"m", 1.0}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}};
@@ -62,7 +62,7 @@ void addShatter(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "shatter",
       "Breaks a volume's solid into fragments and strews them: a large scene for trials");
-  auto options = std::make_shared<Options>();
+  auto options = std::make_shared<ShatterOptions>();
   FragmentOrder& order = options->order;
   verb->add_option("FILE", options->file, "The .vdb to break")->required();
   verb->add_option("OUT", options->out, "The folder to make: scene.json and the pieces")

@@ -21,7 +21,7 @@
 namespace palpate::cli {
 namespace {
 
-struct Options {
+struct StabilityOptions {
   std::string scene;
   std::optional<double> planes;
   std::string device;
@@ -55,7 +55,7 @@ struct Touch {
   Near near;
 };
 
-Touch touchOf(const BuiltScene& built, const Options& options) {
+Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
   const Scene& scene = *built.scene;
   const double load = options.load;
   const double rate = options.rate;
@@ -96,7 +96,7 @@ Touch touchOf(const BuiltScene& built, const Options& options) {
 }
 
 /// `outputs`: no input may be one of them.
-Setup setupOf(const Options& options, const std::vector<std::string>& outputs) {
+Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& outputs) {
   Setup setup;
   if (options.scene.empty()) {
     setup.name = options.planes ? fmt::format("two planes, {} degrees", *options.planes) : "a wall";
@@ -123,7 +123,7 @@ Setup setupOf(const Options& options, const std::vector<std::string>& outputs) {
 }
 
 /// The numbers of an arm that has passed its test, where the user has given no others.
-void takeDevice(Options& options, const CLI::App& verb) {
+void takeDevice(StabilityOptions& options, const CLI::App& verb) {
   const std::optional<ArmName> name = parseArmName(options.device);
   if (!name || name->profile.empty()) {
     throw Error("--device", "\"" + options.device + "\" names no profile",
@@ -165,7 +165,7 @@ void takeDevice(Options& options, const CLI::App& verb) {
   if (profile.output_rate > 0.0) take("--rate", options.rate, profile.output_rate);
 }
 
-void check(const Options& options) {
+void check(const StabilityOptions& options) {
   const auto within = [](const char* name, double value, double least, double most) {
     if (value >= least && value <= most) return;
     throw Error(name, fmt::format("{} is not {} to {}", value, least, most), "give one between");
@@ -198,8 +198,9 @@ void check(const Options& options) {
   }
 }
 
-OrderedJson report(const Options& options, const Setup& setup, const bench::MapSetting& setting,
-                   double most, const std::vector<bench::StabilityMap>& maps) {
+OrderedJson report(const StabilityOptions& options, const Setup& setup,
+                   const bench::MapSetting& setting, double most,
+                   const std::vector<bench::StabilityMap>& maps) {
   OrderedJson json;
   json["of"] = setup.name;
   json["device"] = options.device.empty() ? OrderedJson() : OrderedJson(options.device);
@@ -254,7 +255,7 @@ OrderedJson report(const Options& options, const Setup& setup, const bench::MapS
   return json;
 }
 
-int draw(const Options& options) {
+int draw(const StabilityOptions& options) {
   check(options);
   noteInterrupts();
   // Everything that can be refused is refused before anything runs.
@@ -349,7 +350,7 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand(
       "stability",
       "Maps where couplings rest, swing or run away, for the engine and other methods");
-  auto o = std::make_shared<Options>();
+  auto o = std::make_shared<StabilityOptions>();
   verb->add_option("SCENE", o->scene, "A scene to press on (default: a wall)");
   verb->add_option("--planes", o->planes, "Two planes so many degrees apart instead of a wall");
   verb->add_option("--device", o->device,
@@ -370,7 +371,7 @@ void addStability(CLI::App& app, std::function<int()>& body) {
   verb->footer("Example:\n  palpate stability --planes 20 --map planes");
   verb->callback([=, &body] {
     body = [=] {
-      Options options = *o;
+      StabilityOptions options = *o;
       if (!options.device.empty()) takeDevice(options, *verb);
       return draw(options);
     };
