@@ -93,6 +93,11 @@ bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memo
   return place.add(PrimitiveKind::kPlane, memory.anchor, memory.normal, strength, plane);
 }
 
+void settle(const FrontShapeMode& /*mode*/, const Vec3& /*proxy*/, bool arrived,
+            FrontShapeMemory& memory) noexcept {
+  if (arrived) memory.let_go = false;
+}
+
 bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept {
   const Properties::Vector& v = place.vector(mode.vector);
   const Vec3& curl = place.vector(mode.curl).value;

@@ -424,19 +424,10 @@ class Compiler {
     graph_.modes.push_back(compileMode(mode, path));
     graph_.mode_fields.push_back({support_, current_});
     graph_.mode_voxels.push_back(finestOf(current_));
-    graph_.mode_follows.push_back(follows(graph_.modes.back()) ? 1 : 0);
+    graph_.mode_follows.push_back(followsValue(graph_.modes.back()) ? 1 : 0);
     graph_.mode_motions.push_back(motionOf(mode));
     graph_.mode_sources.push_back(number);
     graph_.mode_names.push_back(name);
-  }
-
-  static bool follows(const Mode& mode) noexcept {
-    const auto* force = std::get_if<ForceMode>(&mode);
-    if (force == nullptr) return false;
-    const auto& factors = force->strength.factors;
-    return std::any_of(factors.begin(), factors.end(), [](const Transfer::Factor& factor) {
-      return factor.scalar >= 0 && !factor.curve.isConstant();
-    });
   }
 
   [[nodiscard]] double finestOf(const FieldSet& set) const noexcept {

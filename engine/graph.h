@@ -230,12 +230,10 @@ struct Graph {
   std::vector<UnitStep> units;  ///< Each after the one that it is made of.
   std::vector<MagnitudeStep> magnitudes;
   std::vector<Mode> modes;
-  std::vector<ModeFields> mode_fields;  ///< One a mode.
-  std::vector<double> mode_voxels;      ///< The finest that each reads [m],
-  std::vector<char> mode_follows;       ///< and whether its strength follows a value, so that what
-                                        ///< is read at one place need not hold at another. Surfaces
-                                        ///< and streams have their own ways for that: none does.
-  std::vector<int> mode_motions;        ///< Of what the mode is made of; -1: it stands still.
+  std::vector<ModeFields> mode_fields;    ///< One a mode.
+  std::vector<double> mode_voxels;        ///< The finest that each reads [m],
+  std::vector<char> mode_follows;         ///< and whether it followsValue().
+  std::vector<int> mode_motions;          ///< Of what the mode is made of; -1: it stands still.
   std::vector<std::size_t> mode_sources;  ///< Each mode's number in GraphSpec.
   std::vector<std::string> mode_names;
   Transfer stiffness;        ///< [N/m]; no factors: constant.

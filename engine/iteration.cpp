@@ -66,6 +66,11 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
+/// Need what was read at one place not hold at another?
+bool varies(const Tick& tick, const Iteration& now) noexcept {
+  return now.follows || tick.balance.surfaces > 0;
+}
+
 /// Tells the trace of a balance.
 void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexcept {
   StepTrace& trace = *tick.trace;
@@ -163,16 +168,15 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   TrustRegion& trust = now.trust;
   Balanced& to = now.to;
   const double step = to.step.norm();
-  const bool varies = now.follows || tick.balance.surfaces > 0;
   const bool by_balance = anchored(tick.balance);
-  if (!varies) {
+  if (!varies(tick, now)) {
     trust.forgetLeast();
   } else if (step < trust.least) {
     trust.least = step;
     trust.least_at = now.read_at;
     trust.least_target = by_balance ? to.proxy : to.target;
   }
-  const bool free = varies && tick.balance.surfaces == 0;
+  const bool free = varies(tick, now) && tick.balance.surfaces == 0;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const bool back = to.step.dot(way) < -0.25 * way.squaredNorm();
   if (back) {
@@ -212,7 +216,7 @@ double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
 
 bool steady(const Tick& tick, const Iteration& now) noexcept {
   const BalanceMemory& b = tick.balance;
-  if ((!now.follows && b.surfaces == 0) || now.trust.closed) return true;
+  if (!varies(tick, now) || now.trust.closed) return true;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double step = now.to.step.norm();
   double reach = reachOfStrengths(tick);
@@ -230,8 +234,7 @@ Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double residual = (now.to.proxy - now.read_at).norm();
   const auto sure = [&](double way) { return leaves(tick, now, way) <= kSure * tolerance; };
-  const bool varies = now.follows || tick.balance.surfaces > 0;
-  if (!varies || now.trust.closed) return now.to.target;
+  if (!varies(tick, now) || now.trust.closed) return now.to.target;
   if (residual <= tolerance && sure(residual)) return now.to.proxy;
   const double step = now.to.step.norm();
   return step > tolerance || sure(step) ? now.to.target : now.read_at;

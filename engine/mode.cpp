@@ -1,5 +1,6 @@
 #include "engine/mode.h"
 
+#include <algorithm>
 #include <limits>
 #include <type_traits>
 
@@ -16,6 +17,13 @@ bool emit(const ForceMode& mode, const Place& place, std::monostate&) noexcept {
   if (!v.inside || !unit(v.value, q)) return true;
   return place.add(PrimitiveKind::kForce, mode.sign * q, mode.strength(place.at),
                    {mode.sign * turnOf(v.value, v.jacobian), mode.strength.slope(place.at)});
+}
+
+bool follows(const ForceMode& mode) noexcept {
+  const auto& factors = mode.strength.factors;
+  return std::any_of(factors.begin(), factors.end(), [](const Transfer::Factor& factor) {
+    return factor.scalar >= 0 && !factor.curve.isConstant();
+  });
 }
 
 bool emit(const ViscosityMode& mode, const Place& place, std::monostate&) noexcept {
@@ -141,19 +149,50 @@ Touch touchOf(const Mode& mode, ModeMemory& memory) noexcept {
       mode);
 }
 
-SurfaceAhead surfaceAhead(const Mode& mode, ModeMemory& memory) noexcept {
-  const auto* iso = std::get_if<IsosurfaceMode>(&mode);
-  if (iso == nullptr) return {};
-  IsosurfaceMemory& of = memoryOf(*iso, memory);
-  if (of.side != Side::kOutside || of.contact.load == Load::kYielding) return {};
-  return {&iso->skin, &of.contact, iso->level, &iso->strength};
+Side sideOf(const ModeMemory& memory) noexcept {
+  return std::visit(
+      [](const auto& m) {
+        if constexpr (requires { m.side; }) return m.side;
+        return Side::kUnknown;
+      },
+      memory.of);
 }
 
-double sliceOf(const Mode& mode, const ModeMemory& memory) noexcept {
-  const auto* follow = std::get_if<FollowMode>(&mode);
-  const auto* of = std::get_if<FollowMemory>(&memory.of);
-  const bool held = follow != nullptr && of != nullptr && memory.emitted > 0 && of->holds;
-  return held ? follow->voxel : std::numeric_limits<double>::infinity();
+SurfaceAhead surfaceAhead(const Mode& mode, ModeMemory& memory) noexcept {
+  return std::visit(
+      [&](const auto& m) -> SurfaceAhead {
+        if constexpr (requires { ahead(m, memoryOf(m, memory)); }) {
+          return ahead(m, memoryOf(m, memory));
+        }
+        return {};
+      },
+      mode);
+}
+
+Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept {
+  return std::visit(
+      [&](const auto& m) -> Curve {
+        if constexpr (requires { memoryOf(m, memory).on; }) {
+          return {&memoryOf(m, memory).on, m.field, m.voxel};
+        }
+        return {};
+      },
+      mode);
+}
+
+double sliceOf(const Mode& mode, ModeMemory& memory) noexcept {
+  const Curve curve = curveOf(mode, memory);
+  const bool held = curve.on != nullptr && curve.on->holds && memory.emitted > 0;
+  return held ? curve.voxel : std::numeric_limits<double>::infinity();
+}
+
+bool followsValue(const Mode& mode) noexcept {
+  return std::visit(
+      [](const auto& m) {
+        if constexpr (requires { follows(m); }) return follows(m);
+        return false;
+      },
+      mode);
 }
 
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
@@ -161,9 +200,11 @@ void readLoads(const Mode& mode, std::span<const Primitive> primitives,
   const Touch touch = touchOf(mode, memory);
   if (touch.skin == nullptr) return;
   readLoad(*touch.contact, primitives, forces);
-  if (auto* surface = std::get_if<SurfaceMemory>(&memory.of)) {
-    surface->holds = touch.contact->load == Load::kHeld;
-  }
+  std::visit(
+      [](auto& m) {
+        if constexpr (requires { m.contact, m.holds; }) m.holds = m.contact.load == Load::kHeld;
+      },
+      memory.of);
 }
 
 void giveWay(const Mode& mode, ModeMemory& memory) noexcept {
@@ -172,15 +213,16 @@ void giveWay(const Mode& mode, ModeMemory& memory) noexcept {
 }
 
 void settle(const Mode& mode, const Vec3& proxy, bool arrived, ModeMemory& memory) noexcept {
-  if (auto* front = std::get_if<FrontShapeMemory>(&memory.of); front != nullptr && arrived) {
-    front->let_go = false;
-  }
   if (const Touch touch = touchOf(mode, memory); touch.skin != nullptr) {
     touch.contact->touched = false;
   }
-  if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) {
-    settle(*iso, proxy, memoryOf(*iso, memory));
-  }
+  std::visit(
+      [&](const auto& m) {
+        if constexpr (requires { settle(m, proxy, arrived, memoryOf(m, memory)); }) {
+          settle(m, proxy, arrived, memoryOf(m, memory));
+        }
+      },
+      mode);
 }
 
 }  // namespace palpate

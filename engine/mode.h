@@ -63,10 +63,14 @@ struct IsosurfaceMemory {
   double share = 1.0;  ///< Of its strength, where a yielded surface fades.
 };
 
+/// Of a mode that holds the proxy to a curve.
+struct OnCurve {
+  bool holds = false;   ///< The last balance lies on its line.
+  double stride = 0.5;  ///< Of the next trace [voxels].
+};
 struct FollowMemory {
   Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
-  bool holds = false;          ///< The last balance lies on its line.
-  double stride = 0.5;         ///< Of the next trace [voxels].
+  OnCurve on;
 };
 
 struct FrontShapeMemory {
@@ -209,10 +213,7 @@ struct ModeMemory {
 };
 
 /// Where the proxy is of a mode that is an isosurface; of others unknown.
-[[nodiscard]] inline Side sideOf(const ModeMemory& memory) noexcept {
-  const auto* of = std::get_if<IsosurfaceMemory>(&memory.of);
-  return of == nullptr ? Side::kUnknown : of->side;
-}
+[[nodiscard]] Side sideOf(const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// That of a mode that nothing is remembered of yet.
 [[nodiscard]] ModeMemory memoryFor(const Mode& mode) noexcept PALPATE_NONBLOCKING;
@@ -263,10 +264,22 @@ struct SurfaceAhead {
 [[nodiscard]] SurfaceAhead surfaceAhead(const Mode& mode,
                                         ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
+/// The stream that a mode holds the proxy to.
+struct Curve {
+  OnCurve* on = nullptr;  ///< None: it holds to none.
+  int field = -1;      ///< Index into Graph::vector_fields; -1: derived, followed by its tangents.
+  double voxel = 0.0;  ///< [m]
+};
+/// RT: no allocation.
+[[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
 /// At most so far may the hand go on at once [m]: infinitely, but where the proxy is held to a
 /// curve. RT: no allocation.
-[[nodiscard]] double sliceOf(const Mode& mode,
-                             const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+[[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
+
+/// Does a force of this mode follow a value, so that what is read at one place need not hold at
+/// another? Surfaces and streams have their own ways for that: none of theirs does.
+[[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
 /// Tells a mode what the last balance has of it: `primitives`, and the `forces` of each.
 /// RT: no allocation.

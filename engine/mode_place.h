@@ -57,7 +57,11 @@ bool emit(const FollowMode& mode, const Place& place, FollowMemory& memory) noex
 bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memory) noexcept;
 bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept;
 
-/// Of a mode that is a surface: its proxy has come there.
-void settle(const IsosurfaceMode& mode, const Vec3& proxy, IsosurfaceMemory& memory) noexcept;
+// What some of them answer beside; see mode.h.
+SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
+void settle(const IsosurfaceMode& mode, const Vec3& proxy, bool arrived,
+            IsosurfaceMemory& memory) noexcept;
+void settle(const FrontShapeMode& mode, const Vec3& proxy, bool arrived,
+            FrontShapeMemory& memory) noexcept;
 
 }  // namespace palpate

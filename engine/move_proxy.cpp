@@ -199,7 +199,7 @@ Slice follow(Tick& tick, int later) noexcept {
 /// the proxy than of the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   double most = std::numeric_limits<double>::infinity();
-  eachMode(tick.felt(), [&](const Mode& mode, const ModeMemory& memory, const Felt&, std::size_t) {
+  eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     most = std::min(most, sliceOf(mode, memory));
   });
   const double slices = std::ceil((tick.probe - hand_before).norm() / most);

@@ -1,7 +1,6 @@
 #include "engine/rail.h"
 
 #include <cmath>
-#include <variant>
 
 namespace palpate {
 namespace {
@@ -11,18 +10,18 @@ namespace {
 constexpr double kTraceStep = 2.25e-3;
 
 /// Primitive `index` of mode i of what is felt. True if it holds.
-bool layAlong(Tick& tick, const FollowMode& mode, ModeMemory& of, const Felt& felt, std::size_t i,
+bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, std::size_t i,
               std::size_t index, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
-  FollowMemory& memory = memoryOf(mode, of);
   const Primitive& line = tick.balance.primitives.items()[index];
   const Vec3& force = tick.balance.forces[index];
   const Vec3 go = trial.end - line.position;
   const Vec3 aside = balance - line.position;
   constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
   constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
-  memory.holds = (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * mode.voxel;
-  if (!memory.holds) return false;
-  if (std::abs(line.direction.dot(go)) < kStays * mode.voxel) return false;
+  along.on->holds =
+      (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * along.voxel;
+  if (!along.on->holds) return false;
+  if (std::abs(line.direction.dot(go)) < kStays * along.voxel) return false;
   const Body* body = tick.around.bodies.of(felt.graph().mode_motions[i]);
   const double k = tick.balance.stiffness;
   TraceOrder order;
@@ -36,10 +35,10 @@ bool layAlong(Tick& tick, const FollowMode& mode, ModeMemory& of, const Felt& fe
     order.hand = body->pose.rotation.transpose() * order.hand;
   }
   order.tolerance = kTraceStep * tick.scene.step.tolerance_voxels;
-  order.stride = memory.stride;
+  order.stride = along.on->stride;
   const Trace trace = felt.bound.trace(
-      mode.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
-  memory.stride = trace.stride;
+      along.field, body == nullptr ? line.position : body->pose.toRest(line.position), order);
+  along.on->stride = trace.stride;
   tick.report.traced += trace.samples;
   const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
   const Vec3 ahead =
@@ -70,12 +69,12 @@ void layRail(Tick& tick, const Vec3& balance, Rail& rail, Trial& trial) noexcept
   rail.laid = true;
   std::size_t first = 0;
   (void)anyMode(tick.felt(),
-                [&](const Mode& any, ModeMemory& memory, const Felt& felt, std::size_t i) {
+                [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {
                   const std::size_t index = first;
                   first += static_cast<std::size_t>(memory.emitted);
-                  const auto* mode = std::get_if<FollowMode>(&any);
-                  if (mode == nullptr || mode->field < 0 || memory.emitted == 0) return false;
-                  return layAlong(tick, *mode, memory, felt, i, index, balance, rail, trial);
+                  const Curve along = curveOf(mode, memory);
+                  if (along.field < 0 || memory.emitted == 0) return false;
+                  return layAlong(tick, along, memory, felt, i, index, balance, rail, trial);
                 });
 }
 

@@ -149,7 +149,13 @@ bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memo
          room;
 }
 
-void settle(const IsosurfaceMode& mode, const Vec3& proxy, IsosurfaceMemory& memory) noexcept {
+SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept {
+  if (memory.side != Side::kOutside || memory.contact.load == Load::kYielding) return {};
+  return {&mode.skin, &memory.contact, mode.level, &mode.strength};
+}
+
+void settle(const IsosurfaceMode& mode, const Vec3& proxy, bool /*arrived*/,
+            IsosurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
   if (memory.side != Side::kOutside || !contact.placed) return;
   const double past = contact.normal.dot(contact.anchor - proxy) / mode.skin.voxel;
