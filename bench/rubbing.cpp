@@ -80,6 +80,49 @@ class Outline {
   std::vector<double> radius_;
 };
 
+constexpr int kComing = 300;  // ticks, from 4 mm outside
+
+/// Where the hand of a slide is, so many times a tick: as it comes, kComing ticks and one place,
+/// and along the arc.
+std::vector<Vec3> slideAlong(const Outline& skin, int arc, double speed, int parts) {
+  double a = 2.0 * std::numbers::pi * arc / kArcs;
+  std::vector<Vec3> hands;
+  for (int i = 0; i <= kComing * parts; ++i) {
+    hands.push_back(skin.at(a, -4e-3 + (4e-3 + kPressed) * i / (kComing * parts)));
+  }
+  const auto ticks = static_cast<long>(kArc / speed / kMotionTick);
+  for (long t = 0; t < ticks * parts; ++t) {
+    a += speed * kMotionTick / parts / skin.radius(a);
+    hands.push_back(skin.at(a, kPressed));
+  }
+  return hands;
+}
+
+SurfaceMotion onScan(const std::shared_ptr<const ScalarField>& field, double level) {
+  SurfaceMotion motion;
+  motion.field = field;
+  motion.level = level;
+  motion.solid = Solid::kAbove;
+  return motion;
+}
+
+Outline outlineOf(const ScalarField& field, int slice, int slices, double level, double speed) {
+  return {field, kBetween * (slice - 0.5 * (slices - 1)), level, speed / kHandFollows};
+}
+
+/// How much the force changes in each tick [N]; `parts` proxies a tick.
+std::vector<double> changesOf(const std::vector<Vec3>& hands, const Stepper& tick, int parts) {
+  std::vector<double> changes;
+  Vec3 before = Vec3::Zero();
+  for (std::size_t i = 0; i < hands.size(); ++i) {
+    const Vec3 force = kMotionStiffness * (tick(hands[i]).proxy - hands[i]);
+    if (i % static_cast<std::size_t>(parts) != 0) continue;
+    changes.push_back((force - before).norm());
+    before = force;
+  }
+  return changes;
+}
+
 /// Sums over slides.
 struct Sums {
   double noise = 0.0;
@@ -116,33 +159,22 @@ std::shared_ptr<const ScalarField> scanField(const std::string& file, double sca
 
 Rubbing rub(const std::string& file, double level, double scale, double speed, int slices) {
   const std::shared_ptr<const ScalarField> field = scanField(file, scale);
-  SurfaceMotion motion;
-  motion.field = field;
-  motion.level = level;
-  motion.solid = Solid::kAbove;
-
+  const SurfaceMotion motion = onScan(field, level);
   Rubbing out;
   Sums engine;
   Sums held;
   for (int slice = 0; slice < slices; ++slice) {
-    const Outline skin(*field, kBetween * (slice - 0.5 * (slices - 1)), level,
-                       speed / kHandFollows);
+    const Outline skin = outlineOf(*field, slice, slices, level, speed);
     for (int arc = 0; arc < kArcs; ++arc) {
       const Stepper tick = engineOn(motion, ModeKind::kIsosurface, {}, kHolds);
-      double a = 2.0 * std::numbers::pi * arc / kArcs;
-      constexpr int kComing = 300;  // ticks, from 4 mm outside
+      const std::vector<Vec3> hands = slideAlong(skin, arc, speed, 1);
       Vec3 proxy;
-      for (int i = 0; i <= kComing; ++i) {
-        const double depth = -4e-3 + (4e-3 + kPressed) * i / kComing;
-        proxy = tick(skin.at(a, depth)).proxy;
-      }
+      for (int i = 0; i <= kComing; ++i) proxy = tick(hands[static_cast<std::size_t>(i)]).proxy;
       Vec3 back = proxy;  // the one that is held back
       std::vector<Vec3> ours;
       std::vector<Vec3> theirs;
-      const auto ticks = static_cast<long>(kArc / speed / kMotionTick);
-      for (long t = 0; t < ticks; ++t) {
-        a += speed * kMotionTick / skin.radius(a);
-        const Vec3 hand = skin.at(a, kPressed);
+      for (std::size_t t = kComing + 1; t < hands.size(); ++t) {
+        const Vec3& hand = hands[t];
         const double before = (proxy - hand).norm();
         const double reach = (back - hand).norm();
         const Ticked r = tick(hand);
@@ -161,7 +193,7 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
       engine.add(ours);
       held.add(theirs);
       ++out.slides;
-      out.ticks += ticks;
+      out.ticks += static_cast<long>(hands.size()) - kComing - 1;
     }
   }
   const auto ticks = static_cast<double>(out.ticks);
@@ -175,6 +207,40 @@ Rubbing rub(const std::string& file, double level, double scale, double speed, i
   };
   out.engine = of(engine);
   out.held = of(held);
+  return out;
+}
+
+Rattling rattle(const std::string& file, double level, double scale, double speed, int slices) {
+  const std::shared_ptr<const ScalarField> field = scanField(file, scale);
+  const SurfaceMotion motion = onScan(field, level);
+  constexpr int kParts = 16;  // of a tick
+  constexpr std::size_t kBeside = 20;
+  StepParams exact;
+  exact.tolerance_voxels = 1e-4;
+  exact.max_substeps = 64;
+  Rattling out;
+  for (int slice = 0; slice < slices; ++slice) {
+    const Outline skin = outlineOf(*field, slice, slices, level, speed);
+    for (int arc = 0; arc < kArcs; ++arc) {
+      const auto ours = changesOf(slideAlong(skin, arc, speed, 1),
+                                  engineOn(motion, ModeKind::kIsosurface, {}, kHolds), 1);
+      const auto theirs = changesOf(slideAlong(skin, arc, speed, kParts),
+                                    engineOn(motion, ModeKind::kIsosurface, exact, kHolds), kParts);
+      ++out.sites;
+      for (std::size_t i = kComing + 1; i < ours.size(); ++i) {
+        ++out.ticks;
+        if (ours[i] <= Rattling::kLeap) continue;
+        ++out.leaps;
+        const std::size_t from = i > kBeside ? i - kBeside : 0;
+        const std::size_t to = std::min(theirs.size(), i + kBeside);
+        const double most = *std::max_element(theirs.begin() + static_cast<std::ptrdiff_t>(from),
+                                              theirs.begin() + static_cast<std::ptrdiff_t>(to));
+        if (2.0 * most >= ours[i]) continue;
+        ++out.alone;
+        out.largest = std::max(out.largest, ours[i]);
+      }
+    }
+  }
   return out;
 }
 

@@ -33,9 +33,24 @@ struct Rubbing {
 /// metres. Throws where it cannot be read, or holds no scalars.
 [[nodiscard]] std::shared_ptr<const ScalarField> scanField(const std::string& file, double scale);
 
+/// A rattle: the force of a slide leaps from tick to tick where an exact proxy's does not.
+struct Rattling {
+  static constexpr double kLeap = 0.1;  ///< [N] in a tick.
+
+  long sites = 0;
+  long ticks = 0;
+  long leaps = 0;        ///< Of them with more than that,
+  long alone = 0;        ///< and no exact leap of half as much within 20 ticks,
+  double largest = 0.0;  ///< the largest [N].
+};
+
 /// Slides along the surface V = level, solid above, of a scan's field (scanField): in so many
 /// slices about the middle of the data four arcs of 5 cm each, 1 mm below the skin as a hand finds
 /// it that cannot follow what comes oftener than five times a second.
 Rubbing rub(const std::string& file, double level, double scale, double speed, int slices = 7);
+
+/// The same slides, beside those of a proxy that goes on 16 times a tick to a hundredth of the
+/// tolerance.
+Rattling rattle(const std::string& file, double level, double scale, double speed, int slices = 6);
 
 }  // namespace palpate::bench
