@@ -5,7 +5,7 @@
 namespace palpate {
 namespace {
 
-constexpr int kLeafEdge = 8;
+constexpr int kLeaf = 8;
 constexpr std::size_t kMostBlocks = std::size_t{1} << 22;
 constexpr std::uint8_t kFarthest = std::numeric_limits<std::uint8_t>::max();
 
@@ -58,7 +58,7 @@ FreeMap::FreeMap(std::span<const Voxels> data) {
       all.upper[a] = std::max(all.upper[a], box.upper[a]);
     }
   }
-  std::int64_t edge = kLeafEdge;
+  std::int64_t edge = kLeaf;
   std::array<std::int64_t, 3> lower{};
   for (;; edge *= 2) {
     double blocks = 1.0;

@@ -44,7 +44,7 @@ const ValueKind* kindOf(const std::string& tree_type) {
 }
 
 /// What a section of the file declares of itself.
-struct GridEntry {
+struct Descriptor {
   std::string name;
   std::string type;    ///< Without the suffix of half grids.
   std::string parent;  ///< Whose tree it shares, or empty.
@@ -73,7 +73,7 @@ class VdbCheck::Walk {
     if (count < 0) damaged("it counts less than no grid");
     if (static_cast<std::uint64_t>(count) > left() / 36) tooLarge();
     for (std::int32_t i = 0; i < count; ++i) {
-      const GridEntry d = descriptor();
+      const Descriptor d = descriptor();
       if (find(d.name) != nullptr) damaged("two of its grids have one name");
       grids_.emplace(nameOf(d.name), d);
       grid(d, !has_offsets_);
@@ -86,8 +86,8 @@ class VdbCheck::Walk {
     std::uint64_t bytes = 0;
     const auto [first, last] = grids_.equal_range(name);
     for (auto entry = first; entry != last; ++entry) {
-      const GridEntry& d = entry->second;
-      const GridEntry& owner = ownerOf(d);
+      const Descriptor& d = entry->second;
+      const Descriptor& owner = ownerOf(d);
       limit_ = size_;
       bounded_ = false;
       seek(static_cast<std::uint64_t>(owner.grid));
@@ -106,16 +106,16 @@ class VdbCheck::Walk {
   }
   /// By its name in the file: at most two are called the same by users, density[0] and the first of
   /// two densities.
-  [[nodiscard]] const GridEntry* find(const std::string& unique) const {
+  [[nodiscard]] const Descriptor* find(const std::string& unique) const {
     const auto [first, last] = grids_.equal_range(nameOf(unique));
     const auto found =
         std::find_if(first, last, [&](const auto& entry) { return entry.second.name == unique; });
     return found == last ? nullptr : &found->second;
   }
   /// Whose tree it has.
-  [[nodiscard]] const GridEntry& ownerOf(const GridEntry& d) const {
+  [[nodiscard]] const Descriptor& ownerOf(const Descriptor& d) const {
     if (d.parent.empty()) return d;
-    const GridEntry* parent = find(d.parent);
+    const Descriptor* parent = find(d.parent);
     if (parent == nullptr || !parent->parent.empty() || parent->type != d.type) {
       damaged("a grid shares the tree of one that is not there");
     }
@@ -249,9 +249,9 @@ class VdbCheck::Walk {
     return half;
   }
 
-  GridEntry descriptor() {
+  Descriptor descriptor() {
     constexpr std::uint32_t kLongest = 1U << 12U;
-    GridEntry d;
+    Descriptor d;
     d.name = string(kLongest);
     d.type = string(kLongest);
     d.parent = string(kLongest);
@@ -271,7 +271,7 @@ class VdbCheck::Walk {
   }
 
   /// `walk`: its tree as well.
-  void grid(const GridEntry& d, bool walk) {
+  void grid(const Descriptor& d, bool walk) {
     const ValueKind* kind = kindOf(d.type);
     const bool instance = !d.parent.empty();
     if (has_offsets_) {
@@ -371,7 +371,7 @@ class VdbCheck::Walk {
                            });
   }
 
-  void tree(const ValueKind& kind, std::uint32_t compression, bool half, const GridEntry& d) {
+  void tree(const ValueKind& kind, std::uint32_t compression, bool half, const Descriptor& d) {
     using namespace openvdb::io;
     const bool blosc = (compression & COMPRESS_BLOSC) != 0;
     const Storage storage{kind.bytes, half ? kind.half_bytes : kind.bytes,
@@ -540,7 +540,7 @@ class VdbCheck::Walk {
   std::uint64_t limit_ = 0;  ///< End of the section that is being walked.
   bool bounded_ = false;     ///< The section ends where the file says, not where it ends.
   bool has_offsets_ = true;  ///< The file says where its grids begin and end.
-  std::multimap<std::string, GridEntry> grids_;  ///< By their names as users call them.
+  std::multimap<std::string, Descriptor> grids_;  ///< By their names as users call them.
   std::vector<LeafMask> leaves_;
 };
 

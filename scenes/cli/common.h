@@ -25,7 +25,7 @@ inline constexpr int kBadInput = 2;
 inline constexpr int kInternal = 3;
 inline constexpr int kInterrupted = 130;
 
-/// The signal that asked the program to stop, or 0.
+/// Not 0 once a signal has asked the program to stop.
 extern volatile std::sig_atomic_t interrupted;
 
 /// A verb adds itself to the program; its body runs after parsing and returns the exit status.

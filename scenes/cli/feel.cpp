@@ -3,7 +3,6 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
-#include <csignal>
 #include <fstream>
 #include <future>
 #include <limits>
@@ -642,10 +641,7 @@ int feel(const FeelOptions& options) {
   // Before there is much memory, and before there are threads.
   std::optional<Guardian> guardian;
   if (options.realtime) guardian.emplace();
-  const auto on_signal = [](int) { interrupted = 1; };
-  std::signal(SIGINT, on_signal);
-  std::signal(SIGTERM, on_signal);
-  std::signal(SIGHUP, on_signal);
+  noteInterrupts();
 
   // Everything that can be refused is refused before anything runs.
   const auto written = writtenAt(options.scene);

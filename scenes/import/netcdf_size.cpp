@@ -9,9 +9,9 @@ namespace palpate::importer {
 namespace {
 
 /// Reads big-endian numbers; after the end, or after something absurd, `ok` is false.
-class NetcdfHeader {
+class Header {
  public:
-  explicit NetcdfHeader(std::istream& in, int version) : in_(in), version_(version) {}
+  explicit Header(std::istream& in, int version) : in_(in), version_(version) {}
 
   std::uint64_t number(int bytes) {
     std::uint64_t out = 0;
@@ -54,7 +54,7 @@ std::uint64_t widthOf(std::uint64_t type) {
   return type < kWidths.size() ? kWidths[type] : 0;
 }
 
-void skipAttributes(NetcdfHeader& header) {
+void skipAttributes(Header& header) {
   const std::uint64_t attributes = header.list();
   for (std::uint64_t a = 0; a < attributes && header.ok; ++a) {
     header.skip(header.count());  // name
@@ -71,7 +71,7 @@ std::optional<std::uint64_t> netcdfSize(const std::filesystem::path& file) {
   in.read(magic.data(), magic.size());
   if (!in || magic[0] != 'C' || magic[1] != 'D' || magic[2] != 'F') return std::nullopt;
   if (magic[3] != 1 && magic[3] != 2 && magic[3] != 5) return std::nullopt;
-  NetcdfHeader header(in, magic[3]);
+  Header header(in, magic[3]);
 
   const std::uint64_t records = header.count();
   std::vector<std::uint64_t> lengths;
