@@ -1,14 +1,16 @@
 /// Does energy come out of the hand's port? Runs by the million, with nobody keeping it, with
-/// Hannaford and Ryu's observer and with the tank: palpate_bench_passivity [RUNS] (default 20000;
-/// of all but the tank's random ones a tenth). active: runs in which energy came out, more than
-/// rounding; broken: more than the tank promises, or than it says there is; acts, takes: share of
-/// ticks in which the keeper changed the force, and of the force that it took (an observer adds).
+/// Hannaford and Ryu's observer and with the tank: palpate_bench_passivity [RUNS [HANDS]] (default
+/// 20000; of all but the tank's random ones a tenth; HANDS: only rows whose name has it). active:
+/// runs in which energy came out, more than rounding; broken: more than the tank promises, or than
+/// it says there is; acts, takes: share of ticks in which the keeper changed the force, and of the
+/// force that it took (an observer adds).
 #include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -22,9 +24,14 @@ using bench::PassivityRun;
 
 namespace {
 
+const char* asked_hands = "";
+int rows = 0;
+
 /// `play`: what the i-th adds.
 template <class Play>
 void showThose(const char* what, Keeper keeper, long count, Play play) {
+  if (std::strstr(what, asked_hands) == nullptr) return;
+  ++rows;
   bench::PassivityTally sum;
   std::mutex mutex;
   std::atomic<long> next{0};
@@ -93,12 +100,13 @@ double cost(double delay, double doubt, double lag, double share) {
 
 int main(int argc, char** argv) {
   long runs = 20000;
-  if (argc > 2 || (argc == 2 && ((runs = std::atol(argv[1])) < 1))) {
+  if (argc > 3 || (argc > 1 && ((runs = std::atol(argv[1])) < 1))) {
     std::fprintf(stderr,
                  "palpate_bench_passivity: %s: it is no number of runs: give one, as 20000\n",
-                 argv[argc - 1]);
+                 argv[1]);
     return 2;
   }
+  if (argc == 3) asked_hands = argv[2];
   const bench::Machine machine = bench::takeMachine(false);
   std::printf("%s\n", bench::describe(machine).c_str());
   std::printf(
@@ -165,5 +173,12 @@ int main(int argc, char** argv) {
   for (const Keeper keeper : {Keeper::kNobody, Keeper::kObserver}) {
     show("at random", keeper, std::max(1L, runs / 10), drawn);
     show("adversary", keeper, std::max(1L, runs / 10), wicked);
+  }
+  if (rows == 0) {
+    std::fprintf(stderr,
+                 "palpate_bench_passivity: %s: no hands have that in their name: see the "
+                 "rows it prints without\n",
+                 asked_hands);
+    return 2;
   }
 }
