@@ -54,7 +54,7 @@ rm -rf "$root"
 
 log=$work/$wire.log
 # Its time is its own; how long that takes is ours: before what else computes, where that is permitted.
-nice -n -15 timeout 1200 qemu-system-x86_64 -accel tcg -cpu max -smp 1 -icount shift=1,sleep=off -m 768 \
+nice -n -15 timeout 1200 qemu-system-x86_64 -accel tcg -cpu max -smp 1 -icount shift=1,sleep=off -rtc clock=vm -m 768 \
     -nodefaults -display none -serial stdio -no-reboot -kernel "$kernel"/boot/vmlinuz-* \
     -initrd "$work/initrd.$wire" -append "console=ttyS0 quiet panic=-1 wire=$wire" \
     </dev/null | tr -d '\r' | tee "$log" || true
