@@ -860,7 +860,8 @@ TEST_CASE("a tick of all modes allocates nothing", "[modes][realtime]") {
   CHECK(*calls > 1000);
 }
 
-TEST_CASE("a varying stiffness is passive and changes at a limited rate", "[modes][passivity]") {
+TEST_CASE("a varying stiffness is passive and changes at a limited rate",
+          "[coupling][modes][passivity]") {
   GraphSpec spec;
   const auto all = allModes();
   spec.modes = {all[9].mode, all[3].mode};
