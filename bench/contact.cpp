@@ -1,6 +1,7 @@
 /// What contact costs and how well it holds where surfaces are concave or rough: a table.
 ///
 ///     palpate_bench_contact [--frames N] [--only ROW] [--substeps N] [--seed N] [--surface]
+///     [--times]
 #include <cstdio>
 #include <exception>
 #include <functional>
@@ -11,6 +12,8 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/contact_problems.h"
+#include "bench/percentiles.h"
+#include "bench/theorem.h"
 
 using namespace palpate;
 using namespace palpate::bench;
@@ -50,6 +53,10 @@ void print(const std::string& name, const ContactResult& r) {
       "%-12s %5ld %8ld %9.3f %9.3f %8.2f %7ld %8.4f %8.4f %8.3f %6ld %5ld/%-5ld %7.3f %6ld\n",
       name.c_str(), r.runs, r.held, 100.0 * r.cappedShare(), r.readingsPerTick(), r.cellsPerTick(),
       r.off, r.offRms(), r.off_most, r.deepest, r.leaked, r.unfinished, r.holds, r.hardest, r.over);
+  if (!r.times.empty()) {
+    std::printf("%-12s a tick: p50 %.0f ns, p99 %.0f, p99.9 %.0f\n", "", percentile(r.times, 0.5),
+                percentile(r.times, 0.99), percentile(r.times, 0.999));
+  }
   std::fflush(stdout);
 }
 
@@ -60,12 +67,15 @@ int main(int argc, char** argv) {
   ContactRuns runs;
   std::string only;
   bool surface = false;
+  bool times = false;
   app.add_option("--frames", runs.frames, "Runs of a row")->check(CLI::PositiveNumber);
   app.add_option("--only", only, "Rows whose name has this in it");
   app.add_option("--substeps", runs.step.max_substeps, "Readings")->check(CLI::Range(1, 64));
   app.add_option("--seed", runs.seed, "Of frames and hands");
   app.add_flag("--surface", surface, "The mode surface instead of isosurface");
+  app.add_flag("--times", times, "Time ticks, and prove none");
   CLI11_PARSE(app, argc, argv);
+  proving() = !times;
   if (surface) runs.kind = ModeKind::kSurface;
   try {
     std::printf(

@@ -13,6 +13,7 @@
 #include "bench/corner_noise.h"
 #include "bench/motion_problems.h"
 #include "bench/theorem.h"
+#include "engine/realtime.h"
 #include "engine/step.h"
 #include "tests/support/random.h"
 
@@ -47,7 +48,9 @@ class Touch {
 
   void operator()(const Vec3& hand) {
     constexpr double kHeld = 1e-6;  // [N]
+    const std::int64_t start = nowNs();
     const StepReport report = provenStep(*scene_, reader_, {kVoxel * hand}, state_, kMotionTick);
+    const std::int64_t took = nowNs() - start;
     const Vec3 proxy = report.proxy / kVoxel;
     const double force = report.force.norm();
     moved_ = (proxy - proxy_).norm();
@@ -57,6 +60,7 @@ class Touch {
     if (force > 1.05 * strength_) ++result_.over;
     if (!(force > kHeld)) return;
     ++result_.held;
+    if (!proving()) result_.times.push_back(static_cast<double>(took));
     result_.readings += report.substeps;
     result_.cells += report.walked;
     if (capped_) {
