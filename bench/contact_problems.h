@@ -29,7 +29,7 @@ struct ContactResult {
   long unfinished = 0;       ///< that stand at the limit and do not go on.
   double hardest = 0.0;      ///< Force by the one surface's strength,
   long over = 0;             ///< ticks in which that is more than 1.05.
-  std::vector<double> times;  ///< Of each of the ticks [ns], where none is proven (theorem.h).
+  std::vector<double> times;  ///< Of each of these ticks [ns], where none is proven (theorem.h).
 
   [[nodiscard]] double cappedShare() const { return share(capped, held); }
   [[nodiscard]] double readingsPerTick() const { return share(readings, held); }

@@ -100,7 +100,9 @@ double cost(double delay, double doubt, double lag, double share) {
 
 int main(int argc, char** argv) {
   long runs = 20000;
-  if (argc > 3 || (argc > 1 && ((runs = std::atol(argv[1])) < 1))) {
+  char* end = nullptr;
+  if (argc > 1) runs = std::strtol(argv[1], &end, 10);
+  if (argc > 3 || runs < 1 || (end != nullptr && *end != '\0')) {
     std::fprintf(stderr,
                  "palpate_bench_passivity: %s: it is no number of runs: give one, as 20000\n",
                  argv[1]);

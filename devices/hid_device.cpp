@@ -159,7 +159,7 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   for (const HidFlag& flag : profile_.flags) flags_in_[flag.field.report] = !silent();
   flags_at_.assign(profile_.input.size(), kNever);
   const ProfileFacts facts = factsOf(profile_);
-  about_ = rawInMiddle(profile_, facts);
+  about_ = profile_.home.empty() ? rawInMiddle(profile_, facts) : rawAtHome(profile_);
   if (profile_.output) drives_W_ = facts.drives;
   for (std::size_t i = 0; i < std::min(kMotors, profile_.joints.size()); ++i) {
     if (profile_.output && !profile_.joints[i].to) undriven_.push_back(i);
@@ -205,7 +205,6 @@ void HidDevice::begin() {
                       "close some files");
   }
   heard_ = !silent();
-  beginAtHome();
   follow(0.0);
   info_.limits.friction = host_.measured.coulomb;
   if (profile_.output && host_.measured.viscous > 0.0) {
@@ -219,13 +218,6 @@ void HidDevice::begin() {
   open_port_ = port_.get();
   if (profile_.output) writer_ = std::thread([this] { writeLoop(); });
   mender_ = std::thread([this] { mendLoop(); });
-}
-
-void HidDevice::beginAtHome() noexcept {
-  // It has just been homed: its counters are what they are, in the first of their ranges.
-  for (std::size_t i = 0; i < about_.size() && !profile_.home.empty(); ++i) {
-    about_[i] = input_.raw(profile_.joints[i].from);
-  }
 }
 
 void HidDevice::knowFlags(std::int64_t now) noexcept {
@@ -258,14 +250,22 @@ HidDevice::~HidDevice() {
 }
 
 void HidDevice::leave(ReportPort& port, HidInput& input) noexcept {
-  if (profile_.output && !port.write(zero_)) return;
-  // Each for itself: amplifiers are switched off although the arm has not said what was waited for.
+  // What did not go out may go the next time. Each for itself: amplifiers are switched off although
+  // the arm has not said what was waited for.
+  constexpr int kTries = 3;
+  const auto insist = [](auto&& goes_out) {
+    for (int i = 0; i < kTries && !goes_out(); ++i) continue;
+  };
+  if (profile_.output) insist([&] { return port.write(zero_); });
   for (const HidStep& step : profile_.close) {
-    try {
-      runSequence(port, input, {step}, nullptr);
-    } catch (const std::exception&) {
-      // It is gone, or does not say what it should: its force is off all the same.
-    }
+    insist([&] {
+      try {
+        runSequence(port, input, {step}, nullptr);
+        return true;
+      } catch (const std::exception&) {
+        return step.kind == HidStep::Kind::kWait;
+      }
+    });
   }
 }
 
@@ -399,7 +399,6 @@ HandState HidDevice::read() noexcept {
       input_.adopt(mended_);
       moved_at_ = now;
       knowFlags(now);
-      beginAtHome();
     }
     // Since the opening much may have happened: one that says by itself that it is homed is where
     // it says now. One that was homed then has to be followed from there on.
@@ -501,7 +500,8 @@ void HidDevice::lookAtWrites(std::int64_t now, HandState& hand) noexcept {
 void HidDevice::lookForMotion(std::int64_t now) noexcept {
   for (std::size_t i = 0; i < profile_.joints.size(); ++i) {
     const double raw = input_.raw(profile_.joints[i].from);
-    if (raw != counts_[i]) moved_at_ = now;
+    // One that does not move the tip, as a wrist's, says nothing of those that do.
+    if (raw != counts_[i] && !pose_.jacobian[i].isZero(0.0)) moved_at_ = now;
     counts_[i] = raw;
   }
 }

@@ -181,7 +181,6 @@ class HidDevice final : public Device {
   /// The rest of the opening, once the arm is prepared.
   void begin();
   /// Where counters that wrap begin, of an arm that has been homed by steps.
-  void beginAtHome() noexcept;
   /// What has come while it was prepared counts from now on.
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;

@@ -173,6 +173,15 @@ std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& f
   return raw;
 }
 
+std::vector<double> rawAtHome(const HidProfile& profile) {
+  std::vector<double> raw;
+  for (const HidJoint& joint : profile.joints) {
+    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
+    raw.push_back(-field.offset / field.scale);
+  }
+  return raw;
+}
+
 double jointAt(const HidProfile& profile, std::size_t joint, double raw, double home_raw) noexcept {
   const HidJoint& of = profile.joints[joint];
   const ReportField& field = profile.input[of.from.report].fields[of.from.field];

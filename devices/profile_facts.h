@@ -45,6 +45,8 @@ struct ProfileFacts {
 /// The raw number of each joint's field there: a counter that wraps is taken for the one nearest to
 /// it.
 [[nodiscard]] std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& facts);
+/// And where each joint is at its home, as an arm is whose `home` steps have just ended.
+[[nodiscard]] std::vector<double> rawAtHome(const HidProfile& profile);
 
 /// A joint where its field, followed beyond its ends, has this raw number [rad], of a slide [m].
 ///

@@ -149,8 +149,29 @@ void WholeFolder::commit() {
   partial_.clear();
 }
 
+namespace {
+
+/// Where a name leads, however it is written.
+std::filesystem::path placeOf(const std::string& name) {
+  if (name == "-") return name;
+  std::error_code error;
+  const std::filesystem::path whole = std::filesystem::absolute(behindLinks(name), error);
+  const std::filesystem::path place = std::filesystem::weakly_canonical(whole, error);
+  return error ? whole : place;
+}
+
+}  // namespace
+
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs) {
+  for (std::size_t i = 0; i < outputs.size(); ++i) {
+    for (std::size_t j = 0; j < i; ++j) {
+      if (outputs[i].empty() || outputs[j].empty() || placeOf(outputs[i]) != placeOf(outputs[j])) {
+        continue;
+      }
+      throw Error(outputs[i], "two outputs would go there", "give each its own place");
+    }
+  }
   for (const std::string& output : outputs) {
     for (const std::filesystem::path& input : inputs) {
       std::error_code error;

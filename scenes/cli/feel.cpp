@@ -209,22 +209,6 @@ void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
   std::vector<std::string> places{options.summary, options.picture};
   for (std::size_t i = 0; i < options.devices.size(); ++i) places.push_back(traceOf(options, i));
   if (options.json) places.emplace_back("-");
-  // However they are written.
-  std::vector<std::filesystem::path> meant;
-  for (const std::string& place : places) {
-    std::error_code error;
-    meant.push_back(place.empty() || place == "-"
-                        ? std::filesystem::path(place)
-                        : std::filesystem::weakly_canonical(behindLinks(place), error));
-    if (error) meant.back() = place;
-  }
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    for (std::size_t j = 0; j < i; ++j) {
-      if (places[i].empty() || meant[i] != meant[j]) continue;
-      throw Error("feel", "two outputs would go to \"" + places[i] + "\"",
-                  "give each its own place");
-    }
-  }
   std::vector<std::filesystem::path> inputs = inputsOf(options.scene, spec);
   for (const std::string& device : options.devices) {
     if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));

@@ -352,14 +352,8 @@ Way wayOf(const PressOptions& options) {
 
 /// No two outputs may go to one place, and none to what is read.
 void checkOutputs(const PressOptions& options, const SceneSpec& spec) {
-  if (options.json && options.csv == "-") {
-    throw Error("press", "two outputs would go to \"-\"", "give --csv a file");
-  }
-  if (!options.csv.empty() && options.csv == options.picture) {
-    throw Error("press", "two outputs would go to \"" + options.csv + "\"",
-                "give each its own place");
-  }
-  checkOutputsApart({options.csv, options.picture}, inputsOf(options.scene, spec));
+  checkOutputsApart({options.csv, options.picture, options.json ? "-" : ""},
+                    inputsOf(options.scene, spec));
 }
 
 /// Ticks all the way; true if none was a fault.

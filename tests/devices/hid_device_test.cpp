@@ -70,6 +70,7 @@ class FakeArm {
   std::atomic<bool> there{true};
   std::atomic<bool> holds{false};    ///< A write does not come back ...
   std::atomic<bool> holding{false};  ///< ... and has begun.
+  std::atomic<int> fails{0};         ///< So many of the next writes.
   std::atomic<bool> answers{false};  ///< Gives a report for every one it gets.
   std::vector<int> again;            ///< Counts and state that it says whenever it is asked.
 
@@ -117,7 +118,7 @@ class FakePort final : public ReportPort {
       std::this_thread::sleep_for(1ms);
     }
     arm_.holding = false;
-    if (!arm_.there) return false;
+    if (!arm_.there || (arm_.fails > 0 && arm_.fails-- > 0)) return false;
     {
       const std::lock_guard lock(arm_.mutex_);
       arm_.sent_.emplace_back(report.begin(), report.end());
@@ -879,6 +880,23 @@ TEST_CASE("what is to be sent at the end is sent, whatever was waited for before
   CHECK(arm.sent().back()[7] == std::byte{9});
 }
 
+TEST_CASE("the amplifier is switched off although a report does not go out", "[hid][safety]") {
+  HidProfile profile = slides();
+  HidStep off;
+  off.kind = HidStep::Kind::kSend;
+  off.values = {{3, 9.0}};
+  profile.close = {off};
+  for (const int fails : {1, 2, 3, 4}) {
+    CAPTURE(fails);
+    FakeArm arm;
+    auto device = open(arm, profile);
+    arm.fails = fails;
+    device.reset();
+    REQUIRE(arm.written() > 0);
+    CHECK(arm.sent().back()[7] == std::byte{9});
+  }
+}
+
 TEST_CASE("a report that is sent again is none", "[hid]") {
   HidProfile profile = slides();
   profile.input[0].sequence = 3;
@@ -1072,6 +1090,27 @@ struct Holding {
 
 }  // namespace
 
+TEST_CASE("a joint that does not move the tip is no sign of life", "[hid][safety]") {
+  // A planar arm with a third joint that is only sensed, as a wrist's, whose last bit trembles.
+  HidProfile profile = slides();
+  profile.kinematics = makePantograph({0.08, 0.1, 0.1, 0.08}, 0.05);
+  profile.joints[0].home = M_PI / 2 - 0.3;
+  profile.joints[1].home = M_PI / 2 + 0.3;
+  profile.joints[2].to.reset();
+  FakeArm arm;
+  const auto device = open(arm, profile);
+  (void)device->read();
+  HandState hand;
+  for (int i = 0; i < 100; ++i) {
+    pass(1e-3);
+    arm.giveCounts(0, 0, i % 2);
+    hand = device->read();
+  }
+  CHECK(hand.still == Approx(0.1));
+  arm.giveCounts(1, 0, 0);
+  CHECK(device->read().still == 0.0);
+}
+
 TEST_CASE("a hand that lives feels no more of it than the arm's friction and a count",
           "[hid][safety]") {
   // Friction holds the arm while the force fades, and its hand feels no less; once it moves by a
@@ -1170,6 +1209,26 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
   arm.giveCounts(10, 0, 0);
   CHECK(device->read().position.x() == Approx(1e-4));
+}
+
+TEST_CASE("after its homing an arm's counters are those nearest to its home", "[hid]") {
+  // 12 bits of 10 um, 4 cm of a workspace of 20: unsigned, a count below its home, which is the
+  // middle along x, and 5 cm aside along y.
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) {
+    field.bits = 12;
+    field.type = ReportField::Type::kUnsigned;
+  }
+  HidStep home;
+  home.seconds = 0.001;
+  profile.home = {home};
+  profile.joints[1].home = 0.05;
+  FakeArm arm;
+  arm.giveCounts(-1, 3, 1000);
+  const auto device =
+      std::make_unique<HidDevice>(profile, std::make_unique<FakePort>(arm), true, inVirtualTime());
+  arm.giveCounts(-1, 3, 1000);
+  CHECK((device->read().position - Vec3(-1e-5, 0.05003, 1e-2)).norm() < 1e-12);
 }
 
 TEST_CASE("an arm that says it is homed is believed, however long nobody has looked", "[hid]") {

@@ -559,6 +559,10 @@ class Feel(Case):
         self.refused("feel", ball, "--trace", same, "--summary", same, says="two outputs")
         same_again = f"{self.dir}/./{Path(same).name}"
         self.refused("feel", ball, "--trace", same, "--summary", same_again, says="two outputs")
+        from_here = os.path.relpath(same)
+        self.refused("feel", ball, "--trace", from_here, "--summary", same, says="two outputs")
+        self.refused("feel", ball, "--trace", from_here, "--summary", f"./{from_here}",
+                     says="two outputs")
         self.refused("feel", ball, "--trace", "-", "--json", says="two outputs")
         self.refused("feel", ball, "--rate", "nan", says="--rate")
         self.refused("feel", ball, "--seconds", -1, says="--seconds")

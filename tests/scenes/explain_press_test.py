@@ -407,6 +407,11 @@ class Press(Touch):
             self.refused(*at, "--along", "0,0,-0.1", "--speed", speed, says="--speed")
         self.refused(*at, "--along", "0,0,-0.1", "--rate", 0, says="--rate")
         self.refused(*at, "--along", "0,0,-0.1", "--csv", "-", "--json", says="two outputs")
+        picture = self.dir / "p.png"
+        again = os.path.relpath(picture)
+        self.refused(*at, "--along", "0,0,-0.1", "--csv", again, "--picture", picture,
+                     says="two outputs")
+        self.assertFalse(picture.exists())
         self.refused(*at, "--along", "0,0,-0.1", "--csv", ball, says="it is an input")
         self.refused(*at, "--along", "0,0,-0.1", "--csv", "/no/such/p.csv", says="cannot be written")
         self.refused(*at, "--along", "0,0,-0.1", "--picture", "p.txt", says=".png")

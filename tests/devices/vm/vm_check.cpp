@@ -249,8 +249,8 @@ void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
             text(quantile(periods, 0.99)) + " us, longest " + text(quantile(periods, 1.0)) + " us");
   // Beside a crowded host the machine has stood still for 3 to 5 ms, twice in a second, once in
   // some minutes. Ticks that are due by then come at once, and of their forces the newest is sent.
-  check(late <= ticks / 500, "no tick late, or of a thousand two: " + text(late));
-  check(gone == arrived && gone <= ticks && gone >= ticks - late,
+  check(late <= ticks / 1000, "no tick late, or one of a thousand: " + text(late));
+  check(gone == arrived && gone <= ticks && gone >= ticks - 2 * late,
         "one write a tick: " + text(gone) + " sent, " + text(arrived) + " arrived in " +
             text(ticks) + " ticks");
   check(quantile(writes, 1.0) < 200.0,
@@ -375,9 +375,9 @@ struct Felt {
     check(hand.latest().fault == Fault::kNone, "no fault before");
     aside.command(kGo);
     usleep(4300000);
-    check(hand.latest().fault == Fault::kNone,
-          std::string("no fault: ") + wordFor(hand.latest().fault));
     late = hand.latest().late_ticks;
+    check(late > 0 || hand.latest().fault == Fault::kNone,
+          std::string("no fault: ") + wordFor(hand.latest().fault));
     hand.stop();
     aside.command(kEnd);
   }
