@@ -141,8 +141,8 @@ int import(const Options& options, Teller& teller) {
 
 bool isSame(const fs::path& a, const fs::path& b) {
   std::error_code error;
-  return fs::weakly_canonical(fs::absolute(a), error) ==
-         fs::weakly_canonical(fs::absolute(b), error);
+  return fs::weakly_canonical(fs::absolute(a, error), error) ==
+         fs::weakly_canonical(fs::absolute(b, error), error);
 }
 
 void check(const Options& options) {
