@@ -105,7 +105,7 @@ int main(int argc, char** argv) {
   if (argc > 3 || runs < 1 || (end != nullptr && *end != '\0')) {
     std::fprintf(stderr,
                  "palpate_bench_passivity: %s: it is no number of runs: give one, as 20000\n",
-                 argv[1]);
+                 argv[argc > 3 ? 3 : 1]);
     return 2;
   }
   if (argc == 3) asked_hands = argv[2];

@@ -163,21 +163,29 @@ ProfileFacts factsOf(const HidProfile& profile) {
   return facts;
 }
 
+namespace {
+
+/// As jointAt() takes it, of an arm whose home is not the pose that it is opened in.
+double rawAt(const HidProfile& profile, std::size_t joint, double value) {
+  const HidJoint& of = profile.joints[joint];
+  const ReportField& field = profile.input[of.from.report].fields[of.from.field];
+  return ((value - of.home) * of.ratio - field.offset) / field.scale;
+}
+
+}  // namespace
+
 std::vector<double> rawInMiddle(const HidProfile& profile, const ProfileFacts& facts) {
   std::vector<double> raw;
   for (std::size_t i = 0; i < profile.joints.size(); ++i) {
-    const HidJoint& joint = profile.joints[i];
-    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
-    raw.push_back(((facts.middle[i] - joint.home) * joint.ratio - field.offset) / field.scale);
+    raw.push_back(rawAt(profile, i, facts.middle[i]));
   }
   return raw;
 }
 
 std::vector<double> rawAtHome(const HidProfile& profile) {
   std::vector<double> raw;
-  for (const HidJoint& joint : profile.joints) {
-    const ReportField& field = profile.input[joint.from.report].fields[joint.from.field];
-    raw.push_back(-field.offset / field.scale);
+  for (std::size_t i = 0; i < profile.joints.size(); ++i) {
+    raw.push_back(rawAt(profile, i, profile.joints[i].home));
   }
   return raw;
 }

@@ -149,24 +149,22 @@ void WholeFolder::commit() {
   partial_.clear();
 }
 
-namespace {
-
-/// Where a name leads, however it is written.
-std::filesystem::path placeOf(const std::string& name) {
-  if (name == "-") return name;
-  std::error_code error;
-  const std::filesystem::path whole = std::filesystem::absolute(behindLinks(name), error);
-  const std::filesystem::path place = std::filesystem::weakly_canonical(whole, error);
-  return error ? whole : place;
+bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b) {
+  if (a == "-" || b == "-") return a == b;
+  const auto place = [](const std::filesystem::path& path) {
+    std::error_code error;
+    const std::filesystem::path whole = std::filesystem::absolute(behindLinks(path), error);
+    const std::filesystem::path real = std::filesystem::weakly_canonical(whole, error);
+    return error ? whole : real;
+  };
+  return place(a) == place(b);
 }
-
-}  // namespace
 
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs) {
   for (std::size_t i = 0; i < outputs.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) {
-      if (outputs[i].empty() || outputs[j].empty() || placeOf(outputs[i]) != placeOf(outputs[j])) {
+      if (outputs[i].empty() || outputs[j].empty() || !isSamePlace(outputs[i], outputs[j])) {
         continue;
       }
       throw Error(outputs[i], "two outputs would go there", "give each its own place");

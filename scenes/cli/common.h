@@ -105,7 +105,11 @@ class WholeFolder {
   std::filesystem::path partial_;
 };
 
-/// Throws Error where an output (empty and - are none) is also an input, under whatever name.
+/// Would the same file stand there, however the two are written? Also where none stands yet.
+[[nodiscard]] bool isSamePlace(const std::filesystem::path& a, const std::filesystem::path& b);
+
+/// Throws Error where two outputs (empty is none, - standard output) go to one place, or one is
+/// also an input, under whatever name.
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 

@@ -139,12 +139,6 @@ int import(const Options& options, Teller& teller) {
   }
 }
 
-bool isSame(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  return fs::weakly_canonical(fs::absolute(a, error), error) ==
-         fs::weakly_canonical(fs::absolute(b, error), error);
-}
-
 void check(const Options& options) {
   std::error_code error;
   for (const fs::path& file : {options.out, options.scene}) {
@@ -155,9 +149,9 @@ void check(const Options& options) {
   if (options.out.extension() != ".vdb") {
     throw Error(options.out.string(), "the output is not named .vdb", "name it so");
   }
-  if (isSame(options.request.file, options.out) ||
-      (!options.scene.empty() &&
-       (isSame(options.scene, options.out) || isSame(options.scene, options.request.file)))) {
+  if (cli::isSamePlace(options.request.file, options.out) ||
+      (!options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
+                                  cli::isSamePlace(options.scene, options.request.file)))) {
     throw Error(options.out.string(), "one file would replace another of the command",
                 "give each a name of its own");
   }

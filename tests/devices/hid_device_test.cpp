@@ -178,6 +178,16 @@ HidProfile slides() {
   return profile;
 }
 
+/// The same whose counters are unsigned, of 12 bits: 4 cm, of a workspace of 20.
+HidProfile narrowSlides() {
+  HidProfile profile = slides();
+  for (ReportField& field : profile.input[0].fields) {
+    field.bits = 12;
+    field.type = ReportField::Type::kUnsigned;
+  }
+  return profile;
+}
+
 /// A step of a sequence of slides: until its state is that.
 HidStep waitForState(double equals, double seconds, const char* words = "") {
   HidStep wait;
@@ -1212,13 +1222,8 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
 }
 
 TEST_CASE("after its homing an arm's counters are those nearest to its home", "[hid]") {
-  // 12 bits of 10 um, 4 cm of a workspace of 20: unsigned, a count below its home, which is the
-  // middle along x, and 5 cm aside along y.
-  HidProfile profile = slides();
-  for (ReportField& field : profile.input[0].fields) {
-    field.bits = 12;
-    field.type = ReportField::Type::kUnsigned;
-  }
+  // A count below its home, which is the middle along x, and 5 cm aside along y.
+  HidProfile profile = narrowSlides();
   HidStep home;
   home.seconds = 0.001;
   profile.home = {home};
@@ -1232,12 +1237,8 @@ TEST_CASE("after its homing an arm's counters are those nearest to its home", "[
 }
 
 TEST_CASE("an arm that says it is homed is believed, however long nobody has looked", "[hid]") {
-  // 12 bits of 10 um: 4 cm, of a workspace of 20; unsigned, and a little below zero.
-  HidProfile profile = slides();
-  for (ReportField& field : profile.input[0].fields) {
-    field.bits = 12;
-    field.type = ReportField::Type::kUnsigned;
-  }
+  // A little below zero.
+  HidProfile profile = narrowSlides();
   HidFlag homed;
   homed.field = {0, 3};
   profile.flags.push_back(homed);
