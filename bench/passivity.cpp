@@ -146,9 +146,10 @@ int main(int argc, char** argv) {
     if (run.seed % 3 == 1) bench::doubtDelay(run);
     if (run.seed % 5 == 1) bench::shakeReadings(run);
     if (run.seed % 7 == 1) bench::letLag(run);
-    run.adversary = run.seed % 2 == 0;
-    run.jitter = run.seed % 4 == 0 ? 0.5 : 0.0;
     bench::forgetOften(run);
+    // It takes the lowest five bits of the seed.
+    run.adversary = run.seed / 32 % 2 == 0;
+    run.jitter = run.seed / 64 % 4 == 0 ? 0.5 : 0.0;
   };
   const auto early = [](PassivityRun& run) {
     run.jitter = 0.9;

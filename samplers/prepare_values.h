@@ -136,8 +136,10 @@ template <class GridT>
 Range rangeOf(GridT& grid, const Progress& progress = nullptr) {
   using Tree = typename GridT::TreeType;
   openvdb::tree::LeafManager<Tree> leaves(grid.tree());
-  // In parts, so that somebody can be told how far it is.
-  const std::size_t parts = progress && leaves.leafCount() > 10000 ? 16 : 1;
+  // In parts, so that somebody can be told how far it is, none of them long.
+  const std::size_t parts = progress && leaves.leafCount() > 10000
+                                ? std::max<std::size_t>(16, leaves.leafCount() >> 16U)
+                                : 1;
   Range range;
   for (std::size_t part = 0; part < parts; ++part) {
     const tbb::blocked_range<std::size_t> here(leaves.leafCount() * part / parts,

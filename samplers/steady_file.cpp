@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <fcntl.h>
+#include <fstream>
 #include <string>
 #include <sys/mman.h>
 #include <sys/stat.h>
@@ -41,6 +42,16 @@ bool lease(int file) {
   if (fcntl(file, F_SETSIG, SIGURG) != 0 || fcntl(file, F_SETLEASE, F_RDLCK) != 0) return false;
   (void)fcntl(file, F_SETOWN, 0);
   return true;
+}
+
+/// For how long the system lets somebody wait for a lease's end.
+SteadyFile::Clock::duration longestWait() {
+  double seconds = 45.0;
+  std::ifstream("/proc/sys/fs/lease-break-time") >> seconds;
+  // None: for ever.
+  if (!(seconds > 0.0)) return SteadyFile::Clock::duration::max() / 4;
+  return std::chrono::duration_cast<SteadyFile::Clock::duration>(
+      std::chrono::duration<double>(seconds));
 }
 
 /// A file without a name.
@@ -103,9 +114,21 @@ SteadyFile::SteadyFile(const std::filesystem::path& path) {
   Descriptor file(open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0)
     throw VolumeError(path.string(), "it cannot be read", "check its permissions");
-  if (!lease(file.get())) file_ = copyOf(file.get(), path);
-  if (file_ < 0) file_ = file.release();
+  leased_ = lease(file.get());
+  file_ = leased_ ? file.release() : copyOf(file.get(), path);
+  if (leased_) patience_ = longestWait() / 2;
+  alone_ = Clock::now().time_since_epoch().count();
   place_ = "/proc/self/fd/" + std::to_string(file_);
+}
+
+bool SteadyFile::keptAt(Clock::time_point now) const noexcept {
+  // A lease that somebody waits for is on its way to being none.
+  if (!leased_) return true;
+  if (fcntl(file_, F_GETLEASE) == F_RDLCK) {
+    alone_ = now.time_since_epoch().count();
+    return true;
+  }
+  return now.time_since_epoch() - Clock::duration(alone_.load()) < patience_;
 }
 
 SteadyFile::~SteadyFile() {

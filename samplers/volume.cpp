@@ -233,6 +233,8 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
+      // At its end nothing is left to be read.
+      if (done < 1.0) checkKept();
       // Every small grid would have the system look through all of the file.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
@@ -256,6 +258,13 @@ class VdbFile {
   }
 
  private:
+  /// Throws where others are about to change the file.
+  void checkKept() const {
+    if (steady_->kept()) return;
+    throw VolumeError(path_.string(), "others have waited too long to change it",
+                      "load it when nobody writes to it");
+  }
+
   /// The grid, the leaves of a large one still on disk, to be read in parallel; of a type that
   /// cannot be felt, all but its tree. One at a time.
   [[nodiscard]] openvdb::GridBase::Ptr read(const std::string& name) const {
@@ -273,6 +282,7 @@ class VdbFile {
         return;
       }
       mapped_ += bytes;
+      checkKept();
       grid = file_->readGrid(name);
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");

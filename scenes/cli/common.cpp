@@ -191,7 +191,11 @@ void endIfInterrupted() {
 }
 
 std::istream& openInput(const std::string& file, std::ifstream& holder) {
-  if (file == "-") return std::cin;
+  if (file == "-") {
+    // By C's stdin an error would be an end.
+    std::ios::sync_with_stdio(false);
+    return std::cin;
+  }
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) {
     throw Error(file, "it is a folder", "give a file");

@@ -21,6 +21,7 @@
 #include "engine/error.h"
 #include "samplers/openvdb_grids.h"
 #include "samplers/parallel.h"
+#include "samplers/steady_file.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -246,6 +247,63 @@ TEST_CASE("a file that is cut while it is read harms nobody", "[volume]") {
     }
     INFO("open already: " << open_already << ", room: " << room << ", read " << read);
     CHECK(read > 0);
+  }
+}
+
+TEST_CASE("who waits to change a file is waited for before the system lets him", "[volume]") {
+  const TemporaryFolder folder;
+  openvdb::initialize();
+  // Over 10,000 leaves, so that it is read in parts.
+  writeVdb(folder / "a.vdb", {makeGrid<openvdb::FloatGrid>(
+                                 176, Transform::createLinearTransform(1.0),
+                                 [](const Vec3d& p) { return static_cast<float>(p.x()); })});
+  const std::filesystem::path file = folder / "a.vdb";
+  double longest = 45.0;
+  std::ifstream("/proc/sys/fs/lease-break-time") >> longest;
+  const auto somebodyWaits = [&] {
+    // He would be told to come again: that he came is enough.
+    CHECK(open(file.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC) < 0);
+    CHECK(errno == EWOULDBLOCK);
+  };
+  SECTION("asked") {
+    const SteadyFile steady(file);
+    REQUIRE(std::filesystem::equivalent(steady.place(), file));
+    const auto after = [&, begin = SteadyFile::Clock::now()](double seconds) {
+      return begin + std::chrono::duration_cast<SteadyFile::Clock::duration>(
+                         std::chrono::duration<double>(seconds));
+    };
+    CHECK(steady.keptAt(after(10.0 * longest)));
+    somebodyWaits();
+    CHECK(steady.keptAt(after(10.4 * longest)));
+    CHECK_FALSE(steady.keptAt(after(10.6 * longest)));
+  }
+  SECTION("a copy is nobody else's") {
+    const int ours = open(file.c_str(), O_RDWR | O_CLOEXEC);
+    const SteadyFile steady(file);
+    close(ours);
+    CHECK_FALSE(std::filesystem::equivalent(steady.place(), file));
+    CHECK(steady.keptAt(SteadyFile::Clock::now() + std::chrono::hours(1)));
+  }
+  SECTION("between the parts of a load") {
+    // Half of the longest wait: in a whole run only.
+    if (share(10) < 10) return;
+    LoadOptions options;
+    int parts = 0;
+    options.progress = [&](double) {
+      if (++parts > 1) return;
+      somebodyWaits();
+      std::this_thread::sleep_for(std::chrono::duration<double>(0.51 * longest));
+    };
+    std::string why = "no error";
+    try {
+      (void)loadVolume(file, "", options);
+    } catch (const VolumeError& e) {
+      why = e.what();
+    }
+    CHECK(why ==
+          file.string() +
+              ": others have waited too long to change it: load it when nobody writes to it");
+    CHECK(parts == 1);
   }
 }
 

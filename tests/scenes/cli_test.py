@@ -291,6 +291,17 @@ class Solve(Case):
         self.assertLess(answer["error_bound"], 1e-8)
         self.assertAlmostEqual(answer["force"][0], -0.5, places=6)
 
+    def test_what_fails_to_be_read_is_not_its_end(self):
+        # Nothing is mapped at its beginning.
+        failing = "/proc/self/mem"
+        for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
+            self.refused(verb, *words, failing, says="reading failed")
+            with open(failing, encoding="utf-8") as stdin:
+                done = subprocess.run([PALPATE, verb, *map(str, words), "-"], stdin=stdin,
+                                      capture_output=True, text=True, timeout=300)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+            self.assertIn("reading failed", done.stderr)
+
     def test_nothing_to_balance(self):
         [answer] = self.solve({"stiffness": 1, "probe": [1, 2, 3], "primitives": []})
         self.assertEqual((answer["proxy"], answer["force"]), ([1, 2, 3], [0, 0, 0]))
@@ -673,13 +684,14 @@ class OnTime(Case):
         self.assertEqual(len(rows), summary["ticks"] - summary["realtime"]["rows_lost"])
         os.remove(trace)
 
-    def test_a_scene_that_changes_is_felt_anew_and_a_broken_one_is_not(self):
-        scene = self.dir / "watched.json"
-        text = ('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"name": "%s", '
-                '"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
-        scene.write_text(text % "before")
+    WATCHED = ('{"palpate": 1, "volumes": {"a": {"file": "FILE"}}, "modes": [{"name": "%s", '
+               '"mode": "isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
+
+    def watched(self, scene, text):
+        """It feels a scene of that text, with --watch; and what waits until it says some words."""
+        scene.write_text(text)
         child = subprocess.Popen([PALPATE, "feel", str(scene), "--realtime", "--watch", "--seconds",
-                                  "100000", "--json", "--trace", str(self.dir / "watched.csv")],
+                                  "100000", "--json", "--trace", f"{scene}.csv"],
                                  stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
         def until(words):
@@ -689,11 +701,27 @@ class OnTime(Case):
                     return
             self.fail(f"it never said {words}")
 
+        self.until_it_ticks(f"{scene.name}.csv")
+        return child, until
+
+    def felt(self, child):
+        """Ends it; the first mode of each scene that it felt."""
+        child.send_signal(signal.SIGINT)
+        out, _ = child.communicate(timeout=60)
+        self.assertEqual(child.returncode, 130)
+        felt = [mode["mode"] for mode in json.loads(out)["felt"]]
+        self.assertEqual(json.loads(out)["scenes"], len(felt))
+        return felt
+
+    def test_a_scene_that_changes_is_felt_anew_and_a_broken_one_is_not(self):
+        scene = self.dir / "watched.json"
+        text = self.WATCHED.replace("FILE", "ball.vdb")
+        child, until = self.watched(scene, text % "before")
+
         def change(content):
             (self.dir / "new.json").write_text(content)
             os.replace(self.dir / "new.json", scene)
 
-        self.until_it_ticks("watched.csv")
         change("{broken")
         until("not valid JSON")
         change(text % "after")
@@ -701,11 +729,26 @@ class OnTime(Case):
         # Written while the one before may still be being made.
         change(text % "last")
         until("it is felt now")
-        child.send_signal(signal.SIGINT)
-        out, _ = child.communicate(timeout=60)
-        self.assertEqual(child.returncode, 130)
-        self.assertEqual([mode["mode"] for mode in json.loads(out)["felt"]], ["before", "after", "last"])
-        self.assertEqual(json.loads(out)["scenes"], 3)
+        self.assertEqual(self.felt(child), ["before", "after", "last"])
+
+    def test_a_volume_that_is_cut_under_it_harms_nobody(self):
+        volume = self.dir / "cut.vdb"
+        whole = (self.dir / "ball.vdb").read_bytes()
+        volume.write_bytes(whole)
+        scene = self.dir / "over_cut.json"
+        text = self.WATCHED.replace("FILE", "cut.vdb")
+        child, until = self.watched(scene, text % "before")
+        # In its place, as who writes it anew does, not beside it and then put there.
+        os.truncate(volume, len(whole) // 2)
+        scene.write_text(text % "cut")
+        until("cut.vdb: it is truncated")
+        os.truncate(volume, 0)
+        scene.write_text(text % "empty")
+        until("cut.vdb: it is not a .vdb file")
+        volume.write_bytes(whole)
+        scene.write_text(text % "whole")
+        until("it is felt now")
+        self.assertEqual(self.felt(child), ["before", "whole"])
 
     def test_two_hands_on_time(self):
         summary = run("feel", self.dir / "ball.vdb", "--realtime", "--seconds", 1.5, "--device",
@@ -876,6 +919,11 @@ class Devices(Case):
         listed = json.loads(run("devices", "--json").stdout)
         for profile in listed["profiles"]:
             self.assertTrue(profile["sources"]["/limits"])
+            # What the program cannot do when it is gone, the firmware has to.
+            if profile["name"] != "spacemouse":  # which pushes nobody
+                told = json.loads(run("devices", profile["name"], "--json").stdout)["firmware"]
+                self.assertRegex(told, "takes? the force off")
+                self.assertIn(f"firmware: {told}\n", run("devices", profile["name"]).stdout)
         self.assertGreaterEqual(len(listed["known"]), 8)
 
     def test_arms_that_are_not_there_are_refused(self):
