@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 import unittest
+from collections import Counter
 from pathlib import Path
 
 VICTIM = sys.argv[1]
@@ -61,8 +62,9 @@ class Victim:
         self.device.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         self.device.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMP, 1)
         self.device.bind(path)
+        self.faults = open(Path(self.folder.name) / "faults", "w+", encoding="utf-8")
         self.program = subprocess.Popen([VICTIM, path, action], stdin=subprocess.PIPE,
-                                        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                                        stdout=subprocess.PIPE, stderr=self.faults,
                                         start_new_session=True)
         self.guardian = int(self.program.stdout.readline().split()[1])
         self.seen = []   # (time, force)
@@ -85,7 +87,9 @@ class Victim:
             if self.seen and self.seen[-1][1] > 1.0:
                 self.listen(0.05)
                 return
-        raise AssertionError("nothing was felt: " + str(self.seen[-1:]))
+        self.faults.seek(0)
+        raise AssertionError(f"nothing was felt: {len(self.seen)} forces, {self.seen[-1:]}, "
+                             f"{Counter(self.faults.read().splitlines())}, {self.program.poll()}")
 
     def close(self):
         for pid in (self.program.pid, self.guardian):
@@ -95,6 +99,7 @@ class Victim:
                 pass
         self.program.communicate()
         self.device.close()
+        self.faults.close()
         self.folder.cleanup()
 
 

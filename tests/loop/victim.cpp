@@ -101,7 +101,10 @@ int run(const std::string& path, const std::string& action) {
   std::fflush(stdout);
   // On a machine that runs tests it may be late, and cut, before it is pressed.
   while (!device.pressed()) {
-    if (hand.latest().fault != Fault::kNone) hand.clear();
+    if (const Fault fault = hand.latest().fault; fault != Fault::kNone) {
+      std::fprintf(stderr, "%s\n", wordsFor(fault));
+      hand.clear();
+    }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
   }
   // Until it is told.
