@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "bench/problems.h"
-#include "engine/solver.h"
+#include "palpate/engine/solver.h"
+#include "tests/support/percentiles.h"
+#include "tests/support/problems.h"
 
 namespace {
 

@@ -17,10 +17,10 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "devices/simulated_device.h"
-#include "engine/haptic_thread.h"
-#include "samplers/analytic_field.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/haptic_thread.h"
+#include "palpate/samplers/analytic_field.h"
+#include "tests/support/percentiles.h"
 
 namespace {
 

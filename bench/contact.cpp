@@ -11,9 +11,9 @@
 
 #include <CLI/CLI.hpp>
 
-#include "bench/contact_problems.h"
-#include "bench/percentiles.h"
-#include "bench/theorem.h"
+#include "tests/support/contact_problems.h"
+#include "tests/support/percentiles.h"
+#include "tests/support/theorem.h"
 
 using namespace palpate;
 using namespace palpate::bench;

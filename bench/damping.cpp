@@ -6,9 +6,9 @@
 
 #include <CLI/CLI.hpp>
 
-#include "bench/damping_buzz.h"
 #include "bench/report.h"
-#include "devices/stability.h"
+#include "palpate/devices/stability.h"
+#include "tests/support/damping_buzz.h"
 
 using namespace palpate;
 using nlohmann::ordered_json;

@@ -5,7 +5,7 @@
 ///
 /// The flow is Arnold, Beltrami and Childress's, whose properties are known, with 8, 16 and 32
 /// voxels to a wavelength; times are of a walk in steps of 0.05 voxels, and of random points.
-#include "samplers/derive.h"
+#include "palpate/samplers/derive.h"
 
 #include <array>
 #include <chrono>
@@ -22,9 +22,9 @@
 #include <Eigen/Geometry>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"

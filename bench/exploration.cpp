@@ -5,10 +5,10 @@
 #include <memory>
 #include <utility>
 
-#include "devices/simulated_device.h"
-#include "engine/solver.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/random.h"
 
 namespace palpate::bench {

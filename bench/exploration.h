@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "bench/problems.h"
+#include "tests/support/problems.h"
 
 namespace palpate::bench {
 

@@ -27,9 +27,9 @@
 #include <tbb/global_control.h>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/vdb_files.h"
 
 namespace {

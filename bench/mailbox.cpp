@@ -2,7 +2,7 @@
 /// lost on the way?
 ///
 ///     palpate_bench_mailbox [EXCHANGES, default 100,000,000]
-#include "engine/mailbox.h"
+#include "palpate/engine/mailbox.h"
 
 #include <algorithm>
 #include <array>
@@ -15,8 +15,8 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "engine/telemetry.h"
+#include "palpate/engine/telemetry.h"
+#include "tests/support/percentiles.h"
 
 namespace {
 

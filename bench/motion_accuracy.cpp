@@ -20,13 +20,13 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
-#include "bench/methods/motion_methods.h"
-#include "bench/motion_problems.h"
-#include "bench/percentiles.h"
+#include "bench/motion_methods.h"
 #include "bench/report.h"
-#include "bench/rubbing.h"
-#include "bench/theorem.h"
+#include "tests/support/motion_problems.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/random.h"
+#include "tests/support/rubbing.h"
+#include "tests/support/theorem.h"
 
 namespace {
 

@@ -16,7 +16,7 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "bench/passivity_runs.h"
+#include "tests/support/passivity_runs.h"
 
 using namespace palpate;
 using bench::Keeper;

@@ -2,7 +2,7 @@
 /// palpate_bench_regimes. Ends with 1 where a half is not as it should be.
 #include <cstdio>
 
-#include "bench/regime_rows.h"
+#include "tests/support/regime_rows.h"
 
 using palpate::bench::Finding;
 using palpate::bench::Regime;

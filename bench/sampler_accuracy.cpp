@@ -19,9 +19,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
 #include "bench/report.h"
 #include "bench/sampler_contenders.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/random.h"
 
 namespace {

@@ -12,9 +12,9 @@
 #endif
 
 #include "bench/machine.h"
-#include "engine/field.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
+#include "palpate/engine/field.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
 #include "tests/support/vdb_files.h"
 #include "tests/support/vdb_grids.h"
 

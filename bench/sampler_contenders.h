@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate::bench {
 

@@ -23,13 +23,13 @@
 #include <CLI/CLI.hpp>
 #include <openvdb/tools/LevelSetSphere.h>
 
-#include "bench/percentiles.h"
 #include "bench/report.h"
-#include "devices/simulated_device.h"
-#include "engine/step.h"
-#include "samplers/openvdb_grids.h"
-#include "scenes/build_scene.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/scene_file.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/reference_solver.h"
 #include "tests/support/vdb_files.h"
 

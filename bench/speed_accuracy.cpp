@@ -22,13 +22,13 @@
 #include <Eigen/Geometry>
 #include <nlohmann/json.hpp>
 
-#include "bench/contenders.h"
 #include "bench/exploration.h"
 #include "bench/machine.h"
-#include "bench/methods/constraint_approach.h"
-#include "bench/percentiles.h"
 #include "bench/report.h"
-#include "engine/solver.h"
+#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/engine/solver.h"
+#include "tests/support/contenders.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/reference_solver.h"
 
 namespace {

@@ -10,9 +10,9 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/report.h"
-#include "bench/stability_map.h"
-#include "devices/stability.h"
-#include "engine/solver.h"
+#include "palpate/devices/stability.h"
+#include "palpate/devices/stability_map.h"
+#include "palpate/engine/solver.h"
 
 using namespace palpate;
 using nlohmann::ordered_json;
@@ -25,11 +25,11 @@ constexpr double kLeast = 20.0;       // [N/m], of the search
 /// The largest stiffness up to which everything from kLeast on comes to rest; 0: nothing does.
 ///
 /// @param step   From one stiffness to the next; then to `ratio` by halves.
-double largestStable(const bench::MapSetting& setting, const bench::Contact& contact,
-                     const bench::MapMethod& method, double most, double step, double ratio) {
+double largestStable(const MapSetting& setting, const MapContact& contact, const MapMethod& method,
+                     double most, double step, double ratio) {
   const auto rests = [&](double k) {
-    return bench::tryCoupling(setting, contact, method.make(k, 0.0, 1.0 / setting.rate)).outcome ==
-           bench::Outcome::kRests;
+    return tryCoupling(setting, contact, method.make(k, 0.0, 1.0 / setting.rate)).outcome ==
+           MapOutcome::kRests;
   };
   double low = 0.0;
   double high = kLeast;
@@ -51,8 +51,8 @@ struct Judged {
 };
 
 /// Along a way that presses and slides, as a hand does.
-Judged judge(const bench::Contact& contact, const bench::MapMethod& method, int steps) {
-  bench::Feel feel = method.make(kStiffness, 0.0, 1e-3);
+Judged judge(const MapContact& contact, const MapMethod& method, int steps) {
+  MapFeel feel = method.make(kStiffness, 0.0, 1e-3);
   Vec3 proxy = Vec3::Zero();
   bool placed = false;
   double wrong = 0.0;
@@ -85,9 +85,9 @@ int run(bool quick, const std::string& output) {
       quick ? std::vector<double>{1000.0, 4000.0} : std::vector<double>{1000.0, 4000.0, 10000.0};
   ordered_json results = ordered_json::array();
   for (const bool wall : {true, false}) {
-    const bench::Contact contact = wall ? bench::wallContact() : bench::troughContact(20.0);
+    const MapContact contact = wall ? wallContact() : troughContact(20.0);
     const char* const where = wall ? "a wall" : "two planes, 20 degrees";
-    for (const bench::MapMethod& method : bench::methodsOver(contact)) {
+    for (const MapMethod& method : methodsOver(contact)) {
       bench::tell(std::string(where) + ", " + method.name);
       const Judged judged = judge(contact, method, quick ? 200 : 4000);
       ordered_json one{{"contact", where},
@@ -96,7 +96,7 @@ int run(bool quick, const std::string& output) {
                        {"cost_ns", bench::rounded(judged.cost_ns)},
                        {"stable", ordered_json::array()}};
       for (const double rate : rates) {
-        bench::MapSetting setting;
+        MapSetting setting;
         setting.rate = rate;
         setting.arm.delay = 1.0 / rate;
         // Coulomb's friction holds what is a small kick beyond the boundary: not by the method.

@@ -17,12 +17,12 @@
 #include <CLI/CLI.hpp>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "devices/simulated_device.h"
-#include "engine/haptic_thread.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/haptic_thread.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
+#include "tests/support/percentiles.h"
 #include "tests/support/vdb_files.h"
 
 namespace {

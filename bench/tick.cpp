@@ -12,10 +12,10 @@
 #include <vector>
 
 #include "bench/machine.h"
-#include "bench/percentiles.h"
-#include "devices/simulated_device.h"
-#include "engine/step.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/step.h"
+#include "palpate/scenes/scene_file.h"
+#include "tests/support/percentiles.h"
 
 namespace {
 

@@ -1,11 +1,11 @@
-#include "devices/arm_watch.h"
+#include "palpate/devices/arm_watch.h"
 
 #include <algorithm>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include "devices/profile_facts.h"
+#include "palpate/devices/profile_facts.h"
 
 namespace palpate {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "devices/hid_port.h"
-#include "devices/hid_profile.h"
+#include "palpate/devices/hid_port.h"
+#include "palpate/devices/hid_profile.h"
 
 namespace palpate {
 

@@ -1,9 +1,9 @@
-#include "devices/csv.h"
+#include "palpate/devices/csv.h"
 
 #include <charconv>
 #include <cmath>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

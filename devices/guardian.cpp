@@ -1,4 +1,4 @@
-#include "devices/guardian.h"
+#include "palpate/devices/guardian.h"
 
 #include <algorithm>
 #include <cerrno>
@@ -15,8 +15,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "engine/error.h"
-#include "engine/realtime.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/realtime.h"
 
 namespace palpate {
 

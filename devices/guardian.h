@@ -9,7 +9,7 @@
 #include <cstdint>
 #include <span>
 
-#include "engine/haptic_loop.h"
+#include "palpate/engine/haptic_loop.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "devices/hid_descriptor.h"
+#include "palpate/devices/hid_descriptor.h"
 
 #include <algorithm>
 #include <iterator>

@@ -1,4 +1,4 @@
-#include "devices/hid_device.h"
+#include "palpate/devices/hid_device.h"
 
 #include <algorithm>
 #include <chrono>
@@ -7,9 +7,9 @@
 #include <unistd.h>
 #include <utility>
 
-#include "devices/pace.h"
-#include "devices/profile_facts.h"
-#include "engine/error.h"
+#include "palpate/devices/pace.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

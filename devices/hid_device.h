@@ -13,12 +13,12 @@
 #include <thread>
 #include <vector>
 
-#include "devices/hid_port.h"
-#include "devices/hid_profile.h"
-#include "devices/motor_heat.h"
-#include "engine/device.h"
-#include "engine/mailbox.h"
-#include "engine/realtime.h"
+#include "palpate/devices/hid_port.h"
+#include "palpate/devices/hid_profile.h"
+#include "palpate/devices/motor_heat.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/mailbox.h"
+#include "palpate/engine/realtime.h"
 
 namespace palpate {
 

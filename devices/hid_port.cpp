@@ -1,4 +1,4 @@
-#include "devices/hid_port.h"
+#include "palpate/devices/hid_port.h"
 
 #include <array>
 #include <cerrno>
@@ -22,7 +22,7 @@
 #include <thread>
 #include <unistd.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

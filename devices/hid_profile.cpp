@@ -1,4 +1,4 @@
-#include "devices/hid_profile.h"
+#include "palpate/devices/hid_profile.h"
 
 #include <algorithm>
 #include <charconv>
@@ -14,11 +14,11 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "devices/hid_data.h"
-#include "devices/json_node.h"
-#include "devices/profile_facts.h"
-#include "engine/device.h"
-#include "engine/error.h"
+#include "palpate/devices/hid_data.h"
+#include "palpate/devices/json_node.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

@@ -13,8 +13,8 @@
 #include <string>
 #include <vector>
 
-#include "devices/hid_report.h"
-#include "devices/kinematics.h"
+#include "palpate/devices/hid_report.h"
+#include "palpate/devices/kinematics.h"
 
 namespace palpate {
 

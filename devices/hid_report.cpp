@@ -1,4 +1,4 @@
-#include "devices/hid_report.h"
+#include "palpate/devices/hid_report.h"
 
 #include <algorithm>
 #include <bit>

@@ -6,7 +6,7 @@
 #include <span>
 #include <string>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -14,8 +14,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "devices/json_schema.h"
-#include "engine/error.h"
+#include "palpate/devices/json_schema.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

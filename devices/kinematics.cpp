@@ -1,4 +1,4 @@
-#include "devices/kinematics.h"
+#include "palpate/devices/kinematics.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 
 #include <Eigen/Geometry>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

@@ -8,7 +8,7 @@
 #include <memory>
 #include <span>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,9 +1,9 @@
-#include "devices/motor_heat.h"
+#include "palpate/devices/motor_heat.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "engine/heat.h"
+#include "palpate/engine/heat.h"
 
 namespace palpate {
 

@@ -1,7 +1,7 @@
 /// How hot a motor is, by what it has been told, and how much it may be told for that.
 #pragma once
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "devices/open_arm.h"
+#include "palpate/devices/open_arm.h"
 
 #include <algorithm>
 #include <chrono>
@@ -12,7 +12,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "devices/hid_descriptor.h"
+#include "palpate/devices/hid_descriptor.h"
 
 namespace palpate {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "devices/hid_device.h"
-#include "devices/self_test.h"
-#include "engine/error.h"
+#include "palpate/devices/hid_device.h"
+#include "palpate/devices/self_test.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

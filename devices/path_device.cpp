@@ -1,10 +1,10 @@
-#include "devices/path_device.h"
+#include "palpate/devices/path_device.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "devices/csv.h"
-#include "engine/error.h"
+#include "palpate/devices/csv.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/device.h"
+#include "palpate/engine/device.h"
 
 namespace palpate {
 

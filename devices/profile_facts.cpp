@@ -1,4 +1,4 @@
-#include "devices/profile_facts.h"
+#include "palpate/devices/profile_facts.h"
 
 #include <algorithm>
 #include <cmath>

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "devices/hid_profile.h"
+#include "palpate/devices/hid_profile.h"
 
 namespace palpate {
 

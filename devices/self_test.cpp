@@ -1,4 +1,4 @@
-#include "devices/self_test.h"
+#include "palpate/devices/self_test.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "engine/device.h"
-#include "engine/types.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "devices/simulated_device.h"
+#include "palpate/devices/simulated_device.h"
 
 #include <algorithm>
 #include <array>
@@ -6,8 +6,8 @@
 
 #include <Eigen/Geometry>
 
-#include "devices/stability.h"
-#include "engine/error.h"
+#include "palpate/devices/stability.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

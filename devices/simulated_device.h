@@ -4,8 +4,8 @@
 #include <functional>
 #include <vector>
 
-#include "devices/path_device.h"
-#include "engine/device.h"
+#include "palpate/devices/path_device.h"
+#include "palpate/engine/device.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "devices/stability.h"
+#include "palpate/devices/stability.h"
 
 #include <algorithm>
 #include <cmath>

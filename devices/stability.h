@@ -4,8 +4,8 @@
 
 #include <Eigen/Core>
 
-#include "devices/simulated_device.h"
-#include "engine/coupling.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/coupling.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "engine/bodies.h"
+#include "palpate/engine/bodies.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,10 +6,10 @@
 #include <span>
 #include <vector>
 
-#include "engine/felt.h"
-#include "engine/graph.h"
-#include "engine/placement.h"
-#include "engine/step_report.h"
+#include "palpate/engine/felt.h"
+#include "palpate/engine/graph.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/step_report.h"
 
 namespace palpate {
 

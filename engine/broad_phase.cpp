@@ -1,4 +1,4 @@
-#include "engine/broad_phase.h"
+#include "palpate/engine/broad_phase.h"
 
 #include <algorithm>
 #include <array>

@@ -1,11 +1,11 @@
-#include "engine/contact.h"
+#include "palpate/engine/contact.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <Eigen/Geometry>
 
-#include "engine/unit.h"
+#include "palpate/engine/unit.h"
 
 namespace palpate {
 namespace {

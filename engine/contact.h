@@ -3,10 +3,10 @@
 
 #include <span>
 
-#include "engine/placement.h"
-#include "engine/primitive.h"
-#include "engine/properties.h"
-#include "engine/types.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/properties.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "engine/coupling.h"
+#include "palpate/engine/coupling.h"
 
 #include <algorithm>
 #include <cmath>

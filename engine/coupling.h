@@ -4,7 +4,7 @@
 #include <array>
 #include <cstddef>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

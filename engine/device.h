@@ -6,9 +6,9 @@
 #include <span>
 #include <string>
 
-#include "engine/limit_force.h"
-#include "engine/safety.h"
-#include "engine/types.h"
+#include "palpate/engine/limit_force.h"
+#include "palpate/engine/safety.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 #include <algorithm>
 #include <numeric>

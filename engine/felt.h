@@ -4,9 +4,9 @@
 #include <cstddef>
 #include <span>
 
-#include "engine/mode.h"
-#include "engine/properties.h"
-#include "engine/scene.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/properties.h"
+#include "palpate/engine/scene.h"
 
 namespace palpate {
 

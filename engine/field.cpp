@@ -1,10 +1,10 @@
-#include "engine/field.h"
+#include "palpate/engine/field.h"
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 
-#include "engine/trace_cells.h"
+#include "palpate/engine/trace_cells.h"
 
 namespace palpate {
 namespace {

@@ -7,9 +7,9 @@
 #include <memory>
 #include <variant>
 
-#include "engine/flow.h"
-#include "engine/trace.h"
-#include "engine/types.h"
+#include "palpate/engine/flow.h"
+#include "palpate/engine/trace.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

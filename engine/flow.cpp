@@ -1,4 +1,4 @@
-#include "engine/flow.h"
+#include "palpate/engine/flow.h"
 
 #include <algorithm>
 #include <cmath>

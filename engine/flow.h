@@ -2,7 +2,7 @@
 /// S = (J + J^T) / 2 and the rotation O = (J - J^T) / 2.
 #pragma once
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

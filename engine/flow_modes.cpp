@@ -5,7 +5,7 @@
 
 #include <Eigen/Geometry>
 
-#include "engine/mode_place.h"
+#include "palpate/engine/mode_place.h"
 
 namespace palpate {
 namespace {

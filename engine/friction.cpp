@@ -1,10 +1,10 @@
-#include "engine/friction.h"
+#include "palpate/engine/friction.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "engine/loads.h"
+#include "palpate/engine/loads.h"
 
 namespace palpate {
 namespace {

@@ -1,4 +1,4 @@
-#include "engine/graph.h"
+#include "palpate/engine/graph.h"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include <sstream>
 #include <tuple>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

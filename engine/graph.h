@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
-#include "engine/field.h"
-#include "engine/mode.h"
-#include "engine/placement.h"
-#include "engine/properties.h"
+#include "palpate/engine/field.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/properties.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "engine/haptic_loop.h"
+#include "palpate/engine/haptic_loop.h"
 
 #include <algorithm>
 #include <chrono>
@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

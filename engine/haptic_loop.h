@@ -6,12 +6,12 @@
 #include <cstdint>
 #include <memory>
 
-#include "engine/device.h"
-#include "engine/mailbox.h"
-#include "engine/safety.h"
-#include "engine/scene.h"
-#include "engine/step.h"
-#include "engine/telemetry.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/mailbox.h"
+#include "palpate/engine/safety.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/step.h"
+#include "palpate/engine/telemetry.h"
 
 namespace palpate {
 

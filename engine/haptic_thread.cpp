@@ -1,4 +1,4 @@
-#include "engine/haptic_thread.h"
+#include "palpate/engine/haptic_thread.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <string>
 #include <system_error>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 

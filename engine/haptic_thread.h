@@ -6,8 +6,8 @@
 #include <memory>
 #include <thread>
 
-#include "engine/haptic_loop.h"
-#include "engine/realtime.h"
+#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/realtime.h"
 
 namespace palpate {
 

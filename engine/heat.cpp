@@ -1,4 +1,4 @@
-#include "engine/heat.h"
+#include "palpate/engine/heat.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 /// How much of its peak what heats up may still have.
 #pragma once
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,9 +1,9 @@
-#include "engine/iteration.h"
+#include "palpate/engine/iteration.h"
 
 #include <algorithm>
 #include <limits>
 
-#include "engine/newton.h"
+#include "palpate/engine/newton.h"
 
 namespace palpate {
 namespace {

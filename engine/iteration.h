@@ -3,9 +3,9 @@
 
 #include <limits>
 
-#include "engine/rail.h"
-#include "engine/tick.h"
-#include "engine/types.h"
+#include "palpate/engine/rail.h"
+#include "palpate/engine/tick.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

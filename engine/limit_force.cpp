@@ -1,9 +1,9 @@
-#include "engine/limit_force.h"
+#include "palpate/engine/limit_force.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "engine/heat.h"
+#include "palpate/engine/heat.h"
 
 namespace palpate {
 

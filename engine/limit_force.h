@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "engine/passivity.h"
-#include "engine/types.h"
+#include "palpate/engine/passivity.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

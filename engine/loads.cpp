@@ -1,4 +1,4 @@
-#include "engine/loads.h"
+#include "palpate/engine/loads.h"
 
 #include <algorithm>
 #include <array>

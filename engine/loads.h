@@ -3,9 +3,9 @@
 
 #include <span>
 
-#include "engine/primitive.h"
-#include "engine/solver.h"
-#include "engine/types.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

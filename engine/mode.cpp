@@ -1,4 +1,4 @@
-#include "engine/mode.h"
+#include "palpate/engine/mode.h"
 
 #include <algorithm>
 #include <limits>
@@ -6,7 +6,7 @@
 
 #include <Eigen/Geometry>
 
-#include "engine/mode_place.h"
+#include "palpate/engine/mode_place.h"
 
 namespace palpate {
 namespace {

@@ -9,12 +9,12 @@
 #include <variant>
 #include <vector>
 
-#include "engine/contact.h"
-#include "engine/placement.h"
-#include "engine/primitive.h"
-#include "engine/properties.h"
-#include "engine/transfer.h"
-#include "engine/types.h"
+#include "palpate/engine/contact.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/properties.h"
+#include "palpate/engine/transfer.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

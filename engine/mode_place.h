@@ -1,9 +1,9 @@
 /// What the modes' own files share: a mode's place in a tick, and what each of them answers.
 #pragma once
 
-#include "engine/flow.h"
-#include "engine/mode.h"
-#include "engine/unit.h"
+#include "palpate/engine/flow.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/unit.h"
 
 namespace palpate {
 

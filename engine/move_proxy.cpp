@@ -1,12 +1,12 @@
-#include "engine/move_proxy.h"
+#include "palpate/engine/move_proxy.h"
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
-#include "engine/iteration.h"
-#include "engine/trial.h"
+#include "palpate/engine/iteration.h"
+#include "palpate/engine/trial.h"
 
 namespace palpate {
 namespace {

@@ -1,7 +1,7 @@
 /// The proxy goes where the balance puts it: Newton on the balance, slice by slice of a tick.
 #pragma once
 
-#include "engine/tick.h"
+#include "palpate/engine/tick.h"
 
 namespace palpate {
 

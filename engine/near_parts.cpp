@@ -1,4 +1,4 @@
-#include "engine/near_parts.h"
+#include "palpate/engine/near_parts.h"
 
 #include <algorithm>
 #include <cstddef>

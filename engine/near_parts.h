@@ -7,13 +7,13 @@
 #include <span>
 #include <vector>
 
-#include "engine/broad_phase.h"
-#include "engine/felt.h"
-#include "engine/mode.h"
-#include "engine/primitive.h"
-#include "engine/properties.h"
-#include "engine/scene.h"
-#include "engine/step_report.h"
+#include "palpate/engine/broad_phase.h"
+#include "palpate/engine/felt.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/properties.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/step_report.h"
 
 namespace palpate {
 

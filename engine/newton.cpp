@@ -1,4 +1,4 @@
-#include "engine/newton.h"
+#include "palpate/engine/newton.h"
 
 #include <algorithm>
 #include <array>

@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <span>
 
-#include "engine/primitive.h"
-#include "engine/types.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

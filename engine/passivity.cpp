@@ -1,4 +1,4 @@
-#include "engine/passivity.h"
+#include "palpate/engine/passivity.h"
 
 #include <algorithm>
 #include <cmath>

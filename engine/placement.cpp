@@ -1,4 +1,4 @@
-#include "engine/placement.h"
+#include "palpate/engine/placement.h"
 
 #include <algorithm>
 #include <atomic>
@@ -6,7 +6,7 @@
 
 #include <Eigen/Geometry>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

@@ -1,4 +1,4 @@
-#include "engine/primitive.h"
+#include "palpate/engine/primitive.h"
 
 #include <algorithm>
 

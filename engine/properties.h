@@ -3,7 +3,7 @@
 
 #include <array>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "engine/rail.h"
+#include "palpate/engine/rail.h"
 
 #include <cmath>
 

@@ -2,11 +2,11 @@
 /// curve.
 #pragma once
 
-#include "engine/felt.h"
-#include "engine/primitive.h"
-#include "engine/tick.h"
-#include "engine/trial.h"
-#include "engine/types.h"
+#include "palpate/engine/felt.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/tick.h"
+#include "palpate/engine/trial.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

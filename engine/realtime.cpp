@@ -1,4 +1,4 @@
-#include "engine/realtime.h"
+#include "palpate/engine/realtime.h"
 
 #include <algorithm>
 #include <array>

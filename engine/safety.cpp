@@ -1,4 +1,4 @@
-#include "engine/safety.h"
+#include "palpate/engine/safety.h"
 
 #include <algorithm>
 #include <array>

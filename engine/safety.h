@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

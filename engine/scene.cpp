@@ -1,11 +1,11 @@
-#include "engine/scene.h"
+#include "palpate/engine/scene.h"
 
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <utility>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

@@ -8,11 +8,11 @@
 #include <string>
 #include <vector>
 
-#include "engine/broad_phase.h"
-#include "engine/coupling.h"
-#include "engine/field.h"
-#include "engine/graph.h"
-#include "engine/solver.h"
+#include "palpate/engine/broad_phase.h"
+#include "palpate/engine/coupling.h"
+#include "palpate/engine/field.h"
+#include "palpate/engine/graph.h"
+#include "palpate/engine/solver.h"
 
 namespace palpate {
 

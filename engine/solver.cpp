@@ -1,4 +1,4 @@
-#include "engine/solver.h"
+#include "palpate/engine/solver.h"
 
 #include <algorithm>
 #include <array>

@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "engine/primitive.h"
-#include "engine/types.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

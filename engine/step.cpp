@@ -1,11 +1,11 @@
-#include "engine/step.h"
+#include "palpate/engine/step.h"
 
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <limits>
 
-#include "engine/move_proxy.h"
+#include "palpate/engine/move_proxy.h"
 
 namespace palpate {
 namespace {

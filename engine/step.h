@@ -5,18 +5,18 @@
 #include <cstdint>
 #include <span>
 
-#include "engine/coupling.h"
-#include "engine/device.h"
-#include "engine/limit_force.h"
-#include "engine/mode.h"
-#include "engine/near_parts.h"
-#include "engine/placement.h"
-#include "engine/primitive.h"
-#include "engine/scene.h"
-#include "engine/solver.h"
-#include "engine/step_report.h"
-#include "engine/step_trace.h"
-#include "engine/tick.h"
+#include "palpate/engine/coupling.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/limit_force.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/near_parts.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/step_report.h"
+#include "palpate/engine/step_trace.h"
+#include "palpate/engine/tick.h"
 
 namespace palpate {
 

@@ -1,6 +1,6 @@
-#include "engine/step_report.h"
+#include "palpate/engine/step_report.h"
 
-#include "engine/step_trace.h"
+#include "palpate/engine/step_trace.h"
 
 namespace palpate {
 

@@ -4,8 +4,8 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "engine/solver.h"
-#include "engine/types.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -7,9 +7,9 @@
 #include <cstdint>
 #include <span>
 
-#include "engine/graph.h"
-#include "engine/scene.h"
-#include "engine/types.h"
+#include "palpate/engine/graph.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,7 +1,7 @@
 /// The modes that are surfaces of a scalar volume: surface and isosurface.
 #include <algorithm>
 
-#include "engine/mode_place.h"
+#include "palpate/engine/mode_place.h"
 
 namespace palpate {
 namespace {

@@ -1,4 +1,4 @@
-#include "engine/sweep.h"
+#include "palpate/engine/sweep.h"
 
 namespace palpate {
 namespace {

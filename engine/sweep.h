@@ -1,9 +1,9 @@
 /// The sweep: a proxy never passes a surface that it has not met.
 #pragma once
 
-#include "engine/iteration.h"
-#include "engine/tick.h"
-#include "engine/trial.h"
+#include "palpate/engine/iteration.h"
+#include "palpate/engine/tick.h"
+#include "palpate/engine/trial.h"
 
 namespace palpate {
 

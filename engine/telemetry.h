@@ -3,8 +3,8 @@
 
 #include <cstdint>
 
-#include "engine/step.h"
-#include "engine/types.h"
+#include "palpate/engine/step.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -5,16 +5,16 @@
 #include <span>
 #include <vector>
 
-#include "engine/bodies.h"
-#include "engine/felt.h"
-#include "engine/friction.h"
-#include "engine/near_parts.h"
-#include "engine/primitive.h"
-#include "engine/properties.h"
-#include "engine/scene.h"
-#include "engine/solver.h"
-#include "engine/step_report.h"
-#include "engine/step_trace.h"
+#include "palpate/engine/bodies.h"
+#include "palpate/engine/felt.h"
+#include "palpate/engine/friction.h"
+#include "palpate/engine/near_parts.h"
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/properties.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/step_report.h"
+#include "palpate/engine/step_trace.h"
 
 namespace palpate {
 

@@ -1,7 +1,7 @@
 /// Along a stream: the curve whose direction is everywhere v / |v|. How: trace_cells.h.
 #pragma once
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

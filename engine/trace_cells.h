@@ -7,8 +7,8 @@
 #include <cmath>
 #include <cstdint>
 
-#include "engine/trace.h"
-#include "engine/types.h"
+#include "palpate/engine/trace.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

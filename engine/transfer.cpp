@@ -1,9 +1,9 @@
-#include "engine/transfer.h"
+#include "palpate/engine/transfer.h"
 
 #include <algorithm>
 #include <cmath>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

@@ -1,11 +1,11 @@
-#include "engine/trial.h"
+#include "palpate/engine/trial.h"
 
 #include <algorithm>
 #include <limits>
 
-#include "engine/iteration.h"
-#include "engine/rail.h"
-#include "engine/sweep.h"
+#include "palpate/engine/iteration.h"
+#include "palpate/engine/rail.h"
+#include "palpate/engine/sweep.h"
 
 namespace palpate {
 namespace {

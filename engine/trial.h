@@ -1,8 +1,8 @@
 /// A trial step: how far the proxy may go at once on its way to a target.
 #pragma once
 
-#include "engine/tick.h"
-#include "engine/types.h"
+#include "palpate/engine/tick.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

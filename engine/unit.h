@@ -3,7 +3,7 @@
 
 #include <cmath>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "samplers/analytic_field.h"
+#include "palpate/samplers/analytic_field.h"
 
 #include <Eigen/Geometry>
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <utility>
 
-#include "engine/field.h"
+#include "palpate/engine/field.h"
 
 namespace palpate {
 

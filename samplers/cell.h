@@ -15,7 +15,7 @@
 #include <cstdint>
 #include <utility>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

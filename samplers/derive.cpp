@@ -1,12 +1,12 @@
-#include "samplers/derive.h"
+#include "palpate/samplers/derive.h"
 
 #include <string>
 #include <utility>
 #include <variant>
 
-#include "engine/error.h"
-#include "samplers/derive_grid.h"
-#include "samplers/prepare.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/derive_grid.h"
+#include "palpate/samplers/prepare.h"
 
 namespace palpate {
 namespace {

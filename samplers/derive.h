@@ -3,8 +3,8 @@
 
 #include <memory>
 
-#include "engine/graph.h"
-#include "samplers/volume.h"
+#include "palpate/engine/graph.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "samplers/derive_grid.h"
+#include "palpate/samplers/derive_grid.h"
 
 namespace palpate::detail {
 

@@ -12,11 +12,11 @@
 
 #include <openvdb/tree/LeafManager.h>
 
-#include "engine/flow.h"
-#include "samplers/derive.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/flow.h"
+#include "palpate/samplers/derive.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate::detail {
 

@@ -1,4 +1,4 @@
-#include "samplers/grid_field.h"
+#include "palpate/samplers/grid_field.h"
 
 namespace palpate::detail {
 

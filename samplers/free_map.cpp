@@ -1,4 +1,4 @@
-#include "samplers/free_map.h"
+#include "palpate/samplers/free_map.h"
 
 #include <limits>
 

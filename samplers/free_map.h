@@ -9,7 +9,7 @@
 #include <span>
 #include <vector>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

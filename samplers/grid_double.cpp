@@ -1,4 +1,4 @@
-#include "samplers/openvdb_grids.h"
+#include "palpate/samplers/openvdb_grids.h"
 
 template class openvdb::tree::Tree<openvdb::DoubleTree::RootNodeType>;
 template class openvdb::Grid<openvdb::DoubleTree>;

@@ -20,12 +20,12 @@
 #include <Eigen/Eigenvalues>
 #include <openvdb/tree/ValueAccessor.h>
 
-#include "engine/trace_cells.h"
-#include "samplers/cell.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/spline.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/trace_cells.h"
+#include "palpate/samplers/cell.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/spline.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate::detail {
 

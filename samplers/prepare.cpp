@@ -1,4 +1,4 @@
-#include "samplers/prepare.h"
+#include "palpate/samplers/prepare.h"
 
 #include <algorithm>
 #include <array>
@@ -9,8 +9,8 @@
 #include <openvdb/tree/LeafManager.h>
 #include <tbb/parallel_reduce.h>
 
-#include "engine/error.h"
-#include "samplers/prepare_values.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/prepare_values.h"
 
 namespace palpate {
 namespace {

@@ -5,7 +5,7 @@
 #include <memory>
 #include <string>
 
-#include "samplers/volume_grid.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "samplers/prepare_values.h"
+#include "palpate/samplers/prepare_values.h"
 
 namespace palpate::detail {
 

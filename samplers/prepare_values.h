@@ -18,10 +18,10 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/smooth.h"
-#include "samplers/volume.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/smooth.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate::detail {
 

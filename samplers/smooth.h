@@ -8,8 +8,8 @@
 #include <openvdb/tools/Filter.h>
 #include <openvdb/tools/LevelSetFilter.h>
 
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate::detail {
 

@@ -1,4 +1,4 @@
-#include "samplers/smooth.h"
+#include "palpate/samplers/smooth.h"
 
 namespace palpate::detail {
 

@@ -1,4 +1,4 @@
-#include "samplers/spline.h"
+#include "palpate/samplers/spline.h"
 
 #include <algorithm>
 #include <array>
@@ -11,7 +11,7 @@
 #include <openvdb/tree/ValueAccessor.h>
 #include <tbb/task_arena.h>
 
-#include "samplers/parallel.h"
+#include "palpate/samplers/parallel.h"
 
 namespace palpate {
 namespace {

@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "samplers/volume_grid.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 

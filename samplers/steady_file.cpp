@@ -1,4 +1,4 @@
-#include "samplers/steady_file.h"
+#include "palpate/samplers/steady_file.h"
 
 #include <algorithm>
 #include <array>
@@ -14,7 +14,7 @@
 #include <unistd.h>
 #include <utility>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

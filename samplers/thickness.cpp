@@ -1,4 +1,4 @@
-#include "samplers/thickness.h"
+#include "palpate/samplers/thickness.h"
 
 #include <algorithm>
 #include <array>
@@ -12,9 +12,9 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_reduce.h>
 
-#include "samplers/cell.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume_grid.h"
+#include "palpate/samplers/cell.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 namespace {

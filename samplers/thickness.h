@@ -6,9 +6,9 @@
 #include <memory>
 #include <optional>
 
-#include "engine/graph.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/graph.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

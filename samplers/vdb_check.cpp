@@ -1,4 +1,4 @@
-#include "samplers/vdb_check.h"
+#include "palpate/samplers/vdb_check.h"
 
 #include <algorithm>
 #include <array>
@@ -14,8 +14,8 @@
 #include <string_view>
 #include <vector>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
 
 namespace palpate {
 namespace {

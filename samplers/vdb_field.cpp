@@ -1,4 +1,4 @@
-#include "samplers/vdb_field.h"
+#include "palpate/samplers/vdb_field.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,10 +8,10 @@
 #include <variant>
 #include <vector>
 
-#include "engine/error.h"
-#include "samplers/free_map.h"
-#include "samplers/grid_field.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/free_map.h"
+#include "palpate/samplers/grid_field.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 namespace detail {

@@ -6,8 +6,8 @@
 #include <optional>
 #include <string>
 
-#include "engine/field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/field.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "samplers/volume.h"
+#include "palpate/samplers/volume.h"
 
 #include <algorithm>
 #include <array>
@@ -20,12 +20,12 @@
 #include <openvdb/io/File.h>
 #include <tbb/task_arena.h>
 
-#include "engine/error.h"
-#include "samplers/parallel.h"
-#include "samplers/prepare.h"
-#include "samplers/steady_file.h"
-#include "samplers/vdb_check.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/parallel.h"
+#include "palpate/samplers/prepare.h"
+#include "palpate/samplers/steady_file.h"
+#include "palpate/samplers/vdb_check.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 namespace {

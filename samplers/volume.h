@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "engine/field.h"
-#include "engine/types.h"
+#include "palpate/engine/field.h"
+#include "palpate/engine/types.h"
 
 namespace palpate {
 

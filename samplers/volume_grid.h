@@ -10,9 +10,9 @@
 
 #include <Eigen/LU>
 
-#include "samplers/free_map.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume.h"
+#include "palpate/samplers/free_map.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "scenes/build_scene.h"
+#include "palpate/scenes/build_scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,10 +8,10 @@
 #include <Eigen/Geometry>
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "samplers/parallel.h"
-#include "scenes/plan_parts.h"
-#include "scenes/scene_cache.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/parallel.h"
+#include "palpate/scenes/plan_parts.h"
+#include "palpate/scenes/scene_cache.h"
 
 namespace palpate {
 namespace {

@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
-#include "engine/device.h"
-#include "engine/placement.h"
-#include "engine/scene.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/scene.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

@@ -1,10 +1,10 @@
 /// The smallest program: a ball, a hand that presses on it, and the force it feels.
 #include <cstdio>
 
-#include "engine/error.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
-#include "scenes/build_scene.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+#include "palpate/scenes/build_scene.h"
 
 int main() try {
   using namespace palpate;

@@ -1,4 +1,4 @@
-#include "scenes/fragments.h"
+#include "palpate/scenes/fragments.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,9 +11,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
 namespace {

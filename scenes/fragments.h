@@ -7,8 +7,8 @@
 #include <memory>
 #include <string>
 
-#include "engine/graph.h"
-#include "samplers/volume.h"
+#include "palpate/engine/graph.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

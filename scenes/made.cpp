@@ -1,4 +1,4 @@
-#include "scenes/made.h"
+#include "palpate/scenes/made.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,9 +10,9 @@
 #include <fmt/ranges.h>
 #include <openvdb/tools/SignedFloodFill.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "scenes/cli/version.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/version.h"
 
 namespace palpate {
 namespace made {
@@ -252,7 +252,7 @@ void setMetadata(const Recipe& recipe, const Making& making) {
   const auto text = [&](const char* key, const std::string& value) {
     if (!value.empty()) grid.insertMeta(key, openvdb::StringMetadata(value));
   };
-  grid.setCreator(std::string("palpate ") + cli::kVersion);
+  grid.setCreator(std::string("palpate ") + kVersion);
   text("source", "palpate make " + recipe.volume.name);
   text("description", making.made.what);
   text("length_unit", recipe.volume.length_unit);

@@ -1,4 +1,4 @@
-#include "scenes/nearby.h"
+#include "palpate/scenes/nearby.h"
 
 #include <algorithm>
 #include <map>
@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate {
 namespace {

@@ -5,7 +5,7 @@
 #include <cstddef>
 #include <set>
 
-#include "scenes/build_scene.h"
+#include "palpate/scenes/build_scene.h"
 
 namespace palpate {
 

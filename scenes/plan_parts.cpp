@@ -1,11 +1,11 @@
-#include "scenes/plan_parts.h"
+#include "palpate/scenes/plan_parts.h"
 
 #include <algorithm>
 #include <set>
 #include <utility>
 
-#include "engine/error.h"
-#include "engine/scene.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/scene.h"
 
 namespace palpate {
 namespace {

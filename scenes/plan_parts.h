@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/graph.h"
+#include "palpate/engine/graph.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "scenes/scene_cache.h"
+#include "palpate/scenes/scene_cache.h"
 
 #include <cstddef>
 #include <functional>
@@ -7,7 +7,7 @@
 #include <system_error>
 #include <utility>
 
-#include "samplers/parallel.h"
+#include "palpate/samplers/parallel.h"
 
 namespace palpate {
 

@@ -11,9 +11,9 @@
 #include <utility>
 #include <vector>
 
-#include "samplers/derive.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/samplers/derive.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 
 namespace palpate {
 

@@ -1,4 +1,4 @@
-#include "scenes/scene_file.h"
+#include "palpate/scenes/scene_file.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 
 #include <fmt/format.h>
 
-#include "devices/json_node.h"
-#include "engine/error.h"
-#include "samplers/volume.h"
-#include "scenes/scene_schema.h"
+#include "palpate/devices/json_node.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/volume.h"
+#include "palpate/scenes/scene_schema.h"
 
 namespace palpate {
 namespace {

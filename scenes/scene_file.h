@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "scenes/build_scene.h"
+#include "palpate/scenes/build_scene.h"
 
 namespace palpate {
 

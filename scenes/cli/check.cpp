@@ -3,12 +3,12 @@
 
 #include <fmt/format.h>
 
-#include "devices/simulated_device.h"
-#include "samplers/thickness.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/room.h"
-#include "scenes/cli/touch.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/samplers/thickness.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/room.h"
+#include "palpate/scenes/cli/touch.h"
+#include "palpate/scenes/scene_file.h"
 
 namespace palpate::cli {
 namespace {

@@ -1,4 +1,4 @@
-#include "scenes/cli/common.h"
+#include "palpate/scenes/cli/common.h"
 
 #include <cerrno>
 #include <chrono>
@@ -12,7 +12,7 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate::cli {
 

@@ -13,8 +13,8 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "engine/types.h"
-#include "scenes/cli/say.h"
+#include "palpate/engine/types.h"
+#include "palpate/scenes/cli/say.h"
 
 namespace palpate::cli {
 

@@ -12,17 +12,17 @@
 
 #include <fmt/format.h>
 
-#include "devices/arm_watch.h"
-#include "devices/guardian.h"
-#include "devices/open_arm.h"
-#include "devices/profile_facts.h"
-#include "devices/self_test.h"
-#include "engine/error.h"
-#include "engine/haptic_loop.h"
-#include "engine/limit_force.h"
-#include "engine/realtime.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/room.h"
+#include "palpate/devices/arm_watch.h"
+#include "palpate/devices/guardian.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/devices/self_test.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/limit_force.h"
+#include "palpate/engine/realtime.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/room.h"
 
 namespace palpate::cli {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "scenes/cli/touch.h"
+#include "palpate/scenes/cli/touch.h"
 
 namespace palpate::cli {
 namespace {

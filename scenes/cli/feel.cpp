@@ -20,21 +20,21 @@
 
 #include <fmt/format.h>
 
-#include "devices/guardian.h"
-#include "devices/open_arm.h"
-#include "devices/path_device.h"
-#include "devices/simulated_device.h"
-#include "engine/error.h"
-#include "engine/haptic_thread.h"
-#include "engine/telemetry.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/felt.h"
-#include "scenes/cli/picture.h"
-#include "scenes/cli/room.h"
-#include "scenes/cli/touch.h"
-#include "scenes/cli/version.h"
-#include "scenes/scene_cache.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/guardian.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/path_device.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/telemetry.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/felt.h"
+#include "palpate/scenes/cli/picture.h"
+#include "palpate/scenes/cli/room.h"
+#include "palpate/scenes/cli/touch.h"
+#include "palpate/scenes/scene_cache.h"
+#include "palpate/scenes/scene_file.h"
+#include "palpate/scenes/version.h"
 
 namespace palpate::cli {
 namespace {

@@ -1,4 +1,4 @@
-#include "scenes/cli/felt.h"
+#include "palpate/scenes/cli/felt.h"
 
 #include <algorithm>
 #include <cmath>

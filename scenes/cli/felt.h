@@ -7,12 +7,12 @@
 #include <string>
 #include <vector>
 
-#include "engine/mailbox.h"
-#include "engine/safety.h"
-#include "engine/scene.h"
-#include "engine/step.h"
-#include "engine/telemetry.h"
-#include "scenes/cli/common.h"
+#include "palpate/engine/mailbox.h"
+#include "palpate/engine/safety.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/step.h"
+#include "palpate/engine/telemetry.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 

@@ -3,8 +3,8 @@
 #include <cstring>
 #include <unistd.h>
 
-#include "engine/error.h"
-#include "scenes/cli/common.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 

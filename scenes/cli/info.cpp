@@ -1,8 +1,8 @@
 /// palpate info: what is in a .vdb, and what one can feel in it.
 #include <fmt/format.h>
 
-#include "samplers/volume.h"
-#include "scenes/cli/common.h"
+#include "palpate/samplers/volume.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 namespace {

@@ -9,9 +9,9 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/version.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/version.h"
 
 namespace {
 
@@ -21,7 +21,7 @@ int run(int argc, char** argv) {
       "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
       "in them into forces."};
   app.name("palpate");
-  app.set_version_flag("--version", cli::kVersion);
+  app.set_version_flag("--version", kVersion);
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
 

@@ -3,9 +3,9 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/cli/common.h"
-#include "scenes/made.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/made.h"
 
 namespace palpate::cli {
 namespace {

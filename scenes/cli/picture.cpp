@@ -1,4 +1,4 @@
-#include "scenes/cli/picture.h"
+#include "palpate/scenes/cli/picture.h"
 
 #include <algorithm>
 #include <iterator>
@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/cli/touch.h"
-#include "scenes/nearby.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/touch.h"
+#include "palpate/scenes/nearby.h"
 
 namespace palpate::cli {
 namespace {

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "engine/telemetry.h"
-#include "scenes/build_scene.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/script.h"
+#include "palpate/engine/telemetry.h"
+#include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/script.h"
 
 namespace palpate::cli {
 

@@ -7,10 +7,10 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "engine/telemetry.h"
-#include "scenes/cli/picture.h"
-#include "scenes/cli/touch.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/telemetry.h"
+#include "palpate/scenes/cli/picture.h"
+#include "palpate/scenes/cli/touch.h"
 
 namespace palpate::cli {
 namespace {

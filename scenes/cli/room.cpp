@@ -1,11 +1,11 @@
-#include "scenes/cli/room.h"
+#include "palpate/scenes/cli/room.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
 
-#include "devices/stability.h"
+#include "palpate/devices/stability.h"
 
 namespace palpate::cli {
 namespace {

@@ -3,9 +3,9 @@
 
 #include <string>
 
-#include "engine/coupling.h"
-#include "engine/device.h"
-#include "scenes/cli/common.h"
+#include "palpate/engine/coupling.h"
+#include "palpate/engine/device.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 

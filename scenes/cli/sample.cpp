@@ -5,10 +5,10 @@
 
 #include <fmt/format.h>
 
-#include "devices/csv.h"
-#include "engine/error.h"
-#include "samplers/vdb_field.h"
-#include "scenes/cli/common.h"
+#include "palpate/devices/csv.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 namespace {

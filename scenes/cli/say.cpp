@@ -1,4 +1,4 @@
-#include "scenes/cli/say.h"
+#include "palpate/scenes/cli/say.h"
 
 #include <algorithm>
 #include <array>

@@ -1,10 +1,10 @@
-#include "scenes/cli/script.h"
+#include "palpate/scenes/cli/script.h"
 
 #include <cerrno>
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate::cli {
 namespace {

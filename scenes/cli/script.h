@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "scenes/cli/common.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 

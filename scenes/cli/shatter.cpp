@@ -4,9 +4,9 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/cli/common.h"
-#include "scenes/fragments.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/fragments.h"
 
 namespace palpate::cli {
 namespace {

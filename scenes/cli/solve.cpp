@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "engine/solver.h"
-#include "scenes/cli/common.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/solver.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
 namespace {

@@ -1,5 +1,5 @@
 /// palpate stability: where couplings of a stiffness and damping come to rest, swing, or run away.
-#include "devices/stability.h"
+#include "palpate/devices/stability.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,14 +9,14 @@
 
 #include <fmt/format.h>
 
-#include "bench/stability_map.h"
-#include "devices/open_arm.h"
-#include "devices/profile_facts.h"
-#include "engine/error.h"
-#include "scenes/build_scene.h"
-#include "scenes/cli/common.h"
-#include "scenes/cli/script.h"
-#include "scenes/cli/touch.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/devices/stability_map.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/script.h"
+#include "palpate/scenes/cli/touch.h"
 
 namespace palpate::cli {
 namespace {
@@ -45,13 +45,13 @@ constexpr int kSlowSize = 17;             // cells along an axis for methods tha
 
 struct Setup {
   std::string name;
-  bench::Contact contact;
-  std::vector<bench::MapMethod> methods;
+  MapContact contact;
+  std::vector<MapMethod> methods;
 };
 
 /// Where a hand that explores a scene is pushed back by about the load, and what is near there.
 struct Touch {
-  bench::Contact contact;
+  MapContact contact;
   Near near;
 };
 
@@ -64,7 +64,7 @@ Touch touchOf(const BuiltScene& built, const StabilityOptions& options) {
   constexpr double kSeconds = 10.0;
   const HandTarget hand = explore(built.bounds, kSeconds);
   Touch touch;
-  bench::Contact& contact = touch.contact;
+  MapContact& contact = touch.contact;
   double best = 1e9;
   for (long i = 0; i < std::lround(kSeconds * rate); ++i) {
     const Vec3 at = hand.at(static_cast<double>(i) / rate);
@@ -100,8 +100,8 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   Setup setup;
   if (options.scene.empty()) {
     setup.name = options.planes ? fmt::format("two planes, {} degrees", *options.planes) : "a wall";
-    setup.contact = options.planes ? bench::troughContact(*options.planes) : bench::wallContact();
-    setup.methods = bench::methodsOver(setup.contact);
+    setup.contact = options.planes ? troughContact(*options.planes) : wallContact();
+    setup.methods = methodsOver(setup.contact);
     return setup;
   }
   std::optional<Touch> touch;
@@ -114,11 +114,11 @@ Setup setupOf(const StabilityOptions& options, const std::vector<std::string>& o
   checkOutputsApart(outputs, inputsOf(options.scene, opened.spec));
   setup.name = opened.spec.source;
   setup.contact = touch->contact;
-  setup.methods = bench::methodsOver(setup.contact);
+  setup.methods = methodsOver(setup.contact);
   constexpr double kFree = 5e-3;  // [m]
   setup.methods.insert(
       setup.methods.begin(),
-      bench::wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards));
+      wholeTick(opened.built.scene, setup.contact.place + kFree * setup.contact.outwards));
   return setup;
 }
 
@@ -198,9 +198,8 @@ void check(const StabilityOptions& options) {
   }
 }
 
-OrderedJson report(const StabilityOptions& options, const Setup& setup,
-                   const bench::MapSetting& setting, double most,
-                   const std::vector<bench::StabilityMap>& maps) {
+OrderedJson report(const StabilityOptions& options, const Setup& setup, const MapSetting& setting,
+                   double most, const std::vector<StabilityMap>& maps) {
   OrderedJson json;
   json["of"] = setup.name;
   json["device"] = options.device.empty() ? OrderedJson() : OrderedJson(options.device);
@@ -225,7 +224,7 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup,
   }
   json["most_stiffness"] = most;
   json["methods"] = OrderedJson::array();
-  for (const bench::StabilityMap& map : maps) {
+  for (const StabilityMap& map : maps) {
     OrderedJson one;
     one["name"] = map.method;
     one["tried"] = map.tried;
@@ -238,17 +237,17 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup,
     for (std::size_t row = 0; row < n; ++row) {
       std::string word;
       for (std::size_t column = 0; column < n; ++column) {
-        const bench::MapCell& cell = map.cells[row * n + column];
+        const MapCell& cell = map.cells[row * n + column];
         const std::size_t letter = static_cast<std::size_t>(cell.outcome);
         word += (cell.active ? "RCL" : "rcl")[letter];
-        rests += static_cast<long>(cell.outcome == bench::Outcome::kRests);
+        rests += static_cast<long>(cell.outcome == MapOutcome::kRests);
       }
       one["rows"].push_back(word);
     }
     one["rests"] = static_cast<double>(rests) / static_cast<double>(n * n);
     // Without damping, from the softest on.
     std::size_t first = 0;
-    while (first < n && map.cells[first].outcome == bench::Outcome::kRests) ++first;
+    while (first < n && map.cells[first].outcome == MapOutcome::kRests) ++first;
     one["rests_to"] = first == 0 ? OrderedJson() : OrderedJson(map.stiffness[first - 1]);
     json["methods"].push_back(one);
   }
@@ -275,7 +274,7 @@ int draw(const StabilityOptions& options) {
     }
   }
   const Setup setup = setupOf(options, places);
-  bench::MapSetting setting;
+  MapSetting setting;
   setting.arm.mass = options.mass;
   setting.arm.viscous = options.viscous;
   setting.arm.coulomb = options.coulomb;
@@ -288,17 +287,17 @@ int draw(const StabilityOptions& options) {
   constexpr double kMost = 1e5;  // [N/m]: of a loop that nothing makes swing
   const double most = std::min(kMost, 6.0 * std::max(stable, 10.0 * kLeastStiffness));
 
-  std::vector<bench::StabilityMap> maps;
+  std::vector<StabilityMap> maps;
   {
     const auto progress = showProgress("mapping");
-    for (bench::MapMethod method : setup.methods) {
+    for (MapMethod method : setup.methods) {
       method.make = [make = method.make](double stiffness, double damping, double period) {
         endIfInterrupted();
         return make(stiffness, damping, period);
       };
       const int size = method.size < options.size ? kSlowSize : options.size;
-      maps.push_back(bench::drawMap(setting, setup.contact, method, size, kLeastStiffness, most,
-                                    kMostDamping));
+      maps.push_back(
+          drawMap(setting, setup.contact, method, size, kLeastStiffness, most, kMostDamping));
       if (progress) {
         progress(static_cast<double>(maps.size()) / static_cast<double>(setup.methods.size()));
       }

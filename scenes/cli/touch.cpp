@@ -1,4 +1,4 @@
-#include "scenes/cli/touch.h"
+#include "palpate/scenes/cli/touch.h"
 
 #include <algorithm>
 #include <charconv>
@@ -6,10 +6,10 @@
 
 #include <fmt/format.h>
 
-#include "devices/path_device.h"
-#include "engine/error.h"
-#include "scenes/nearby.h"
-#include "scenes/scene_cache.h"
+#include "palpate/devices/path_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/nearby.h"
+#include "palpate/scenes/scene_cache.h"
 
 namespace palpate::cli {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
-#include "engine/step.h"
-#include "scenes/cli/common.h"
-#include "scenes/scene_file.h"
+#include "palpate/engine/step.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/scene_file.h"
 
 namespace palpate::cli {
 

@@ -5,8 +5,8 @@
 #include <openvdb/tools/MeshToVolume.h>
 #include <openvdb/util/NullInterrupter.h>
 
-#include "scenes/import/shared_progress.h"
-#include "scenes/import/surface.h"
+#include "palpate/scenes/import/shared_progress.h"
+#include "palpate/scenes/import/surface.h"
 
 namespace palpate::importer {
 namespace {

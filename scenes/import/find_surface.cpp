@@ -1,4 +1,4 @@
-#include "scenes/import/surface.h"
+#include "palpate/scenes/import/surface.h"
 
 namespace palpate::importer {
 

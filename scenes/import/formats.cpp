@@ -9,8 +9,8 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/import/reader.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 namespace {

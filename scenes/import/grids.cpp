@@ -1,4 +1,4 @@
-#include "scenes/import/grids.h"
+#include "palpate/scenes/import/grids.h"
 
 #include <algorithm>
 #include <array>
@@ -14,9 +14,9 @@
 #include <vtkSetGet.h>
 #include <vtkUnsignedCharArray.h>
 
-#include "engine/error.h"
-#include "scenes/import/quantile.h"
-#include "scenes/import/shared_progress.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/quantile.h"
+#include "palpate/scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {

@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <string>
 
-#include "samplers/openvdb_grids.h"
-#include "scenes/import/pieces.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/import/pieces.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/guard.h"
+#include "palpate/scenes/import/guard.h"
 
 #include <cerrno>
 #include <csignal>
@@ -15,8 +15,8 @@
 
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "scenes/cli/common.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
 
 namespace palpate::importer {
 namespace {

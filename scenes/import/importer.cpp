@@ -1,4 +1,4 @@
-#include "scenes/import/importer.h"
+#include "palpate/scenes/import/importer.h"
 
 #include <algorithm>
 #include <cmath>
@@ -11,13 +11,13 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume.h"
-#include "scenes/cli/version.h"
-#include "scenes/import/pieces.h"
-#include "scenes/import/smooth.h"
-#include "scenes/import/suggest.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume.h"
+#include "palpate/scenes/import/pieces.h"
+#include "palpate/scenes/import/smooth.h"
+#include "palpate/scenes/import/suggest.h"
+#include "palpate/scenes/version.h"
 
 namespace palpate::importer {
 namespace {
@@ -158,7 +158,7 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
     grid.insertMeta(key, openvdb::DoubleMetadata(value));
   };
   text("source", options.request.file.filename().string());
-  text("imported_by", std::string("palpate ") + cli::kVersion);
+  text("imported_by", std::string("palpate ") + kVersion);
   text("description", content.description);
   text("length_unit", content.length_unit);
   text("value_unit", imported.unit);

@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "scenes/import/grids.h"
-#include "scenes/import/level_set.h"
-#include "scenes/import/reader.h"
-#include "scenes/import/resample.h"
+#include "palpate/scenes/import/grids.h"
+#include "palpate/scenes/import/level_set.h"
+#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/resample.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/level_set.h"
+#include "palpate/scenes/import/level_set.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,10 +9,10 @@
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tools/VolumeToMesh.h>
 
-#include "engine/error.h"
-#include "scenes/import/grids.h"
-#include "scenes/import/quantile.h"
-#include "scenes/import/surface.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/grids.h"
+#include "palpate/scenes/import/quantile.h"
+#include "palpate/scenes/import/surface.h"
 
 namespace palpate::importer {
 namespace {

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "samplers/openvdb_grids.h"
-#include "scenes/import/reader.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

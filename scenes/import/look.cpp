@@ -1,4 +1,4 @@
-#include "scenes/import/look.h"
+#include "palpate/scenes/import/look.h"
 
 #include <algorithm>
 #include <array>

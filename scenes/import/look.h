@@ -4,7 +4,7 @@
 #include <optional>
 #include <vector>
 
-#include "scenes/import/suggest.h"
+#include "palpate/scenes/import/suggest.h"
 
 namespace palpate::importer {
 

@@ -10,12 +10,12 @@
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "scenes/cli/common.h"
-#include "scenes/import/guard.h"
-#include "scenes/import/importer.h"
-#include "scenes/import/report.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/import/guard.h"
+#include "palpate/scenes/import/importer.h"
+#include "palpate/scenes/import/report.h"
 
 namespace palpate::importer {
 namespace {

@@ -1,4 +1,4 @@
-#include "scenes/import/mesh.h"
+#include "palpate/scenes/import/mesh.h"
 
 #include <algorithm>
 
@@ -17,8 +17,8 @@
 #include <vtkUnsignedCharArray.h>
 #include <vtkUnstructuredGrid.h>
 
-#include "engine/error.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {

@@ -1,4 +1,4 @@
-#include "scenes/import/netcdf_size.h"
+#include "palpate/scenes/import/netcdf_size.h"
 
 #include <algorithm>
 #include <array>

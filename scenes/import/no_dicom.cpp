@@ -1,6 +1,6 @@
 /// In place of read_dicom.cpp where vtk-dicom is missing.
-#include "engine/error.h"
-#include "scenes/import/reader.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

@@ -1,6 +1,6 @@
 /// In place of read_nrrd.cpp where teem is missing.
-#include "engine/error.h"
-#include "scenes/import/reader.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

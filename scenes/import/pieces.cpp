@@ -1,4 +1,4 @@
-#include "scenes/import/pieces.h"
+#include "palpate/scenes/import/pieces.h"
 
 #include <algorithm>
 #include <cmath>
@@ -24,10 +24,10 @@
 #include <vtkStructuredGrid.h>
 #include <vtkUnstructuredGrid.h>
 
-#include "engine/error.h"
-#include "scenes/import/mesh.h"
-#include "scenes/import/tensors.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/mesh.h"
+#include "palpate/scenes/import/tensors.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {

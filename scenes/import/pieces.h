@@ -11,7 +11,7 @@
 #include <vtkSmartPointer.h>
 #include <vtkUnsignedCharArray.h>
 
-#include "scenes/import/reader.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

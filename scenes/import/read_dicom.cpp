@@ -32,9 +32,9 @@
 #include <vtkStringArray.h>
 #include <vtkUnsignedCharArray.h>
 
-#include "engine/error.h"
-#include "scenes/import/reader.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {

@@ -10,10 +10,10 @@
 #include <vtkNew.h>
 #include <vtkStreamingDemandDrivenPipeline.h>
 
-#include "engine/error.h"
-#include "scenes/import/netcdf_size.h"
-#include "scenes/import/reader.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/netcdf_size.h"
+#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {

@@ -16,9 +16,9 @@
 #include <vtkNew.h>
 #include <vtkPointData.h>
 
-#include "engine/error.h"
-#include "scenes/import/reader.h"
-#include "scenes/import/values.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
 namespace {

@@ -15,10 +15,10 @@
 #include <vtkObjectFactory.h>
 #include <vtkPointData.h>
 
-#include "engine/error.h"
-#include "scenes/import/reader.h"
-#include "scenes/import/values.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/values.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {

@@ -15,8 +15,8 @@
 #include <vtkNew.h>
 #include <vtkPointData.h>
 
-#include "engine/error.h"
-#include "scenes/import/reader.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 namespace {

@@ -13,7 +13,7 @@
 #include <vtkDataObject.h>
 #include <vtkSmartPointer.h>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate::importer {
 

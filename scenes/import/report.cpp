@@ -1,11 +1,11 @@
-#include "scenes/import/report.h"
+#include "palpate/scenes/import/report.h"
 
 #include <sys/resource.h>
 
 #include <fmt/format.h>
 
-#include "samplers/openvdb_grids.h"
-#include "scenes/cli/say.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/cli/say.h"
 
 namespace palpate::importer {
 namespace {

@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "scenes/import/importer.h"
+#include "palpate/scenes/import/importer.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/resample.h"
+#include "palpate/scenes/import/resample.h"
 
 #include <algorithm>
 #include <atomic>
@@ -19,10 +19,10 @@
 #include <vtkNew.h>
 #include <vtkStaticCellLocator.h>
 
-#include "engine/error.h"
-#include "scenes/import/mesh.h"
-#include "scenes/import/quantile.h"
-#include "scenes/import/shared_progress.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/mesh.h"
+#include "palpate/scenes/import/quantile.h"
+#include "palpate/scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {

@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "scenes/import/grids.h"
-#include "scenes/import/pieces.h"
+#include "palpate/scenes/import/grids.h"
+#include "palpate/scenes/import/pieces.h"
 
 namespace palpate::importer {
 

@@ -4,7 +4,7 @@
 #include <atomic>
 #include <mutex>
 
-#include "scenes/import/reader.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/smooth.h"
+#include "palpate/scenes/import/smooth.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,8 +12,8 @@
 #include <vtkNew.h>
 #include <vtkPointData.h>
 
-#include "engine/error.h"
-#include "scenes/import/vtk_run.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "scenes/import/pieces.h"
+#include "palpate/scenes/import/pieces.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/suggest.h"
+#include "palpate/scenes/import/suggest.h"
 
 #include <algorithm>
 #include <array>
@@ -13,8 +13,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "engine/error.h"
-#include "scenes/import/look.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/look.h"
 
 namespace palpate::importer {
 namespace {

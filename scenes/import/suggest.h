@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "samplers/openvdb_grids.h"
-#include "scenes/import/reader.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

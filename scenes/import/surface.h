@@ -6,8 +6,8 @@
 
 #include <openvdb/tools/VolumeToMesh.h>
 
-#include "samplers/openvdb_grids.h"
-#include "scenes/import/reader.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

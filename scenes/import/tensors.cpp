@@ -1,4 +1,4 @@
-#include "scenes/import/tensors.h"
+#include "palpate/scenes/import/tensors.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 #include <vtkFloatArray.h>
 #include <vtkSetGet.h>
 
-#include "engine/error.h"
-#include "scenes/import/values.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
 namespace {

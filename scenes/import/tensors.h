@@ -3,8 +3,8 @@
 
 #include <array>
 
-#include "engine/types.h"
-#include "scenes/import/pieces.h"
+#include "palpate/engine/types.h"
+#include "palpate/scenes/import/pieces.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/values.h"
+#include "palpate/scenes/import/values.h"
 
 #include <cmath>
 #include <type_traits>
@@ -8,7 +8,7 @@
 #include <vtkFloatArray.h>
 #include <vtkSetGet.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate::importer {
 namespace {

@@ -7,7 +7,7 @@
 #include <vtkDataArray.h>
 #include <vtkSmartPointer.h>
 
-#include "engine/types.h"
+#include "palpate/engine/types.h"
 
 namespace palpate::importer {
 

@@ -1,4 +1,4 @@
-#include "scenes/import/vtk_run.h"
+#include "palpate/scenes/import/vtk_run.h"
 
 #include <cctype>
 #include <string_view>
@@ -11,7 +11,7 @@
 #include <vtkOutputWindow.h>
 #include <vtkSmartPointer.h>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 namespace palpate::importer {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <vtkAlgorithm.h>
 
-#include "scenes/import/reader.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

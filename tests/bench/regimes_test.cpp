@@ -5,7 +5,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "bench/regime_rows.h"
+#include "tests/support/regime_rows.h"
 
 using namespace palpate::bench;
 

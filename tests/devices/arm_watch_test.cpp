@@ -1,5 +1,5 @@
 /// What is shown of an arm that is made of memory.
-#include "devices/arm_watch.h"
+#include "palpate/devices/arm_watch.h"
 
 #include <algorithm>
 #include <cstddef>

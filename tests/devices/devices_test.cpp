@@ -5,10 +5,10 @@
 
 #include <catch2/catch.hpp>
 
-#include "devices/csv.h"
-#include "devices/path_device.h"
-#include "devices/simulated_device.h"
-#include "engine/error.h"
+#include "palpate/devices/csv.h"
+#include "palpate/devices/path_device.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/error.h"
 #include "tests/support/counters.h"
 
 using namespace palpate;

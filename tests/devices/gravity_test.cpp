@@ -12,11 +12,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "devices/hid_device.h"
-#include "devices/profile_facts.h"
-#include "devices/self_test.h"
-#include "devices/simulated_device.h"
-#include "engine/limit_force.h"
+#include "palpate/devices/hid_device.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/devices/self_test.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/limit_force.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

@@ -1,5 +1,5 @@
 /// What devices say of their reports, and profiles that say otherwise.
-#include "devices/hid_descriptor.h"
+#include "palpate/devices/hid_descriptor.h"
 
 #include <cstdint>
 #include <string>

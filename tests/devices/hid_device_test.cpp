@@ -1,5 +1,5 @@
 /// An arm on a HID device that is made of memory: what is read, sent, lost and found again.
-#include "devices/hid_device.h"
+#include "palpate/devices/hid_device.h"
 
 #include <array>
 #include <atomic>
@@ -15,14 +15,14 @@
 
 #include <catch2/catch.hpp>
 
-#include "devices/pace.h"
-#include "devices/simulated_device.h"
-#include "engine/error.h"
-#include "engine/haptic_loop.h"
-#include "engine/haptic_thread.h"
-#include "tests/loop/scenes.h"
+#include "palpate/devices/pace.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/haptic_thread.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
+#include "tests/support/scenes.h"
 
 using namespace palpate;
 using namespace std::chrono_literals;

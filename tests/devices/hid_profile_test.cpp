@@ -1,5 +1,5 @@
 /// Files that describe arms.
-#include "devices/hid_profile.h"
+#include "palpate/devices/hid_profile.h"
 
 #include <array>
 #include <csignal>
@@ -16,11 +16,11 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "devices/hid_port.h"
-#include "devices/json_schema.h"
-#include "devices/open_arm.h"
-#include "devices/profile_facts.h"
-#include "engine/error.h"
+#include "palpate/devices/hid_port.h"
+#include "palpate/devices/json_schema.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/profile_facts.h"
+#include "palpate/engine/error.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_files.h"
 

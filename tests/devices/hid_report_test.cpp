@@ -1,5 +1,5 @@
 /// Bytes and numbers.
-#include "devices/hid_report.h"
+#include "palpate/devices/hid_report.h"
 
 #include <array>
 #include <bit>

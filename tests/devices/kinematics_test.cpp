@@ -1,5 +1,5 @@
 /// Where tips are: closed forms against finite differences, round trips, edges.
-#include "devices/kinematics.h"
+#include "palpate/devices/kinematics.h"
 
 #include <cmath>
 #include <functional>
@@ -10,7 +10,7 @@
 #include <Eigen/Dense>
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

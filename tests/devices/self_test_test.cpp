@@ -1,5 +1,5 @@
 /// The self-test on arms made of numbers, good ones and wrong ones.
-#include "devices/self_test.h"
+#include "palpate/devices/self_test.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,8 +9,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "devices/simulated_device.h"
-#include "engine/limit_force.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/limit_force.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

@@ -1,5 +1,5 @@
 /// The boundaries of stability and passivity, against simulations that know nothing of them.
-#include "devices/stability.h"
+#include "palpate/devices/stability.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,9 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/haptic_loop.h"
-#include "tests/loop/scenes.h"
+#include "palpate/engine/haptic_loop.h"
 #include "tests/support/random.h"
+#include "tests/support/scenes.h"
 
 using namespace palpate;
 using test::Random;

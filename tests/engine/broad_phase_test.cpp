@@ -1,5 +1,5 @@
 /// Boxes near a hand: the tree finds what looking at all of them finds.
-#include "engine/broad_phase.h"
+#include "palpate/engine/broad_phase.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,12 +1,12 @@
-#include "engine/friction.h"
+#include "palpate/engine/friction.h"
 
 #include <cmath>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"

@@ -1,11 +1,11 @@
-#include "engine/graph.h"
+#include "palpate/engine/graph.h"
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "engine/scene.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/scene.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 
 using namespace palpate;

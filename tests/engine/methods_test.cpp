@@ -1,4 +1,4 @@
-/// The literature's methods of bench/methods: right where their sources say so, and wrong, by
+/// The literature's methods of devices/methods: right where their sources say so, and wrong, by
 /// numbers, where they must be.
 #include <algorithm>
 #include <cmath>
@@ -7,16 +7,16 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/methods/constraint_approach.h"
-#include "bench/methods/euler_adaptive.h"
-#include "bench/methods/euler_fixed.h"
-#include "bench/methods/force_function.h"
-#include "bench/methods/nelder_mead.h"
-#include "bench/methods/residual.h"
-#include "bench/methods/simplex.h"
-#include "bench/methods/smallest_residual.h"
-#include "bench/problems.h"
+#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/devices/methods/euler_adaptive.h"
+#include "palpate/devices/methods/euler_fixed.h"
+#include "palpate/devices/methods/force_function.h"
+#include "palpate/devices/methods/nelder_mead.h"
+#include "palpate/devices/methods/residual.h"
+#include "palpate/devices/methods/simplex.h"
+#include "palpate/devices/methods/smallest_residual.h"
 #include "tests/support/counters.h"
+#include "tests/support/problems.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 

@@ -7,9 +7,9 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/mode.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/mode.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"

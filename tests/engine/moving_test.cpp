@@ -5,10 +5,10 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "engine/placement.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/placement.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 

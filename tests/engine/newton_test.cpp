@@ -1,5 +1,5 @@
 /// Newton's step against the fixed point that it is to find.
-#include "engine/newton.h"
+#include "palpate/engine/newton.h"
 
 #include <cmath>
 #include <functional>
@@ -8,7 +8,7 @@
 #include <Eigen/Dense>
 #include <catch2/catch.hpp>
 
-#include "engine/solver.h"
+#include "palpate/engine/solver.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

@@ -8,14 +8,14 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/methods/constraint_approach.h"
-#include "bench/methods/euler_adaptive.h"
-#include "bench/methods/force_function.h"
-#include "bench/methods/residual.h"
-#include "bench/problems.h"
-#include "engine/solver.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/devices/methods/euler_adaptive.h"
+#include "palpate/devices/methods/force_function.h"
+#include "palpate/devices/methods/residual.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+#include "tests/support/problems.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 

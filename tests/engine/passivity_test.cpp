@@ -1,5 +1,5 @@
 /// The energy tank: what no hand, arm or scene may take out of it, and where others fail.
-#include "engine/passivity.h"
+#include "palpate/engine/passivity.h"
 
 #include <cmath>
 #include <cstdlib>
@@ -10,7 +10,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "bench/passivity_runs.h"
+#include "tests/support/passivity_runs.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

@@ -1,4 +1,4 @@
-#include "engine/solver.h"
+#include "palpate/engine/solver.h"
 
 #include <algorithm>
 #include <array>
@@ -12,8 +12,8 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/problems.h"
 #include "tests/support/counters.h"
+#include "tests/support/problems.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 #include "tests/support/source_dir.h"

@@ -1,4 +1,4 @@
-#include "engine/step.h"
+#include "palpate/engine/step.h"
 
 #include <cmath>
 #include <limits>
@@ -7,7 +7,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "samplers/analytic_field.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 

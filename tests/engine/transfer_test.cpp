@@ -1,11 +1,11 @@
-#include "engine/transfer.h"
+#include "palpate/engine/transfer.h"
 
 #include <cmath>
 #include <limits>
 
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
+#include "palpate/engine/error.h"
 
 using palpate::TransferFunction;
 

@@ -9,11 +9,11 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/theorem.h"
-#include "engine/newton.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/newton.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/random.h"
+#include "tests/support/theorem.h"
 
 using namespace palpate;
 using palpate::test::Random;

@@ -31,9 +31,9 @@
 #include <vtkUnstructuredGrid.h>
 #include <vtkVolume16Reader.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
 #include "tests/support/probe.h"
 
 namespace {

@@ -10,7 +10,7 @@
 #include <vtkImageData.h>
 #include <vtkPointData.h>
 
-#include "scenes/import/reader.h"
+#include "palpate/scenes/import/reader.h"
 
 using namespace palpate;
 using namespace palpate::importer;

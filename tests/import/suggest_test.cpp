@@ -1,4 +1,4 @@
-#include "scenes/import/suggest.h"
+#include "palpate/scenes/import/suggest.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,8 +13,8 @@
 #include <openvdb/tools/ChangeBackground.h>
 #include <tbb/global_control.h>
 
-#include "engine/error.h"
-#include "scenes/scene_file.h"
+#include "palpate/engine/error.h"
+#include "palpate/scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
 using namespace palpate;

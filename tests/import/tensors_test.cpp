@@ -1,5 +1,5 @@
 // What is felt of diffusion tensors, against tensors made of known eigenvalues.
-#include "scenes/import/tensors.h"
+#include "palpate/scenes/import/tensors.h"
 
 #include <cmath>
 #include <limits>
@@ -12,7 +12,7 @@
 #include <vtkNew.h>
 #include <vtkShortArray.h>
 
-#include "scenes/import/values.h"
+#include "palpate/scenes/import/values.h"
 
 using namespace palpate;
 using namespace palpate::importer;

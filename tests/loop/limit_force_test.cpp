@@ -1,5 +1,5 @@
 /// The last gate before the hand.
-#include "engine/limit_force.h"
+#include "palpate/engine/limit_force.h"
 
 #include <algorithm>
 #include <cmath>

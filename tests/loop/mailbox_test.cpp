@@ -1,6 +1,6 @@
 /// The mailbox between two threads. What model checking shows of the protocol (mailbox.pml) is
 /// tried here on the real one, under ThreadSanitizer as well.
-#include "engine/mailbox.h"
+#include "palpate/engine/mailbox.h"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 /// What a hand may do, and what happens when it does more.
-#include "engine/safety.h"
+#include "palpate/engine/safety.h"
 
 #include <cmath>
 #include <cstring>

@@ -10,10 +10,10 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "engine/haptic_thread.h"
-#include "tests/loop/scenes.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_thread.h"
 #include "tests/support/random.h"
+#include "tests/support/scenes.h"
 
 using namespace palpate;
 using palpate::test::ballField;

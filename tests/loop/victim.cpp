@@ -20,9 +20,9 @@
 #include <thread>
 #include <unistd.h>
 
-#include "devices/guardian.h"
-#include "engine/haptic_thread.h"
-#include "tests/loop/scenes.h"
+#include "palpate/devices/guardian.h"
+#include "palpate/engine/haptic_thread.h"
+#include "tests/support/scenes.h"
 
 namespace {
 

@@ -4,7 +4,7 @@
 
 #include <catch2/catch.hpp>
 
-#include "bench/contact_problems.h"
+#include "tests/support/contact_problems.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

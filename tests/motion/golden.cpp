@@ -25,10 +25,10 @@
 
 #include <Eigen/Geometry>
 
-#include "bench/corner_noise.h"
-#include "bench/motion_problems.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+#include "tests/support/corner_noise.h"
+#include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

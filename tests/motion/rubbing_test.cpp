@@ -1,5 +1,5 @@
 /// A hand that rubs along a noisy scan.
-#include "bench/rubbing.h"
+#include "tests/support/rubbing.h"
 
 #include <cstdlib>
 #include <iostream>
@@ -8,8 +8,8 @@
 
 #include <catch2/catch.hpp>
 
-#include "bench/buzz.h"
-#include "bench/damping_buzz.h"
+#include "tests/support/buzz.h"
+#include "tests/support/damping_buzz.h"
 #include "tests/support/random.h"
 
 using namespace palpate::bench;

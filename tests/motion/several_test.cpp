@@ -10,9 +10,9 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/motion_problems.h"
-#include "bench/theorem.h"
+#include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
+#include "tests/support/theorem.h"
 
 using namespace palpate;
 using namespace palpate::bench;

@@ -9,8 +9,8 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/corner_noise.h"
-#include "bench/motion_problems.h"
+#include "tests/support/corner_noise.h"
+#include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

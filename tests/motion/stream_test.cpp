@@ -9,7 +9,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "bench/motion_problems.h"
+#include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
 using namespace palpate;

@@ -1,4 +1,4 @@
-#include "samplers/derive.h"
+#include "palpate/samplers/derive.h"
 
 #include <cmath>
 #include <filesystem>
@@ -7,9 +7,9 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"

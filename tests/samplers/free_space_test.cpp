@@ -7,11 +7,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/step.h"
-#include "samplers/free_map.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/free_map.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/hand.h"
 #include "tests/support/probe.h"

@@ -26,11 +26,11 @@
 
 #include <openvdb/io/Stream.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
-#include "samplers/volume_grid.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
+#include "palpate/samplers/volume_grid.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 

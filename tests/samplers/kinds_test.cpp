@@ -8,10 +8,10 @@
 #include <catch2/catch.hpp>
 #include <openvdb/tools/Filter.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"

@@ -6,9 +6,9 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/step.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 

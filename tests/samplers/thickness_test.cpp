@@ -1,4 +1,4 @@
-#include "samplers/thickness.h"
+#include "palpate/samplers/thickness.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,7 +6,7 @@
 #include <Eigen/LU>
 #include <catch2/catch.hpp>
 
-#include "samplers/openvdb_grids.h"
+#include "palpate/samplers/openvdb_grids.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"

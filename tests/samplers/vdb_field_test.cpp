@@ -1,4 +1,4 @@
-#include "samplers/vdb_field.h"
+#include "palpate/samplers/vdb_field.h"
 
 #include <array>
 #include <cmath>
@@ -11,8 +11,8 @@
 #include <catch2/catch.hpp>
 #include <openvdb/tools/Interpolation.h>
 
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"

@@ -1,4 +1,4 @@
-#include "samplers/volume.h"
+#include "palpate/samplers/volume.h"
 
 #include <atomic>
 #include <chrono>
@@ -18,10 +18,10 @@
 #include <catch2/catch.hpp>
 #include <openvdb/points/PointDataGrid.h>
 
-#include "engine/error.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/parallel.h"
-#include "samplers/steady_file.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/parallel.h"
+#include "palpate/samplers/steady_file.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 

@@ -7,10 +7,10 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
-#include "engine/trace.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/trace.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 #include "tests/support/counters.h"
 #include "tests/support/probe.h"
 #include "tests/support/random.h"

@@ -1,6 +1,6 @@
 /// The fragments of palpate shatter are the solid that they were broken from, closed, and strewn as
 /// ordered.
-#include "scenes/fragments.h"
+#include "palpate/scenes/fragments.h"
 
 #include <algorithm>
 #include <cmath>
@@ -12,11 +12,11 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "engine/step.h"
-#include "samplers/openvdb_grids.h"
-#include "samplers/volume_grid.h"
-#include "scenes/scene_file.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/openvdb_grids.h"
+#include "palpate/samplers/volume_grid.h"
+#include "palpate/scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
 using namespace palpate;

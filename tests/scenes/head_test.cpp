@@ -4,9 +4,9 @@
 
 #include <catch2/catch.hpp>
 
-#include "devices/simulated_device.h"
-#include "engine/step.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/step.h"
+#include "palpate/scenes/scene_file.h"
 #include "tests/support/counters.h"
 
 using namespace palpate;

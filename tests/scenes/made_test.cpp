@@ -1,5 +1,5 @@
 /// The volumes of palpate make are what they say they are.
-#include "scenes/made.h"
+#include "palpate/scenes/made.h"
 
 #include <cmath>
 #include <filesystem>
@@ -8,9 +8,9 @@
 
 #include <catch2/catch.hpp>
 
-#include "engine/error.h"
-#include "samplers/vdb_field.h"
-#include "samplers/volume.h"
+#include "palpate/engine/error.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/samplers/volume.h"
 #include "tests/support/vdb_files.h"
 
 using namespace palpate;

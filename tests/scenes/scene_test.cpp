@@ -7,12 +7,12 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "devices/json_schema.h"
-#include "engine/error.h"
-#include "engine/step.h"
-#include "samplers/analytic_field.h"
-#include "scenes/scene_cache.h"
-#include "scenes/scene_file.h"
+#include "palpate/devices/json_schema.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+#include "palpate/scenes/scene_cache.h"
+#include "palpate/scenes/scene_file.h"
 #include "tests/support/random.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_grids.h"

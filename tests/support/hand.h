@@ -5,7 +5,7 @@
 #include <memory>
 #include <utility>
 
-#include "engine/step.h"
+#include "palpate/engine/step.h"
 
 namespace palpate::test {
 

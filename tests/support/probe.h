@@ -7,10 +7,10 @@
 
 #include <Eigen/Geometry>
 
-#include "engine/field.h"
-#include "engine/flow.h"
-#include "engine/graph.h"
-#include "samplers/vdb_field.h"
+#include "palpate/engine/field.h"
+#include "palpate/engine/flow.h"
+#include "palpate/engine/graph.h"
+#include "palpate/samplers/vdb_field.h"
 
 namespace palpate::test {
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/primitive.h"
+#include "palpate/engine/primitive.h"
 
 namespace palpate::test {
 

@@ -4,7 +4,7 @@
 
 #include <span>
 
-#include "engine/primitive.h"
+#include "palpate/engine/primitive.h"
 
 namespace palpate::test {
 

@@ -3,7 +3,7 @@
 
 #include <functional>
 
-#include "samplers/openvdb_grids.h"
+#include "palpate/samplers/openvdb_grids.h"
 #include "tests/support/vdb_files.h"
 
 namespace palpate::test {

@@ -23,7 +23,7 @@
 #include <unistd.h>
 #include <vector>
 
-#include "engine/realtime.h"
+#include "palpate/engine/realtime.h"
 #include "tests/devices/vm/vm_arm.h"
 
 namespace {

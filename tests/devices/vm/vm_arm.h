@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdint>
 
-#include "devices/simulated_device.h"
+#include "palpate/devices/simulated_device.h"
 
 namespace palpate::vm {
 

@@ -19,13 +19,13 @@
 #include <unistd.h>
 #include <vector>
 
-#include "devices/guardian.h"
-#include "devices/open_arm.h"
-#include "devices/simulated_device.h"
-#include "engine/error.h"
-#include "engine/haptic_thread.h"
-#include "engine/realtime.h"
-#include "scenes/build_scene.h"
+#include "palpate/devices/guardian.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_thread.h"
+#include "palpate/engine/realtime.h"
+#include "palpate/scenes/build_scene.h"
 #include "tests/devices/vm/vm_arm.h"
 
 using namespace palpate;

@@ -1,0 +1,34 @@
+/// The "simple Euler solver" of Lundin et al., section 4.3, with a step that never changes.
+#pragma once
+
+#include <span>
+
+#include "palpate/devices/methods/method.h"
+
+namespace palpate::methods {
+
+struct EulerFixedParams {
+  /// Length of a step as a share of 1/k: 1 would carry the proxy straight to where the forces of
+  /// this moment balance the spring.
+  double step = 1e-3;
+  /// Stops when |f_res| <= tolerance * S, S the sum of strengths; the move is then below
+  /// step * tolerance * S/k.
+  double tolerance = 1e-4;
+  int max_iterations = 20000;
+};
+
+/// x <- x + (step / k) f_res(x), eq. (14) to the letter (zero on a kink), from `start`.
+///
+/// Where the balance lies on a kink f_res does not vanish near it: the proxy chatters about the
+/// kink, by up to step * s/k, and only the limit stops it. The step is thus the accuracy and its
+/// inverse the cost, since the error of a smooth problem falls by 1 - step an iteration. The
+/// default buys 1e-3 S/k; a chart should try others.
+///
+/// @param probe       Hand position [m].
+/// @param stiffness   k [N/m], > 0.
+/// @param start       Last proxy [m].
+[[nodiscard]] Balance eulerFixed(const Vec3& probe, double stiffness,
+                                 std::span<const Primitive> primitives, const Vec3& start,
+                                 const EulerFixedParams& params = {}) noexcept;
+
+}  // namespace palpate::methods

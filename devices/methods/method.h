@@ -1,0 +1,19 @@
+/// What every method of the literature is given and gives back. They live here for charts and for
+/// the tests of where they fail; the engine has one solver of its own.
+#pragma once
+
+#include <span>
+
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/types.h"
+
+namespace palpate::methods {
+
+/// A method's answer to one balance.
+struct Balance {
+  Vec3 offset = Vec3::Zero();  ///< proxy - probe [m]; the hand feels k times this.
+  int iterations = 0;          ///< Evaluations of eq. (14) (of the potential, for Nelder-Mead).
+  bool settled = false;        ///< The method's own stopping rule fired before its limit.
+};
+
+}  // namespace palpate::methods

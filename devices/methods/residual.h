@@ -1,0 +1,89 @@
+/// Eq. (14) to the letter and the potential behind it: what the searching methods evaluate.
+///
+/// Positions are taken relative to the probe (`offset`), so that 1e4 m from the origin costs no
+/// digits. Inline, because a method's time is mostly spent here.
+#pragma once
+
+#include <algorithm>
+#include <span>
+
+#include "palpate/engine/primitive.h"
+#include "palpate/engine/types.h"
+
+namespace palpate::methods {
+
+/// From the proxy, at d from x_i, to the nearest point of a line: m of eq. (10).
+[[nodiscard]] inline Vec3 acrossLine(const Vec3& direction, const Vec3& d) noexcept {
+  return direction * direction.dot(d) - d;
+}
+
+/// A primitive's force [N] on a proxy at d = x - x_i [m], eqs (8), (9), (11) and (13): zero exactly
+/// on the kink.
+[[nodiscard]] inline Vec3 forceOf(const Primitive& primitive, const Vec3& d) noexcept {
+  switch (primitive.kind) {
+    case PrimitiveKind::kForce:
+      return primitive.strength * primitive.direction;
+    case PrimitiveKind::kPoint: {
+      const double distance = d.norm();
+      return distance == 0.0 ? Vec3(Vec3::Zero()) : Vec3(-(primitive.strength / distance) * d);
+    }
+    case PrimitiveKind::kLine: {
+      const Vec3 m = acrossLine(primitive.direction, d);
+      const double distance = m.norm();
+      return distance == 0.0 ? m : Vec3((primitive.strength / distance) * m);
+    }
+    case PrimitiveKind::kPlane:
+      return d.dot(primitive.direction) >= 0.0 ? Vec3(Vec3::Zero())
+                                               : Vec3(primitive.strength * primitive.direction);
+  }
+  return Vec3::Zero();
+}
+
+/// f_res of eq. (14) [N] at probe + offset.
+[[nodiscard]] inline Vec3 residualForce(const Vec3& offset, const Vec3& probe, double stiffness,
+                                        std::span<const Primitive> primitives) noexcept {
+  Vec3 force = -stiffness * offset;
+  for (const Primitive& p : primitives) force += forceOf(p, offset - (p.position - probe));
+  return force;
+}
+
+/// E of engine/solver.h [J] at probe + offset; f_res is minus its gradient wherever it has one.
+/// That a directed force's part is counted from the probe only shifts it by a constant.
+[[nodiscard]] inline double potential(const Vec3& offset, const Vec3& probe, double stiffness,
+                                      std::span<const Primitive> primitives) noexcept {
+  double energy = 0.5 * stiffness * offset.squaredNorm();
+  for (const Primitive& p : primitives) {
+    const Vec3 d = offset - (p.position - probe);
+    switch (p.kind) {
+      case PrimitiveKind::kForce:
+        energy -= p.strength * p.direction.dot(offset);
+        break;
+      case PrimitiveKind::kPoint:
+        energy += p.strength * d.norm();
+        break;
+      case PrimitiveKind::kLine:
+        energy += p.strength * acrossLine(p.direction, d).norm();
+        break;
+      case PrimitiveKind::kPlane:
+        energy += p.strength * std::max(0.0, -p.direction.dot(d));
+        break;
+    }
+  }
+  return energy;
+}
+
+/// S, the sum of strengths [N]. The balance is never farther than S/k from the probe, so S and S/k
+/// are the scales of a problem: tolerances are shares of them.
+[[nodiscard]] inline double sumOfStrengths(std::span<const Primitive> primitives) noexcept {
+  double sum = 0.0;
+  for (const Primitive& p : primitives) sum += p.strength;
+  return sum;
+}
+
+/// `offset`, or where its way to the probe enters the ball of radius S/k about it: a nearer start.
+[[nodiscard]] inline Vec3 withinReach(const Vec3& offset, double reach) noexcept {
+  const double distance = offset.norm();
+  return distance > reach ? Vec3((reach / distance) * offset) : offset;
+}
+
+}  // namespace palpate::methods

@@ -1,0 +1,123 @@
+/// Maps of couplings: the engine follows the wall's formula, others do not.
+#include "palpate/devices/stability_map.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/devices/stability.h"
+#include "tests/support/scenes.h"
+
+using namespace palpate;
+
+namespace {
+
+constexpr int kSize = 33;
+constexpr double kLeast = 50.0;
+constexpr double kMost = 2e4;
+constexpr double kMostDamping = 50.0;
+
+StabilityMap mapOf(const MapSetting& setting, const MapContact& contact, const MapMethod& method) {
+  return drawMap(setting, contact, method, kSize, kLeast, kMost, kMostDamping);
+}
+
+const MapMethod& named(const std::vector<MapMethod>& methods, const std::string& name) {
+  const auto found = std::find_if(methods.begin(), methods.end(),
+                                  [&](const MapMethod& m) { return m.name == name; });
+  REQUIRE(found != methods.end());
+  return *found;
+}
+
+std::shared_ptr<const Scene> wallScene() {
+  return test::ballScene(makeSphere(Vec3(0, 0, -10.0), 10.0), 5.0);
+}
+
+}  // namespace
+
+TEST_CASE("the engine rests where one wall's formula says so, on a wall and between two planes",
+          "[stability]") {
+  const MapSetting setting;
+  std::vector<std::pair<MapContact, MapMethod>> tried;
+  for (const MapContact& contact : {wallContact(), troughContact(20.0)}) {
+    tried.emplace_back(contact, named(methodsOver(contact), "palpate"));
+  }
+  tried.emplace_back(wallContact(), wholeTick(wallScene(), Vec3(0, 0, 0.005)));
+  for (const auto& [contact, method] : tried) {
+    const StabilityMap map = mapOf(setting, contact, method);
+    CAPTURE(method.name, contact.primitives.size());
+    REQUIRE(map.cells.size() == static_cast<std::size_t>(kSize * kSize));
+    CHECK(map.tried < kSize * kSize / 2);
+    const auto n = static_cast<std::size_t>(kSize);
+    for (std::size_t row = 0; row < n; ++row) {
+      // As damping grows it acts on what the encoder reads: the formula knows no encoder.
+      if (map.damping[row] > 5.0) continue;
+      const double stable =
+          stableStiffness(setting.arm, setting.grip, setting.rate, map.damping[row]);
+      for (std::size_t column = 0; column < n; ++column) {
+        const MapCell& cell = map.cells[row * n + column];
+        CAPTURE(map.stiffness[column], map.damping[row], stable, cell.swing);
+        if (map.stiffness[column] < 0.8 * stable) CHECK(cell.outcome == MapOutcome::kRests);
+        if (map.stiffness[column] > 1.25 * stable) CHECK(cell.outcome != MapOutcome::kRests);
+        // No energy where no hand at all could get any.
+        const double passive = passiveStiffness(setting.arm, setting.rate, map.damping[row]);
+        if (map.stiffness[column] < passive) CHECK_FALSE(cell.active);
+      }
+    }
+  }
+}
+
+TEST_CASE("where other methods fail a hand is shaken", "[stability]") {
+  const MapSetting setting;
+  const MapContact trough = troughContact(20.0);
+  const auto methods = methodsOver(trough);
+  CHECK(methods.size() == 7);
+  const auto rests = [&](const std::string& name, double stiffness, double damping) {
+    const MapFeel feel = named(methods, name).make(stiffness, damping, 1.0 / setting.rate);
+    return tryCoupling(setting, trough, feel).outcome == MapOutcome::kRests;
+  };
+  // No proxy: the force jumps at the wall, whatever the coupling.
+  for (const double stiffness : {50.0, 200.0, 1000.0, 3000.0}) {
+    for (const double damping : {0.0, 0.5, 5.0}) {
+      CHECK_FALSE(rests("force function", stiffness, damping));
+      CHECK(rests("palpate", stiffness, damping));
+    }
+  }
+  // An answer that chatters shakes soft couplings, whose damping feels each tick's error; one that
+  // is wrong runs away where it is stiff.
+  struct Shaken {
+    const char* method;
+    std::vector<double> stiffness;
+    std::vector<double> damping;
+  };
+  for (const Shaken& s : {Shaken{"Euler, adaptive step", {75.0, 107.0, 150.0}, {4.0, 5.8, 10.0}},
+                          Shaken{"Euler, fixed step", {350.0, 500.0, 720.0}, {22.0, 32.0, 45.0}},
+                          Shaken{"constraint approach", {9000.0, 10000.0}, {15.0, 21.0, 40.0}}}) {
+    int shaken = 0;
+    for (const double stiffness : s.stiffness) {
+      for (const double damping : s.damping) {
+        shaken += rests(s.method, stiffness, damping) ? 0 : 1;
+        CAPTURE(stiffness, damping);
+        CHECK(rests("palpate", stiffness, damping));
+      }
+    }
+    CAPTURE(s.method, shaken);
+    CHECK(shaken >= 3);
+  }
+}
+
+TEST_CASE("what lies among equals is as they are", "[stability]") {
+  const MapSetting setting;
+  const MapContact wall = wallContact();
+  const MapMethod method = named(methodsOver(wall), "palpate");
+  const StabilityMap map = mapOf(setting, wall, method);
+  long other = 0;
+  for (std::size_t i = 0; i < map.cells.size(); ++i) {
+    const auto n = static_cast<std::size_t>(kSize);
+    const MapCell cell = tryCoupling(
+        setting, wall, method.make(map.stiffness[i % n], map.damping[i / n], 1.0 / setting.rate));
+    other += static_cast<long>(cell.outcome != map.cells[i].outcome);
+  }
+  CHECK(other == 0);
+}

@@ -1,0 +1,141 @@
+#include "tests/support/contenders.h"
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <utility>
+
+#include "palpate/devices/methods/constraint_approach.h"
+#include "palpate/devices/methods/euler_adaptive.h"
+#include "palpate/devices/methods/euler_fixed.h"
+#include "palpate/devices/methods/force_function.h"
+#include "palpate/devices/methods/nelder_mead.h"
+#include "palpate/devices/methods/smallest_residual.h"
+#include "palpate/engine/solver.h"
+
+namespace palpate::bench {
+namespace {
+
+using methods::Balance;
+
+/// A power of ten, or a multiple of one.
+std::string word(double number) {
+  const int exponent = static_cast<int>(std::floor(std::log10(number) + 1e-9));
+  char text[32];
+  std::snprintf(text, sizeof text, "%ge%d", std::round(number / std::pow(10.0, exponent)),
+                exponent);
+  return text;
+}
+
+/// A method without a setting.
+Contender makePlain(std::string name,
+                    Balance (*method)(const Vec3&, double, std::span<const Primitive>,
+                                      const Vec3&) noexcept) {
+  const auto solve = [method](const BalanceProblem& p, std::span<const Primitive> primitives) {
+    return Answer{method(p.probe, p.stiffness, primitives, p.start)};
+  };
+  return {std::move(name), "", solve};
+}
+
+/// A method with one.
+template <class Params>
+Contender makeSet(std::string name, std::string setting,
+                  Balance (*method)(const Vec3&, double, std::span<const Primitive>, const Vec3&,
+                                    const Params&) noexcept,
+                  const Params& params) {
+  const auto solve = [method, params](const BalanceProblem& p,
+                                      std::span<const Primitive> primitives) {
+    return Answer{method(p.probe, p.stiffness, primitives, p.start, params)};
+  };
+  return {std::move(name), std::move(setting), solve};
+}
+
+/// How the step of our reading of the paper's solver adapts.
+enum class Pace {
+  kSteady,   ///< As it reaches most of the independent problems (euler_adaptive.h).
+  kHalving,  ///< Half the cost, a few per cent fewer; the paper's 30 to 40 iterations.
+  kSlow,     ///< Shrinks by 3 %: as it reaches most along motions, in a thousand steps and more.
+};
+Contender makePaper(double tolerance, Pace pace) {
+  methods::EulerAdaptiveParams params;
+  if (tolerance < params.tolerance) params.max_iterations *= 10;
+  params.tolerance = tolerance;
+  std::string setting = word(tolerance);
+  switch (pace) {
+    case Pace::kSteady:
+      break;
+    case Pace::kHalving:
+      params.grow = 1.05;
+      params.shrink = 0.5;
+      setting += ", halving";
+      break;
+    case Pace::kSlow:
+      params.shrink = 0.97;
+      params.max_iterations = 10000;
+      setting += ", slow";
+      break;
+  }
+  return makeSet(kPaper, setting, methods::eulerAdaptive, params);
+}
+
+/// The engine's solver; `warm`: it remembers the last balance.
+Contender makeOurs(double tolerance, bool warm) {
+  SolverParams params;
+  params.tolerance = tolerance;
+  const auto memory = warm ? std::make_shared<WarmStart>() : nullptr;
+  const auto solve = [params, memory](const BalanceProblem& p,
+                                      std::span<const Primitive> primitives) {
+    const SolveResult r =
+        solveProxy(p.probe, p.stiffness, primitives, p.start, params, memory.get());
+    return Answer{{r.offset, r.iterations, r.status == SolveStatus::kConverged}, r.error_bound};
+  };
+  const auto forget = [memory] {
+    if (memory) memory->forget();
+  };
+  return {warm ? kOursWarm : kOurs, word(tolerance), solve, forget};
+}
+
+}  // namespace
+
+std::vector<Contender> makeContenders(bool motion) {
+  std::vector<Contender> list;
+  list.push_back(makePlain("force function", methods::forceFunction));
+  list.push_back(makePlain("constraint approach", methods::constraintApproach));
+  for (const double step : {1e-1, 1e-2, 1e-3}) {
+    methods::EulerFixedParams params;
+    params.step = step;
+    params.max_iterations = static_cast<int>(std::lround(20.0 / step));
+    list.push_back(makeSet("Euler, fixed step", word(step), methods::eulerFixed, params));
+  }
+  for (const double tolerance :
+       {1e-2, 1e-3, methods::EulerAdaptiveParams{}.tolerance, 1e-6, 1e-8}) {
+    list.push_back(makePaper(tolerance, Pace::kSteady));
+  }
+  for (const double tolerance : {1e-3, 3e-5, 1e-6}) {
+    list.push_back(makePaper(tolerance, Pace::kHalving));
+  }
+  for (const double tolerance : {3e-5, 1e-6}) list.push_back(makePaper(tolerance, Pace::kSlow));
+  for (const double tolerance : {1e-2, 1e-3, methods::NelderMeadParams{}.tolerance, 1e-8}) {
+    methods::NelderMeadParams params;
+    params.tolerance = tolerance;
+    list.push_back(makeSet("Nelder-Mead", word(tolerance), methods::nelderMead, params));
+  }
+  for (const double tolerance : {1e-3, methods::SmallestResidualParams{}.tolerance, 1e-8}) {
+    methods::SmallestResidualParams params;
+    params.tolerance = tolerance;
+    list.push_back(
+        makeSet("smallest residual", word(tolerance), methods::smallestResidual, params));
+  }
+  for (const double tolerance : {1e-2, 1e-3, 1e-4, 1e-6, 1e-8}) {
+    list.push_back(makeOurs(tolerance, false));
+    if (motion) list.push_back(makeOurs(tolerance, true));
+  }
+  return list;
+}
+
+std::vector<Contender> makeFigure7Contenders() {
+  return {makePaper(3e-5, Pace::kHalving), makeOurs(SolverParams{}.tolerance, false),
+          makeOurs(SolverParams{}.tolerance, true)};
+}
+
+}  // namespace palpate::bench

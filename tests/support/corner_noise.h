@@ -1,0 +1,31 @@
+/// Values at the corners of cubes, linear between: what rough volumes are made of.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "palpate/engine/types.h"
+
+namespace palpate::bench {
+
+/// The value at q, in cubes from the first corner, all coordinates >= 0: of side^3 corners, the
+/// last axis fastest. Beyond the last one it is that one's.
+inline double betweenCorners(const std::vector<double>& corners, std::size_t side, const Vec3& q) {
+  const Vec3 low = q.array().floor();
+  const double last = static_cast<double>(side) - 1.0;
+  double sum = 0.0;
+  for (int corner = 0; corner < 8; ++corner) {
+    double weight = 1.0;
+    std::size_t index = 0;
+    for (int a = 0; a < 3; ++a) {
+      const bool up = (corner >> a & 1) != 0;
+      weight *= up ? q[a] - low[a] : 1.0 - q[a] + low[a];
+      index = index * side + static_cast<std::size_t>(std::min(low[a] + (up ? 1.0 : 0.0), last));
+    }
+    sum += weight * corners[index];
+  }
+  return sum;
+}
+
+}  // namespace palpate::bench
