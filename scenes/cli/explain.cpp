@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/cli/explain_words.h"
 #include "palpate/scenes/cli/touch.h"
 
 namespace palpate::cli {
@@ -18,23 +19,6 @@ struct ExplainOptions {
   bool json = false;
 };
 
-/// Where the tick read the volumes: a mode of its own that places nothing and writes down where it
-/// was asked.
-struct Witness {
-  std::array<Vec3, kMostSubsteps> places;
-  std::size_t count = 0;
-  Vec3 proxy = Vec3::Zero();  ///< Before its last move.
-};
-
-bool writeDown(void* state, const ModeInput& input, PrimitiveSet& /*set*/) noexcept {
-  auto& witness = *static_cast<Witness*>(state);
-  witness.proxy = input.proxy;
-  if (!input.foreseen && witness.count < witness.places.size()) {
-    witness.places[witness.count++] = input.read;
-  }
-  return true;
-}
-
 /// A tick with everything that explains it.
 struct Told {
   const Opened& opened;
@@ -46,15 +30,23 @@ struct Told {
   LimitedForce limited;
   ForceLimits limits;
   double dt = 0.0;
-  std::vector<Vec3> places;  ///< Where properties were read, one a sub-step [m].
-  Vec3 proxy;                ///< Before its last move: where guides are seen from [m].
+  const StepTrace& trace;
   const ProxyState& state;
 
-  [[nodiscard]] const Vec3& place() const { return places.back(); }
+  /// Where properties were read last [m]; after a fault before that, where the proxy was.
+  [[nodiscard]] const Vec3& place() const {
+    const auto steps = trace.steps();
+    const auto last = std::find_if(steps.rbegin(), steps.rend(),
+                                   [](const StepTrace::Step& step) { return !step.foreseen; });
+    return last == steps.rend() ? rest.report.proxy : last->at;
+  }
+  /// Where the proxy was before its last move: where guides are seen from [m].
+  [[nodiscard]] const Vec3& proxy() const {
+    return trace.count == 0 ? rest.report.proxy : trace.steps().back().proxy;
+  }
   [[nodiscard]] const Graph& graph() const { return scene.graph; }
   [[nodiscard]] const Properties& properties() const { return state.properties(); }
-  /// The witness comes last and is no mode of the scene's.
-  [[nodiscard]] std::size_t modes() const { return scene.graph.modes.size() - 1; }
+  [[nodiscard]] std::size_t modes() const { return scene.graph.modes.size(); }
 };
 
 const Properties::Scalar& scalarOf(const Told& told, int i) {
@@ -277,7 +269,7 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
   if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) return whyIdle(told, *iso, memory);
   if (const auto* guide = std::get_if<GuideMode>(&mode)) {
     return fmt::format("the proxy is {} m from it, farther than its snap of {} m",
-                       shown(distanceTo(primitiveOf(told, *guide), told.proxy)),
+                       shown(distanceTo(primitiveOf(told, *guide), told.proxy())),
                        shown(guide->snap));
   }
   const auto* front = std::get_if<FrontShapeMemory>(&memory.of);
@@ -292,7 +284,7 @@ std::string whyIdle(const Told& told, const Mode& mode, const ModeMemory& memory
 
 bool outOfReach(const Told& told, const Mode& mode) {
   const auto* guide = std::get_if<GuideMode>(&mode);
-  return guide != nullptr && !(distanceTo(primitiveOf(told, *guide), told.proxy) <= guide->snap);
+  return guide != nullptr && !(distanceTo(primitiveOf(told, *guide), told.proxy()) <= guide->snap);
 }
 
 /// Why mode i placed nothing: the first of its conditions that is not met.
@@ -550,6 +542,23 @@ OrderedJson because(const Told& told) {
   return json;
 }
 
+/// One balance of the tick, and how far the proxy came from it.
+OrderedJson stepReport(const Told& told, const StepTrace::Step& step) {
+  OrderedJson json;
+  json["foreseen"] = step.foreseen;
+  json["at"] = toJson(step.at);
+  json["proxy"] = toJson(step.proxy);
+  json["balance"] = toJson(step.balance);
+  json["newton"] = toJson(step.newton);
+  json["end"] = wordFor(step.end);
+  json["went"] = toJson(step.went);
+  json["yields"] = OrderedJson::array();
+  for (std::size_t i = 0; i < told.modes(); ++i) {
+    if (step.yields.test(i)) json["yields"].push_back(told.graph().mode_names[i]);
+  }
+  return json;
+}
+
 OrderedJson report(const Told& told) {
   OrderedJson json;
   json["scene"] = told.opened.spec.source;
@@ -561,7 +570,12 @@ OrderedJson report(const Told& told) {
                   {"force", toJson(told.rest.report.force)},
                   {"ticks", told.rest.ticks}};
   json["read_at"] = OrderedJson::array();
-  for (const Vec3& place : told.places) json["read_at"].push_back(toJson(place));
+  for (const StepTrace::Step& step : told.trace.steps()) {
+    if (!step.foreseen) json["read_at"].push_back(toJson(step.at));
+  }
+  json["steps"] = OrderedJson::array();
+  for (const StepTrace::Step& step : told.trace.steps())
+    json["steps"].push_back(stepReport(told, step));
   json["fields"] = fieldsReport(told);
   json["left_out"] = told.graph().unused;
   json["properties"] = propertiesReport(told);
@@ -572,113 +586,6 @@ OrderedJson report(const Told& told) {
   json["force"] = forceReport(told);
   json["because"] = because(told);
   return json;
-}
-
-std::string text(const OrderedJson& value) {
-  if (value.is_null()) return "none";
-  if (value.is_number()) return shown(value.get<double>());
-  if (value.is_string()) return value.get<std::string>();
-  std::string list;
-  for (const OrderedJson& item : value) list += (list.empty() ? "" : ", ") + text(item);
-  return list;
-}
-
-/// "2 (1.5 where speed is 0.3, times 1.33)"
-std::string transferText(const OrderedJson& transfer) {
-  std::string factors;
-  for (const OrderedJson& factor : transfer["factors"]) {
-    if (!factors.empty()) factors += ", times ";
-    factors += text(factor["output"]);
-    if (!factor.contains("reads")) continue;
-    const std::string reads = text(factor["reads"]);
-    factors += factor["input"].is_null() ? " as " + reads + " has no data"
-                                         : " where " + reads + " is " + text(factor["input"]);
-  }
-  const bool plain = transfer["factors"].size() == 1 && !transfer["factors"][0].contains("reads");
-  return text(transfer["value"]) + (plain || factors.empty() ? "" : " (" + factors + ")");
-}
-
-void printMode(const OrderedJson& mode) {
-  say("mode      {}: {}{}: {}\n", text(mode["name"]), text(mode["mode"]),
-      mode["of"].is_null() ? "" : " of " + text(mode["of"]), sentence(text(mode["because"])));
-  std::string properties;
-  for (const char* key : {"strength", "friction", "viscosity"}) {
-    if (!mode.contains(key)) continue;
-    const std::string unit = key == std::string("friction") ? "" : " N";
-    properties +=
-        (properties.empty() ? "" : "; ") + std::string(key) + " " + transferText(mode[key]) + unit;
-  }
-  if (!mode["contact"].is_null()) properties += "; contact " + text(mode["contact"]);
-  if (!properties.empty()) say("          {}\n", sentence(properties));
-  for (const OrderedJson& primitive : mode["primitives"]) {
-    std::string where;
-    if (primitive.contains("position")) where += " at " + text(primitive["position"]);
-    if (primitive.contains("direction")) where += " along " + text(primitive["direction"]);
-    say("primitive {}, a {}{}, strength {} N: {}, load {} ({} N)\n", text(primitive["role"]),
-        text(primitive["kind"]), where, text(primitive["strength"]), text(primitive["state"]),
-        text(primitive["load"]), text(primitive["size"]));
-  }
-}
-
-/// True where a vector is worth telling [N].
-bool told(const OrderedJson& force) {
-  constexpr double kLeast = 1e-9;
-  return std::any_of(force.begin(), force.end(),
-                     [](const OrderedJson& x) { return std::abs(x.get<double>()) > kLeast; });
-}
-
-void printBalance(const OrderedJson& json) {
-  const OrderedJson& balance = json["balance"];
-  say("balance   {}, {} iterations, {} sub-steps, within {} m of the exact one; {}\n",
-      text(balance["solver"]), balance["iterations"].get<int>(), balance["substeps"].get<int>(),
-      rounded(balance["error_bound"].get<double>()), text(balance["status"]));
-  std::string stiffness = text(balance["stiffness"]);
-  if (balance.contains("stiffness_by")) {
-    stiffness += " now, wanted " + text(balance["stiffness_by"]["value"]);
-  }
-  say("stiffness {} N/m\n", stiffness);
-  say("proxy     {}; hand {}\n", text(balance["proxy"]), text(json["hand"]));
-  say("spring    {} N; the loads add up to {} N, {} N left over\n", text(balance["spring"]),
-      text(balance["loads"]), text(balance["left_over"]));
-  if (told(balance["waiting"])) {
-    say("waiting   {} N: a stream that bends leaves it for the next tick\n",
-        text(balance["waiting"]));
-  }
-  const OrderedJson& force = json["force"];
-  const OrderedJson& limiter = force["limiter"];
-  say("damper    {} N\n", text(force["damper"]));
-  say("limiter   {} (peak {} N, growth {} N a tick)\n",
-      limiter["slewed"].get<bool>()   ? "held the growth back"
-      : limiter["peaked"].get<bool>() ? "cut to the peak"
-                                      : "did nothing",
-      text(limiter["peak"]), text(limiter["growth"]));
-  say("energy    {} J added by the proxy's own motion\n", text(balance["injected_energy"]));
-  say("force     {} N, {} N\n", text(force["sent"]), text(force["size"]));
-}
-
-void printTick(const OrderedJson& json) {
-  say("scene     {}\n", text(json["scene"]));
-  say("rest      proxy {}, {} m from --at; force {} N\n", text(json["rest"]["proxy"]),
-      text(json["rest"]["moved"]), text(json["rest"]["force"]));
-  say("read at   {}\n", text(json["read_at"].empty() ? json["at"] : json["read_at"].back()));
-  for (const OrderedJson& field : json["fields"]) {
-    say("field     {}: {}, {}; for {}\n", text(field["field"]),
-        field["sampled"].get<bool>() ? "sampled" : "not sampled", sentence(text(field["because"])),
-        cli::sentence(text(field["for"])));
-  }
-  for (const OrderedJson& name : json["left_out"]) {
-    say("field     {}: not sampled, no mode reads it\n", text(name));
-  }
-  for (const OrderedJson& property : json["properties"]) {
-    say("property  {}: {}\n", text(property["property"]),
-        property["inside"].get<bool>() ? text(property["value"]) : "no data");
-  }
-  for (const OrderedJson& mode : json["modes"]) printMode(mode);
-  for (const OrderedJson& name : json["silent"]) {
-    say("mode      {}: left out, its strength is zero everywhere\n", text(name));
-  }
-  printBalance(json);
-  for (const OrderedJson& line : json["because"]) say("because   {}\n", sentence(text(line)));
 }
 
 int explain(const ExplainOptions& options) {
@@ -696,24 +603,18 @@ int explain(const ExplainOptions& options) {
     near.add(state, hapticStep(*built.scene, reader, {hand}, state, dt));
     return near;
   };
-  const auto witness = std::make_shared<Witness>();
-  const Opened opened = openFor(options.scene, rehearse, {writeDown, witness, {}});
+  const Opened opened = openFor(options.scene, rehearse);
   const Scene& scene = *opened.built.scene;
 
   Reader reader;
   ProxyState state(limits);
   const Rest rest = restAt(scene, reader, state, at, dt);
-  witness->count = 0;
-  const StepReport report = hapticStep(scene, reader, {hand}, state, dt);
+  StepTrace trace;
+  const StepReport report = hapticStep(scene, reader, {hand}, state, dt, &trace);
   LimiterState limiter;
   limiter.sent = rest.report.force;
   const LimitedForce limited = limitForce(report.wanted, hand, dt, limits, limiter);
-  std::vector<Vec3> places(witness->places.begin(),
-                           witness->places.begin() + static_cast<std::ptrdiff_t>(witness->count));
-  if (places.empty()) places.push_back(rest.report.proxy);  // a fault before anything was read
-  const Told told{opened,         scene,   at,     hand, rest,
-                  report,         limited, limits, dt,   std::move(places),
-                  witness->proxy, state};
+  const Told told{opened, scene, at, hand, rest, report, limited, limits, dt, trace, state};
   const OrderedJson out = cli::report(told);
   if (options.json) {
     sayJson(out);

@@ -60,10 +60,11 @@ struct Row {
 
 /// Where a mode gave way.
 struct Yield {
-  double depth = 0.0;        ///< Of the hand [m].
-  double proxy_depth = 0.0;  ///< [m]
-  double force = 0.0;        ///< What it carries, friction and drag aside [N].
-  double force_along = 0.0;  ///< What the hand feels [N].
+  double depth = 0.0;           ///< Of the hand [m].
+  double proxy_depth = 0.0;     ///< [m]
+  std::optional<double> force;  ///< What it carries, friction and drag aside [N]; none where the
+                                ///< tick came through it.
+  double force_along = 0.0;     ///< What the hand feels [N].
 };
 
 /// What one mode did on the way in.
@@ -81,11 +82,11 @@ class Curve {
   Curve(const Opened& opened, const Way& way)
       : scene_(*opened.built.scene), way_(way), modes_(scene_.graph.modes.size()) {}
 
-  void add(int tick, const StepReport& r, const ProxyState& state) {
+  void add(int tick, const StepReport& r, const ProxyState& state, const StepTrace& trace) {
     Row row = seen(tick, r);
     for (std::size_t i = 0; i < modes_.size(); ++i) {
       const std::vector<Load> loads = loadsOf(state, r, i);
-      follow(modes_[i], loads, row);
+      follow(modes_[i], loads, yielded(trace, i), row);
       tell(row, i, loads, sideOf(state.memory(i)));
     }
     count(tick, r, row);
@@ -112,17 +113,28 @@ class Curve {
     return row;
   }
 
-  static void follow(ModePressed& mode, const std::vector<Load>& loads, const Row& row) {
+  /// A reading of the tick gave mode i all its strength, whatever came of it by the tick's end.
+  static bool yielded(const StepTrace& trace, std::size_t i) {
+    const auto steps = trace.steps();
+    return std::any_of(steps.begin(), steps.end(), [i](const StepTrace::Step& step) {
+      return !step.foreseen && step.yields.test(i);
+    });
+  }
+
+  static void follow(ModePressed& mode, const std::vector<Load>& loads, bool yielded,
+                     const Row& row) {
     constexpr double kNewtons = 1e-6;  // less is rounding
     const double held = totalOf(loads).norm();
     const bool carries = held > kNewtons;
     mode.held = std::max(mode.held, held);
     if (!row.in) return;
     if (carries && !mode.touched) mode.touched = row.depth;
-    const bool yields = holdOf(loads) == Hold::kYields;
+    // What was come through within the tick is not among its last loads.
+    const bool gone = yielded && !carries;
+    const bool yields = gone || holdOf(loads) == Hold::kYields;
     if (yields && mode.ready && !mode.yield) {
-      mode.yield =
-          Yield{row.depth, row.proxy_depth, totalOf(bearersOf(loads)).norm(), row.force_along};
+      mode.yield = Yield{row.depth, row.proxy_depth, std::nullopt, row.force_along};
+      if (!gone) mode.yield->force = totalOf(bearersOf(loads)).norm();
     }
     mode.ready = mode.ready || !yields;
     if (!carries && mode.yield && !mode.let_go) mode.let_go = row.depth;
@@ -210,7 +222,7 @@ OrderedJson report(const std::string& name, const ModePressed& mode) {
   if (mode.yield) {
     json["yield"] = {{"depth", mode.yield->depth},
                      {"proxy_depth", mode.yield->proxy_depth},
-                     {"force", mode.yield->force},
+                     {"force", mode.yield->force ? OrderedJson(*mode.yield->force) : OrderedJson()},
                      {"force_along", mode.yield->force_along}};
   }
   json["let_go_at"] = orNull(mode.let_go);
@@ -304,8 +316,10 @@ void printMode(const OrderedJson& mode) {
                                  shown(mode["held_max"].get<double>()));
   const OrderedJson& yield = mode["yield"];
   if (!yield.is_null()) {
-    text += fmt::format("; gave way at {} with {} N", millimetres(yield["depth"]),
-                        shown(yield["force"].get<double>()));
+    text += "; gave way at " + millimetres(yield["depth"]);
+    text += yield["force"].is_null()
+                ? " within a tick"
+                : fmt::format(" with {} N", shown(yield["force"].get<double>()));
   }
   if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
   say("mode      {}: {}\n", name, sentence(text));
@@ -362,13 +376,14 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   Reader reader;
   ProxyState state(pathLimits());
   const double dt = 1.0 / rate;
+  StepTrace trace;
   Telemetry tick;
   tick.report = restAt(scene, reader, state, way.at, dt).report;
   for (int i = 0; i <= 2 * way.steps; ++i) {
     tick.probe = way.hand(i);
     tick.time = i * dt;
-    if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt);
-    seen(i, tick, state);
+    if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt, &trace);
+    seen(i, tick, state, trace);
     endIfInterrupted();
   }
   return !state.faulted();
@@ -381,7 +396,9 @@ int press(const PressOptions& options) {
   const auto rehearse = [&](const BuiltScene& built) {
     Near near;
     run(*built.scene, way, options.rate,
-        [&](int, const Telemetry& tick, const ProxyState& state) { near.add(state, tick.report); });
+        [&](int, const Telemetry& tick, const ProxyState& state, const StepTrace&) {
+          near.add(state, tick.report);
+        });
     return near;
   };
   const Opened opened = openFor(options.scene, rehearse);
@@ -392,8 +409,9 @@ int press(const PressOptions& options) {
   if (!options.csv.empty()) file.emplace(options.csv);
 
   Curve curve(opened, way);
-  const auto seen = [&](int i, const Telemetry& tick, const ProxyState& state) {
-    curve.add(i, tick.report, state);
+  const auto seen = [&](int i, const Telemetry& tick, const ProxyState& state,
+                        const StepTrace& trace) {
+    curve.add(i, tick.report, state, trace);
     if (picture) picture->add(tick);
   };
   const bool good = run(*opened.built.scene, way, options.rate, seen);

@@ -75,19 +75,13 @@ void checkRate(double rate) {
   throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
 }
 
-Opened openFor(const std::string& scene, const Rehearsal& rehearse, const UserSpec& watcher) {
+Opened openFor(const std::string& scene, const Rehearsal& rehearse) {
   Opened opened;
   opened.spec = openScene(scene, showProgress("loading"));
   for (const std::string& note : opened.spec.notes) complain(note);
   const DeviceInfo device = pathDevice();
   checkDevice(opened.spec, device);
   opened.told = opened.spec;
-  if (watcher.place != nullptr) {
-    ModeSpec mode;
-    mode.kind = ModeKind::kUser;
-    mode.user = watcher;
-    opened.told.graph.modes.push_back(mode);
-  }
   SceneCache cache;
   opened.built = buildScene(opened.told, showProgress("loading"), &cache);
   if (const std::size_t all = opened.built.scene->parts.size(); all > 0) {

@@ -47,9 +47,7 @@ struct Near {
 };
 /// The caller's hand in a scene of parts.
 using Rehearsal = std::function<Near(const BuiltScene&)>;
-/// `watcher`: a mode of the caller's own that is added last, if it has a function.
-[[nodiscard]] Opened openFor(const std::string& scene, const Rehearsal& rehearse,
-                             const UserSpec& watcher = {});
+[[nodiscard]] Opened openFor(const std::string& scene, const Rehearsal& rehearse);
 
 /// Who reads a field, modes and the coupling: why it is sampled.
 [[nodiscard]] std::vector<std::string> readersOf(const Graph& graph, const FieldSet& field);

@@ -244,10 +244,19 @@ class Explain(Touch):
     def test_a_long_push_takes_sub_steps(self):
         # A voxel, 5 mm, at a time.
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.2}
-        out, _ = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
+        out, text = self.explain(self.scene(drag), MIDDLE, [0, 0.012, 0])
         self.assertEqual(out["balance"]["substeps"], 3)
         self.near([p[1] for p in out["read_at"]], [0.025, 0.03, 0.032 - 0.2 / K])
         self.assertAlmostEqual(out["balance"]["proxy"][1], 0.032 - 0.2 / K)
+        # The tick's own: what was remembered first, then a balance of each reading.
+        steps = out["steps"]
+        self.assertEqual([step["foreseen"] for step in steps], [True, False, False, False])
+        self.assertEqual([step["at"] for step in steps[1:]], out["read_at"])
+        self.assertEqual([step["end"] for step in steps], ["voxel", "voxel", "free", "free"])
+        self.assertEqual([step["went"] for step in steps[:3]], out["read_at"])
+        self.near(steps[-1]["went"], out["balance"]["proxy"])
+        self.assertTrue(all(step["yields"] == ["drag"] for step in steps))
+        self.assertEqual(text.count("step      "), 4)
         scene = self.scene(drag, accuracy={"max_substeps": 1})
         out, _ = self.explain(scene, MIDDLE, [0, 0.012, 0])
         self.assertEqual(out["balance"]["status"], "substep-limit")
@@ -325,6 +334,17 @@ class Press(Touch):
         self.assertGreater(summary["hysteresis"], 0.5 * K * 0.006 ** 2)
         self.assertAlmostEqual(summary["hysteresis"], summary["work_in"], 6)
         self.assertLess(summary["net_energy"], -0.5 * K * 0.006 ** 2)
+
+    def test_a_wall_that_a_tick_comes_through_has_yielded(self):
+        # 14 mm in one tick: where that ends the wall has no strength any more.
+        soft = {"name": "wall", "mode": "surface", "of": "d",
+                "strength": {"piecewise": [[6, 1], [6.5, 0]]}}
+        summary, rows = self.press(self.scene(soft), MIDDLE, along(INTO, 0.014), "--speed", 14)
+        self.assertEqual(rows[1]["contacts"], "")
+        wall = self.mode(summary, "wall")
+        self.assertAlmostEqual(wall["yield"]["depth"], 0.014)
+        self.assertIsNone(wall["yield"]["force"])
+        self.assertAlmostEqual(wall["let_go_at"], 0.014)
 
     def test_a_drag_loses_what_it_takes(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}
@@ -526,9 +546,8 @@ class NearParts(Touch):
         skin = {"mode": "isosurface", "of": "b", "value": 0, "solid": "below", "strength": 3}
         far = self.scene(skin, volumes=balls)
         self.refused("press", far, "--at", "0,5,0", "--along", "0,0,1", says="comes near nothing")
-        out, _ = self.explain(far, [0, 5, 0], [0, 0, 0.001])
-        self.assertEqual(out["modes"], [])
-        self.assertEqual(size(out["force"]["sent"]), 0)
+        self.refused("explain", far, "--at", "0,5,0", "--push", "0,0,0.001",
+                     says="comes near nothing")
         balls["b"]["instances"] = [{"scale": 0.01, "translate": [0.05 * i, 0, 0]}
                                    for i in range(70)]
         row = self.scene(skin, volumes=balls)
