@@ -1,7 +1,13 @@
 #include "palpate/devices/csv.h"
 
+#include <cerrno>
 #include <charconv>
 #include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <ios>
+#include <iostream>
+#include <system_error>
 
 #include "palpate/engine/error.h"
 
@@ -26,6 +32,24 @@ std::vector<std::string> split(const std::string& line) {
 }
 
 }  // namespace
+
+std::istream& openInput(const std::string& file, std::ifstream& holder) {
+  if (file == "-") {
+    // By C's stdin an error would be an end.
+    std::ios::sync_with_stdio(false);
+    return std::cin;
+  }
+  std::error_code error;
+  if (std::filesystem::is_directory(file, error)) {
+    throw Error(file, "it is a folder", "give a file");
+  }
+  holder.open(file, std::ios::binary);
+  if (!holder) {
+    throw Error(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
+                "check the path");
+  }
+  return holder;
+}
 
 std::vector<CsvRow> readCsv(std::istream& in, const std::vector<std::string>& columns,
                             const std::string& name) {

@@ -1,12 +1,18 @@
-/// Small CSV tables of numbers, strictly read.
+/// Small CSV tables of numbers, strictly read, and where they come from.
 #pragma once
 
 #include <cstddef>
+#include <fstream>
 #include <istream>
 #include <string>
 #include <vector>
 
 namespace palpate {
+
+/// A file, or standard input for "-". Throws Error: it cannot be read.
+///
+/// @param holder  Has the file; lives as long as what is returned.
+[[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
 struct CsvRow {
   std::size_t line = 0;  ///< In the file, from 1.

@@ -6,7 +6,6 @@
 #include <csignal>
 #include <cstdio>
 #include <cstring>
-#include <iostream>
 #include <unistd.h>
 #include <utility>
 
@@ -188,24 +187,6 @@ void noteInterrupts() noexcept {
 
 void endIfInterrupted() {
   if (interrupted != 0) throw Interrupted{};
-}
-
-std::istream& openInput(const std::string& file, std::ifstream& holder) {
-  if (file == "-") {
-    // By C's stdin an error would be an end.
-    std::ios::sync_with_stdio(false);
-    return std::cin;
-  }
-  std::error_code error;
-  if (std::filesystem::is_directory(file, error)) {
-    throw Error(file, "it is a folder", "give a file");
-  }
-  holder.open(file, std::ios::binary);
-  if (!holder) {
-    throw Error(file, std::string("it cannot be read (") + std::strerror(errno) + ")",
-                "check the path");
-  }
-  return holder;
 }
 
 std::filesystem::path programFolder() {

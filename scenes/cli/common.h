@@ -120,9 +120,6 @@ void noteInterrupts() noexcept;
 /// Throws Interrupted if there was one.
 void endIfInterrupted();
 
-/// Opens a text file, or throws Error. - is standard input; `holder` keeps a file open.
-[[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
-
 /// The folder of this program, where its companions are.
 [[nodiscard]] std::filesystem::path programFolder();
 

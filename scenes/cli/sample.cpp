@@ -27,22 +27,22 @@ struct SampleOptions {
 };
 
 /// One point's answers, in the order of the columns.
-using Row = std::vector<double>;
+using Sampled = std::vector<double>;
 
 /// The columns after x,y,z, and what fills them.
 struct Table {
   std::vector<std::string> columns;
-  std::function<Row(const Vec3&)> read;
+  std::function<Sampled(const Vec3&)> read;
 };
 
 Table scalarTable(const std::shared_ptr<const ScalarField>& field) {
   auto cache = std::make_shared<FieldCache>();
   field->reset(*cache);
-  return {
-      {"inside", "value", "gx", "gy", "gz"}, [=](const Vec3& p) {
-        const ScalarSample s = field->sample(p, *cache);
-        return Row{s.inside ? 1.0 : 0.0, s.value, s.gradient.x(), s.gradient.y(), s.gradient.z()};
-      }};
+  return {{"inside", "value", "gx", "gy", "gz"}, [=](const Vec3& p) {
+            const ScalarSample s = field->sample(p, *cache);
+            return Sampled{s.inside ? 1.0 : 0.0, s.value, s.gradient.x(), s.gradient.y(),
+                           s.gradient.z()};
+          }};
 }
 
 Table vectorTable(const std::shared_ptr<const VectorField>& field,
@@ -63,7 +63,7 @@ Table vectorTable(const std::shared_ptr<const VectorField>& field,
   }
   table.read = [=](const Vec3& p) {
     const VectorSample s = field->sample(p, *cache);
-    Row row{s.inside ? 1.0 : 0.0, s.value.x(), s.value.y(), s.value.z()};
+    Sampled row{s.inside ? 1.0 : 0.0, s.value.x(), s.value.y(), s.value.z()};
     for (const std::string& word : derive) {
       if (word == "curl" || word == "unit") {
         const Vec3 v = word == "curl" ? curl(s.jacobian) : unit(s.value);
@@ -118,7 +118,7 @@ int sample(const SampleOptions& options) {
     out += "\n";
   }
   for (const auto& [line, p] : points) {
-    const Row row = table.read({p[0], p[1], p[2]});
+    const Sampled row = table.read({p[0], p[1], p[2]});
     if (options.json) {
       OrderedJson json;
       json["x"] = p[0];

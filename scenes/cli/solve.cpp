@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/devices/csv.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/solver.h"
 #include "palpate/scenes/cli/common.h"

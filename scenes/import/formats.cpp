@@ -160,23 +160,7 @@ bool isText(const std::string& bytes) {
   });
 }
 
-class OneStep final : public Reader {
- public:
-  OneStep(Request request, Content (*how)(const Request&))
-      : request_(std::move(request)), read_(how) {}
-
-  Content read(std::size_t /*step*/) override { return read_(request_); }
-
- private:
-  Request request_;
-  Content (*read_)(const Request&);
-};
-
 }  // namespace
-
-std::unique_ptr<Reader> oneStep(const Request& request, Content (*read)(const Request&)) {
-  return std::make_unique<OneStep>(request, read);
-}
 
 std::unique_ptr<Reader> openAny(const Request& given) {
   Request request = given;

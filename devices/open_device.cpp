@@ -1,0 +1,65 @@
+#include "palpate/devices/open_device.h"
+
+#include <fstream>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/csv.h"
+#include "palpate/devices/open_arm.h"
+#include "palpate/devices/path_device.h"
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
+  // On time all is as at a hand that a force could hurt.
+  ArmParams arm;
+  arm.hand = options.realtime;
+  if (options.passive) arm.tank = TankUse::kAct;
+  arm.refill = options.refill;
+  return std::make_unique<SimulatedDevice>(arm, GripParams{}, options.target, options.rate);
+}
+
+std::unique_ptr<Device> openPath(const std::string& file, const DeviceOptions& options) {
+  std::ifstream holder;
+  std::istream& in = openInput(file, holder);
+  return std::make_unique<PathDevice>(readPath(in, file == "-" ? "standard input" : file),
+                                      options.rate);
+}
+
+std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
+  if (!options.realtime) {
+    throw DeviceError("--device", "an arm lives in real time", "add --realtime");
+  }
+  HidHost host;
+  host.say = options.say;
+  host.stop = options.stop;
+  if (options.passive) host.tank = TankUse::kAct;
+  host.refill = options.refill;
+  auto arm = openArm(name, std::move(host)).device;
+  if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
+    throw Error("--passive",
+                "the friction of " + arm->info().name + " is not known, or less than its steps",
+                "run palpate devices --test " + name + "; where it has passed, it is too coarse");
+  }
+  const double most = arm->profile().output_rate;
+  if (options.say && options.rate > most && most > 0.0) {
+    options.say(fmt::format("{} takes {} forces a second of {}: --rate {} leaves none out",
+                            arm->info().name, most, options.rate, most));
+  }
+  return arm;
+}
+
+}  // namespace
+
+std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions& options) {
+  if (name == "simulated") return openSimulated(options);
+  if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
+  if (parseArmName(name)) return openRealArm(name, options);
+  throw DeviceError("--device", "\"" + name + "\" is not in this version",
+                    "use simulated, path:FILE.csv or hid:PROFILE");
+}
+
+}  // namespace palpate

@@ -1,0 +1,37 @@
+/// From words, as `simulated` or `hid:polhem`, to a device: the same in every program.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/device.h"
+
+namespace palpate {
+
+/// What is asked of a device, whatever it is.
+struct DeviceOptions {
+  double rate = 1000.0;  ///< Ticks a second [Hz], > 0.
+  HandTarget target;     ///< Of a simulated hand.
+  bool realtime =
+      false;  ///< The loop keeps time: an arm wants it; a simulated one is as a real one.
+  bool passive = false;                         ///< The energy tank acts.
+  double refill = 0.0;                          ///< TankParams::refill [W].
+  std::function<void(const std::string&)> say;  ///< What its user should know; may be empty.
+  std::function<bool()> stop;                   ///< Asked while an arm is waited for; may be empty.
+};
+
+/// One of
+///
+/// | name | |
+/// |---|---|
+/// | simulated | an arm and a hand made of numbers |
+/// | path:FILE.csv | a hand that follows a path exactly; - is standard input |
+/// | hid, hid:PROFILE, hid:PROFILE@SERIAL, hid:FILE.json | an arm (openArm) |
+///
+/// Throws Error: what is wrong with it, and what to write. Slow: an arm may home itself.
+[[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,
+                                                 const DeviceOptions& options);
+
+}  // namespace palpate

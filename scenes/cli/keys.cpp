@@ -1,0 +1,65 @@
+#include "palpate/scenes/cli/keys.h"
+
+#include <chrono>
+#include <poll.h>
+#include <unistd.h>
+
+#include "palpate/scenes/cli/say.h"
+
+namespace palpate::cli {
+namespace {
+
+/// In the background the terminal's settings are not to be touched, nor may it be read.
+bool ours() {
+  return tcgetpgrp(0) == getpgrp();
+}
+
+}  // namespace
+
+Keys::Keys(const std::vector<HapticThread*>& hands)
+    : hands_(hands), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+  if (!shown_) return;
+  sayAside("Esc: force off; Enter: on again; Ctrl-C: end\n");
+  thread_ = std::thread([this] { run(); });
+}
+
+Keys::~Keys() {
+  quit_ = true;
+  if (thread_.joinable()) thread_.join();
+  if (raw_ && ours()) tcsetattr(0, TCSANOW, &usual_);
+}
+
+void Keys::run() {
+  constexpr int kLook = 10;  // [ms]
+  while (!quit_) {
+    if (ours()) {
+      look();
+      pollfd terminal{0, POLLIN, 0};
+      (void)poll(&terminal, 1, kLook);
+    } else {
+      raw_ = false;
+      std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+    }
+  }
+}
+
+void Keys::look() {
+  // Also after it has been stopped and gone on: a shell may have put its own way back.
+  if (termios now{}; !raw_ || (tcgetattr(0, &now) == 0 && (now.c_lflag & ICANON) != 0)) {
+    termios raw = usual_;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    raw.c_cc[VMIN] = 0;
+    raw.c_cc[VTIME] = 0;
+    raw_ = tcsetattr(0, TCSANOW, &raw) == 0;
+  }
+  constexpr char kEscape = 27;
+  char key = 0;
+  while (raw_ && read(0, &key, 1) == 1) {
+    for (HapticThread* hand : hands_) {
+      if (key == kEscape) hand->cut();
+      if (key == '\n' || key == '\r') hand->clear();
+    }
+  }
+}
+
+}  // namespace palpate::cli

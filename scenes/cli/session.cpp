@@ -1,0 +1,171 @@
+#include "palpate/scenes/cli/session.h"
+
+#include <chrono>
+#include <thread>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/haptic_thread.h"
+#include "palpate/scenes/cli/keys.h"
+#include "palpate/scenes/cli/watcher.h"
+
+namespace palpate::cli {
+namespace {
+
+/// A line on a terminal that says how far the run is; nothing in a pipe.
+class Progress {
+ public:
+  explicit Progress(std::int64_t ticks) : ticks_(ticks), shown_(isatty(2) != 0) {}
+  ~Progress() {
+    if (drawn_) sayAside("\r\033[K");
+  }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+  void at(std::int64_t tick) {
+    if (!shown_ || ticks_ <= 0 || tick % 50000 != 0 || tick == 0) return;
+    drawn_ = true;
+    sayAside("\rfeeling {} %", 100 * tick / ticks_);
+  }
+
+ private:
+  std::int64_t ticks_;
+  bool shown_;
+  bool drawn_ = false;
+};
+
+/// A hand's loop on time, and what its owner keeps an eye on.
+class OnTime {
+ public:
+  OnTime(const Run& run, std::size_t number, Guardian& guardian)
+      : run_(run), hand_(*run.hands[number]), name_(run.nameOf(number)), guardian_(guardian) {
+    LoopParams params;
+    params.rate = run.options.rate;
+    const ZeroForce zero = hand_.device->zeroForce();
+    if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
+    watch_ = params.watch;
+    plugging_ = zero.version;
+    thread_.emplace(*hand_.device, params, &hand_.log);
+    if (!thread_->realtime().refused.empty()) {
+      sayAside("{}: {}: the loop runs without it\n", name_, thread_->realtime().refused);
+    }
+  }
+  [[nodiscard]] HapticThread& thread() { return *thread_; }
+  /// False once it has nothing more to do.
+  bool look() {
+    hand_.drain();
+    const Telemetry& now = thread_->latest();
+    if (now.fault != told_ && now.fault != Fault::kNone) {
+      complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
+                           remedyFor(now.fault)));
+    }
+    if (now.fault == Fault::kNone && told_ != Fault::kNone)
+      complain(name_ + ": the force is on again");
+    told_ = now.fault;
+    // Half of it gone is no trembling hand.
+    const bool still = now.report.moving < 0.5;
+    if (still && !told_still_) {
+      complain(name_ +
+               ": its counters stand still under the force, which fades until they move: "
+               "see to its firmware and encoders");
+    }
+    told_still_ = still;
+    if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
+      plugging_ = another.version;
+      guardian_.renew(watch_, another);
+      complain(name_ + ": the arm is back: Enter when the hand is ready");
+    }
+    return thread_->running() && now.tick < run_.ticks;
+  }
+  void feel(const std::shared_ptr<const Scene>& scene) {
+    hand_.log.felt.expect(*scene);
+    thread_->publish(scene);
+  }
+  void end() {
+    thread_->stop();
+    // What the profile has done afterwards is not to be overwritten.
+    if (watch_.heart != nullptr) guardian_.forget(watch_);
+    hand_.drain();
+    const std::int64_t lost = hand_.log.lost();
+    if (lost > 0) {
+      complain(
+          fmt::format("{}: {} rows of the trace came too fast to be written: use a lower rate "
+                      "or a faster place",
+                      name_, lost));
+    }
+    const RealtimeReport& got = thread_->realtime();
+    hand_.granted = {{"priority", got.priority},
+                     {"memory_locked", got.memory},
+                     {"cores_awake", got.awake},
+                     {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
+                     {"page_faults", thread_->pageFaultsSinceStart()},
+                     {"rows_lost", lost}};
+  }
+
+ private:
+  const Run& run_;
+  Hand& hand_;
+  std::string name_;
+  Guardian& guardian_;
+  LoopWatch watch_;
+  std::uint32_t plugging_ = 1;
+  Fault told_ = Fault::kNone;
+  bool told_still_ = false;
+  std::optional<HapticThread> thread_;
+};
+
+}  // namespace
+
+void runInVirtualTime(const Run& run) {
+  std::vector<std::unique_ptr<HapticLoop>> loops;
+  for (const auto& hand : run.hands) {
+    loops.push_back(std::make_unique<HapticLoop>(*hand->device, run.options.rate, &hand->log));
+    loops.back()->publish(run.scene);
+  }
+  Progress progress(run.whole_path ? 0 : run.ticks);
+  TickTime time;
+  time.dt = 1.0 / run.options.rate;
+  bool feeling = true;
+  for (std::int64_t i = 0; i < run.ticks && feeling && interrupted == 0; ++i) {
+    time.now = static_cast<double>(i) / run.options.rate;
+    feeling = false;
+    for (std::size_t h = 0; h < loops.size(); ++h) {
+      Hand& hand = *run.hands[h];
+      if (hand.device->ended()) continue;
+      loops[h]->tick(time);
+      hand.drain();
+      feeling = true;
+    }
+    progress.at(i);
+  }
+}
+
+void runOnTime(const Run& run, Guardian& guardian) {
+  std::vector<const Device*> devices;
+  for (const auto& hand : run.hands) devices.push_back(hand->device.get());
+  std::optional<Watcher> watcher;
+  if (run.options.watch) watcher.emplace(run.options.scene, run.written, devices, run.cache);
+  std::vector<std::unique_ptr<OnTime>> hands;
+  std::vector<HapticThread*> threads;
+  for (std::size_t h = 0; h < run.hands.size(); ++h) {
+    hands.push_back(std::make_unique<OnTime>(run, h, guardian));
+    threads.push_back(&hands.back()->thread());
+  }
+  const Keys keys(threads);
+  for (HapticThread* thread : threads) thread->publish(run.scene);
+  constexpr auto kLook = std::chrono::milliseconds(10);
+  constexpr int kWatch = 25;  // looks
+  bool feeling = true;
+  for (int looks = 0; feeling && interrupted == 0; ++looks) {
+    std::this_thread::sleep_for(kLook);
+    feeling = false;
+    for (const auto& hand : hands) feeling = hand->look() || feeling;
+    if (!watcher || looks % kWatch != 0) continue;
+    if (const auto built = watcher->look()) {
+      for (const auto& hand : hands) hand->feel(built->scene);
+    }
+  }
+  for (const auto& hand : hands) hand->end();
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,114 @@
+/// What `palpate feel` runs: hands, each with its device and what it has felt, on time or not.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <readerwriterqueue.h>
+#include <string>
+#include <vector>
+
+#include "palpate/devices/guardian.h"
+#include "palpate/engine/device.h"
+#include "palpate/engine/scene.h"
+#include "palpate/engine/telemetry.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/felt.h"
+#include "palpate/scenes/cli/picture.h"
+#include "palpate/scenes/cli/trace.h"
+#include "palpate/scenes/scene_cache.h"
+
+namespace palpate::cli {
+
+/// As the command line has it.
+struct FeelOptions {
+  std::string scene;
+  std::vector<std::string> devices{"simulated"};
+  std::optional<double> seconds;
+  double rate = 1000.0;
+  bool realtime = false;
+  bool watch = false;
+  bool passive = false;
+  double refill = 0.0;
+  std::string trace;
+  std::string summary;
+  std::string picture;
+  bool json = false;
+};
+
+/// Every tick as it comes: counted on the spot, handed to the thread that writes if it is asked
+/// for.
+class Log final : public TickSink {
+ public:
+  Log(const Scene& scene, double rate, bool rows) : felt(scene, rate) {
+    if (rows) ring_.emplace(kRows);
+  }
+  void take(const Telemetry& tick, const ProxyState& state) noexcept override {
+    felt.add(tick, state);
+    if (ring_ && !ring_->try_enqueue(tick)) ++lost_;
+  }
+  /// On the thread that writes.
+  template <class Take>
+  void drain(const Take& row) {
+    Telemetry tick;
+    while (ring_ && ring_->try_dequeue(tick)) row(tick);
+  }
+  /// Rows for which there was no room.
+  [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+
+  Felt felt;
+
+ private:
+  static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
+  // Never grows: try_enqueue takes no memory.
+  std::optional<moodycamel::ReaderWriterQueue<Telemetry>> ring_;
+  std::int64_t lost_ = 0;
+};
+
+/// One hand: where it is, what it has felt, and where that is written.
+struct Hand {
+  Log log;  // first: its ring has cache lines of its own
+  std::unique_ptr<Device> device;
+  Trace trace;
+  Picture* picture = nullptr;  ///< The first one's.
+  OrderedJson granted;
+
+  Hand(std::unique_ptr<Device> d, const Scene& scene, const FeelOptions& options,
+       const std::string& trace_place, Picture* drawn)
+      : log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
+        device(std::move(d)),
+        trace(trace_place),
+        picture(drawn) {}
+  void drain() {
+    log.drain([this](const Telemetry& tick) {
+      trace.add(tick);
+      if (picture != nullptr) picture->add(tick);
+    });
+  }
+};
+using Hands = std::vector<std::unique_ptr<Hand>>;
+
+/// What a run asks for, once it is known to be good.
+struct Run {
+  const FeelOptions& options;
+  Hands& hands;
+  std::shared_ptr<const Scene> scene;
+  std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
+  SceneCache& cache;
+  std::int64_t ticks = 0;  ///< At most.
+  bool whole_path = false;
+
+  /// Before a message about one of several.
+  [[nodiscard]] std::string nameOf(std::size_t hand) const {
+    return hands.size() == 1 ? "feel" : fmt::format("feel: hand {}", hand + 1);
+  }
+};
+
+/// As fast as it goes; the same every time.
+void runInVirtualTime(const Run& run);
+/// With a clock, in a thread each.
+void runOnTime(const Run& run, Guardian& guardian);
+
+}  // namespace palpate::cli

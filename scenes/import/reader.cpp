@@ -1,0 +1,26 @@
+#include "palpate/scenes/import/reader.h"
+
+#include <utility>
+
+namespace palpate::importer {
+namespace {
+
+class OneStep final : public Reader {
+ public:
+  OneStep(Request request, Content (*how)(const Request&))
+      : request_(std::move(request)), read_(how) {}
+
+  Content read(std::size_t /*step*/) override { return read_(request_); }
+
+ private:
+  Request request_;
+  Content (*read_)(const Request&);
+};
+
+}  // namespace
+
+std::unique_ptr<Reader> oneStep(const Request& request, Content (*read)(const Request&)) {
+  return std::make_unique<OneStep>(request, read);
+}
+
+}  // namespace palpate::importer
