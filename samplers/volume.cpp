@@ -21,6 +21,7 @@
 #include <tbb/task_arena.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/samplers/prepare.h"
 #include "palpate/samplers/steady_file.h"
@@ -151,6 +152,16 @@ class GridReader : private openvdb::io::Archive {
   std::unordered_map<std::string, int> alike_;  ///< Grids that this may mean.
 };
 
+/// The volume of a grid that can be felt; throws with its refusal.
+std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& name) {
+  const std::string& why = prepared.info.refusal;
+  if (!why.empty()) {
+    const auto colon = why.find(": ");
+    throw VolumeError(name, why.substr(0, colon), why.substr(colon + 2));
+  }
+  return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
+}
+
 /// An OpenVDB file, opened and checked once; its errors turned into ours. What is const may be done
 /// by several threads at once.
 class VdbFile {
@@ -217,13 +228,7 @@ class VdbFile {
     const bool there = known_.count(wanted) != 0 ||
                        std::find(vectors_.begin(), vectors_.end(), wanted) != vectors_.end();
     if (!there || (wanted.empty() && names_.size() > 1)) throwNoGrid(wanted);
-    auto [info, data] = prepared(wanted, options);
-    if (!info.refusal.empty()) {
-      const auto colon = info.refusal.find(": ");
-      throw VolumeError(path_.string() + ": grid \"" + wanted + "\"", info.refusal.substr(0, colon),
-                        info.refusal.substr(colon + 2));
-    }
-    return std::make_shared<Volume>(std::move(info), std::move(data));
+    return feltFrom(prepared(wanted, options), path_.string() + ": grid \"" + wanted + "\"");
   }
 
   /// A grid, or a vector of three, ready to be felt or with its refusal.
@@ -446,6 +451,18 @@ std::vector<GridInfo> describeGrids(const std::filesystem::path& file) {
 std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, const std::string& grid,
                                          const LoadOptions& options) {
   return VdbFile(file).load(grid, options);
+}
+
+std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
+                                         const LoadOptions& options) {
+  initialise();
+  const std::string name = "grid \"" + grid.getName() + "\"";
+  try {
+    // What prepares it changes it.
+    return feltFrom(prepare(grid.getName(), grid.deepCopyGrid(), options), name);
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "make it again");
+  }
 }
 
 std::vector<LoadResult> loadVolumes(const std::vector<VolumeRequest>& requests,

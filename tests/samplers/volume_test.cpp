@@ -19,6 +19,7 @@
 #include <openvdb/points/PointDataGrid.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/samplers/steady_file.h"
@@ -388,6 +389,46 @@ TEST_CASE("a file is read once, however many of its grids are asked for", "[volu
     CHECK(asked < (others ? 4.0 : 3.0));
     CHECK(all < (others ? 4.0 : 3.0));
   }
+}
+
+TEST_CASE("a grid in memory is felt as if it had been read from a file", "[volume]") {
+  const TemporaryFolder folder;
+  openvdb::initialize();
+  const auto grid = block(20, "rock");
+  grid->setGridClass(openvdb::GRID_FOG_VOLUME);
+  const auto velocity = makeGrid<openvdb::Vec3SGrid>(
+      8, Transform::createLinearTransform(0.5),
+      [](const Vec3d& p) { return openvdb::Vec3s(p.y(), -p.x(), 1.0); }, "velocity");
+  velocity->setGridClass(openvdb::GRID_STAGGERED);
+  writeVdb(folder / "a.vdb", {grid, velocity});
+  for (const openvdb::GridBase::Ptr& one :
+       {openvdb::GridBase::Ptr(grid), openvdb::GridBase::Ptr(velocity)}) {
+    CAPTURE(one->getName());
+    const auto there = loadVolume(folder / "a.vdb", one->getName());
+    const auto here = makeVolume(*one);
+    const GridInfo& a = there->info();
+    const GridInfo& b = here->info();
+    CHECK(a.name == b.name);
+    CHECK(a.type == b.type);
+    CHECK(a.grid_class == b.grid_class);
+    CHECK(a.active_voxels == b.active_voxels);
+    CHECK(a.voxel == b.voxel);
+    CHECK(a.bounds.lower == b.bounds.lower);
+    CHECK(a.bounds.upper == b.bounds.upper);
+    CHECK(a.lowest == b.lowest);
+    CHECK(a.highest == b.highest);
+    CHECK(a.mean == b.mean);
+  }
+  // What it has is its own, and the grid is as it was.
+  const auto before = block(20, "rock");
+  LoadOptions fill;
+  fill.non_finite = NonFinite::kFill;
+  before->tree().setValue({1, 1, 1}, std::numeric_limits<float>::quiet_NaN());
+  CHECK(makeVolume(*before, fill)->info().filled == 1);
+  CHECK(std::isnan(before->tree().getValue({1, 1, 1})));
+  CHECK_THROWS_WITH(makeVolume(*before), Contains("grid \"rock\": "));
+  CHECK_THROWS_AS(makeVolume(*openvdb::BoolGrid::create(true)), VolumeError);
+  CHECK_THROWS_AS(makeVolume(*openvdb::FloatGrid::create()), VolumeError);
 }
 
 TEST_CASE("files are loaded whole, each by itself", "[volume]") {
