@@ -34,7 +34,8 @@ def find(name):
     """The file of a path, or of a name that only one file has."""
     if "/" in name or (ROOT / name).is_file():
         return Path(name) if (ROOT / name).is_file() else None
-    same = [f for f in FILES if f.name == name]
+    # A host's own headers are called as ours on purpose.
+    same = [f for f in FILES if f.name == name and "host" not in f.parts]
     return same[0] if len(same) == 1 else None
 
 
