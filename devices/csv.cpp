@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <ios>
 #include <iostream>
 #include <system_error>
 
@@ -34,11 +33,7 @@ std::vector<std::string> split(const std::string& line) {
 }  // namespace
 
 std::istream& openInput(const std::string& file, std::ifstream& holder) {
-  if (file == "-") {
-    // By C's stdin an error would be an end.
-    std::ios::sync_with_stdio(false);
-    return std::cin;
-  }
+  if (file == "-") return std::cin;
   std::error_code error;
   if (std::filesystem::is_directory(file, error)) {
     throw Error(file, "it is a folder", "give a file");

@@ -9,7 +9,8 @@
 
 namespace palpate {
 
-/// A file, or standard input for "-". Throws Error: it cannot be read.
+/// A file, or standard input for "-", of which a program hears of errors only where iostreams read
+/// it by themselves (std::ios::sync_with_stdio(false)). Throws Error: it cannot be read.
 ///
 /// @param holder  Has the file; lives as long as what is returned.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);

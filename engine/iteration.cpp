@@ -71,8 +71,9 @@ bool varies(const Tick& tick, const Iteration& now) noexcept {
   return now.follows || tick.balance.surfaces > 0;
 }
 
-/// Tells the trace of a balance.
-void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexcept {
+/// Tells the trace of a balance; of one that there is not, where it was asked for.
+void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
+          bool balanced = true) noexcept {
   StepTrace& trace = *tick.trace;
   if (trace.count == trace.all.size()) return;
   StepTrace::Step& step = trace.all[trace.count++];
@@ -82,6 +83,7 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at) noexc
   step.proxy = tick.proxy.position;
   step.balance = now.to.proxy;
   step.newton = now.to.step;
+  if (!balanced) return;
   const auto primitives = tick.balance.primitives.items();
   std::size_t next = 0;
   const Felt& own = tick.felt()[0];
@@ -139,7 +141,11 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
   const SolveResult solved =
       solveWithFriction(probe, b.stiffness, b.primitives, tick.proxy.position, tick.scene.solver,
                         b.warm, b.friction, b.forces);
-  if (solved.status == SolveStatus::kBadInput) return false;
+  if (solved.status == SolveStatus::kBadInput) {
+    now.to = {from, Vec3::Zero(), Vec3::Zero(), from, Vec3::Zero()};
+    if (tick.trace != nullptr) tell(tick, now, foreseen, from, false);
+    return false;
+  }
   if (solved.status == SolveStatus::kIterationLimit && !foreseen) {
     worsen(tick.report, StepStatus::kIterationLimit);
   }

@@ -238,8 +238,8 @@ class VdbFile {
     double share = 1.0;
     LoadOptions watched = options;
     watched.progress = [&](double done) {
-      // At its end nothing is left to be read.
-      if (done < 1.0) checkKept();
+      // At its end nothing is left to be read; asked all the same, so that it is known from when.
+      if (!steady_->kept() && done < 1.0) throwTaken();
       // Every small grid would have the system look through all of the file.
       if (mapped_ >= kMappedBytes) dropMapped(canonical_);
       if (done >= 1.0 && mapped_ >= kMappedBytes) mapped_ = 0;
@@ -263,9 +263,8 @@ class VdbFile {
   }
 
  private:
-  /// Throws where others are about to change the file.
-  void checkKept() const {
-    if (steady_->kept()) return;
+  /// Others are about to change the file.
+  [[noreturn]] void throwTaken() const {
     throw VolumeError(path_.string(), "others have waited too long to change it",
                       "load it when nobody writes to it");
   }
@@ -287,7 +286,7 @@ class VdbFile {
         return;
       }
       mapped_ += bytes;
-      checkKept();
+      if (!steady_->kept()) throwTaken();
       grid = file_->readGrid(name);
     });
     if (!grid) throw VolumeError(path_.string(), "it is damaged", "copy or write it again");

@@ -1,4 +1,5 @@
 /// All that a program of one's own needs to feel volumes on an arm: scenes, devices, and the loop.
+/// Link palpate::scenes, palpate::analytic, palpate::hid and palpate::guardian.
 #pragma once
 
 #include "palpate/devices/guardian.h"

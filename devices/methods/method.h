@@ -1,5 +1,5 @@
-/// What every method of the literature is given and gives back. They live here for charts and for
-/// the tests of where they fail; the engine has one solver of its own.
+/// What every method of the literature is given and gives back. They live here for maps,
+/// charts and the tests of where they fail; the engine has one solver of its own.
 #pragma once
 
 #include <span>

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <exception>
 #include <fcntl.h>
+#include <ios>
 #include <new>
 #include <system_error>
 
@@ -17,6 +18,8 @@ namespace {
 
 int run(int argc, char** argv) {
   using namespace palpate;
+  // By C's stdin an error would be an end.
+  std::ios::sync_with_stdio(false);
   CLI::App app{
       "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
       "in them into forces."};

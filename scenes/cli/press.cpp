@@ -306,14 +306,12 @@ std::string millimetres(const OrderedJson& metres) {
   return shown(1e3 * metres.get<double>()) + " mm";
 }
 
-void printMode(const OrderedJson& mode) {
-  const auto name = mode["mode"].get<std::string>();
-  if (mode["touched_at"].is_null()) {
-    say("mode      {}: not felt\n", name);
-    return;
+void printPressed(const OrderedJson& mode) {
+  std::string text = "not felt";
+  if (!mode["touched_at"].is_null()) {
+    text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
+                       shown(mode["held_max"].get<double>()));
   }
-  std::string text = fmt::format("felt from {} on, up to {} N", millimetres(mode["touched_at"]),
-                                 shown(mode["held_max"].get<double>()));
   const OrderedJson& yield = mode["yield"];
   if (!yield.is_null()) {
     text += "; gave way at " + millimetres(yield["depth"]);
@@ -322,7 +320,7 @@ void printMode(const OrderedJson& mode) {
                 : fmt::format(" with {} N", shown(yield["force"].get<double>()));
   }
   if (!mode["let_go_at"].is_null()) text += "; let go at " + millimetres(mode["let_go_at"]);
-  say("mode      {}: {}\n", name, sentence(text));
+  say("mode      {}: {}\n", mode["mode"].get<std::string>(), sentence(text));
 }
 
 void printPress(const OrderedJson& json) {
@@ -335,7 +333,7 @@ void printPress(const OrderedJson& json) {
   say("stiffness {}\n", json["stiffness"].is_null()
                             ? "not felt"
                             : of(json["stiffness"]) + " N/m up to the first yield");
-  for (const OrderedJson& mode : json["modes"]) printMode(mode);
+  for (const OrderedJson& mode : json["modes"]) printPressed(mode);
   say("energy    {} J in, {} J back: hysteresis {} J\n", of(json["work_in"]), of(json["work_out"]),
       of(json["hysteresis"]));
   say("          {} J given to the hand, at most {} J if passive; {} J added by the proxy's "

@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include "palpate/devices/guardian.h"
 #include "palpate/engine/device.h"
 #include "palpate/engine/scene.h"

@@ -81,7 +81,7 @@ class Victim:
             self.seen.append((stamp(ancillary), newtons(data)))
 
     def press(self):
-        end = time.time() + 20
+        end = time.time() + 120   # a machine whose own host takes its cores away cuts it again and again
         while time.time() < end:
             self.listen(0.05)
             if self.seen and self.seen[-1][1] > 1.0:

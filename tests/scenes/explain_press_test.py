@@ -345,6 +345,9 @@ class Press(Touch):
         self.assertAlmostEqual(wall["yield"]["depth"], 0.014)
         self.assertIsNone(wall["yield"]["force"])
         self.assertAlmostEqual(wall["let_go_at"], 0.014)
+        said = run("press", self.dir / "touch.json", "--at", words(MIDDLE), "--along",
+                   words(along(INTO, 0.014)), "--speed", 14).stdout
+        self.assertIn("wall: not felt; gave way at 14 mm within a tick; let go at 14 mm", said)
 
     def test_a_drag_loses_what_it_takes(self):
         drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.5}

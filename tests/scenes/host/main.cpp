@@ -5,6 +5,7 @@
 #include "scenes/build_scene.h"
 
 int main() {
+  const palpate::Guardian guardian;
   const palpate::BuiltScene ball = host::buildScene();
   palpate::Reader reader;
   palpate::ProxyState state;
