@@ -1,4 +1,5 @@
-/// Reading JSON files that people write: every value checked, every trouble one line with its path.
+/// Private to devices and scenes: reading JSON files that people write, every value checked, every
+/// trouble one line with its path.
 #pragma once
 
 #include <algorithm>

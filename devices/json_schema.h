@@ -1,5 +1,5 @@
-/// JSON Schema, by valijson, whose headers only this header's source knows: they take 20 s to
-/// compile.
+/// Private to devices and scenes: JSON Schema, by valijson, whose headers only this header's source
+/// knows: they take 20 s to compile.
 #pragma once
 
 #include <optional>

@@ -1,4 +1,5 @@
-/// Where couplings come to rest, swing or run away: maps over stiffness and damping, a method each.
+/// Private to the program: where couplings come to rest, swing or run away, as maps over stiffness
+/// and damping, a method each.
 #pragma once
 
 #include <atomic>

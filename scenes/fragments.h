@@ -1,4 +1,5 @@
-/// Large scenes of real data: the solid of a volume broken into fragments that are strewn about.
+/// Private to the program: large scenes of real data, the solid of a volume broken into fragments
+/// that are strewn about.
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,6 @@
-/// Volumes made from formulas: what the examples feel where no file is at hand, and what tests can
-/// compare with. Everything is deterministic: the same voxels on every machine and in every run, to
-/// the last places of its mathematical library.
+/// Private to the program: volumes made from formulas, what the examples feel where no file is at
+/// hand, and what tests can compare with. Everything is deterministic: the same voxels on every
+/// machine and in every run, to the last places of its mathematical library.
 #pragma once
 
 #include <cstdint>
