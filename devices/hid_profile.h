@@ -1,6 +1,6 @@
 /// What palpate knows of an arm that speaks raw HID: how it is found, where the numbers are in its
 /// reports, its geometry and its limits. A JSON file (devices/hid_profile.schema.json);
-/// docs/devices.md says how to write one.
+/// docs/profiles.md says how to write one.
 #pragma once
 
 #include <array>

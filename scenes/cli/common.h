@@ -28,20 +28,6 @@ inline constexpr int kInterrupted = 130;
 /// Not 0 once a signal has asked the program to stop.
 extern volatile std::sig_atomic_t interrupted;
 
-/// A verb adds itself to the program; its body runs after parsing and returns the exit status.
-void addInfo(CLI::App& app, std::function<int()>& body);
-void addImport(CLI::App& app, std::function<int()>& body);
-void addMake(CLI::App& app, std::function<int()>& body);
-void addShatter(CLI::App& app, std::function<int()>& body);
-void addSample(CLI::App& app, std::function<int()>& body);
-void addSolve(CLI::App& app, std::function<int()>& body);
-void addCheck(CLI::App& app, std::function<int()>& body);
-void addExplain(CLI::App& app, std::function<int()>& body);
-void addPress(CLI::App& app, std::function<int()>& body);
-void addFeel(CLI::App& app, std::function<int()>& body);
-void addStability(CLI::App& app, std::function<int()>& body);
-void addDevices(CLI::App& app, std::function<int()>& body);
-
 /// A number, or null for what has no end.
 [[nodiscard]] inline OrderedJson finite(double value) {
   return std::isfinite(value) ? OrderedJson(value) : OrderedJson();

@@ -5,7 +5,7 @@
 
 namespace palpate::cli {
 
-/// `json`: as docs/interfaces.md has it.
+/// `json`: as docs/formats.md has it.
 void printTick(const OrderedJson& json);
 
 }  // namespace palpate::cli

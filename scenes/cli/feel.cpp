@@ -258,7 +258,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("--realtime", options->realtime,
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
   verb->add_flag("--passive", options->passive,
-                 "Let no energy out that the hand has not put in (docs/stability.md)");
+                 "Let no energy out that the hand has not put in (docs/passivity.md)");
   verb->add_option("--refill", options->refill,
                    "But what primitives that do work add (a moving volume pushes), at most [W]; "
                    "with --passive (default 0)");

@@ -1,18 +1,52 @@
-/// `palpate`: the program. One file a verb; what they print and read is in docs/interfaces.md.
+/// `palpate`: the program. One file a verb; docs/interfaces.md tells what they do, docs/scene.md and
+/// docs/formats.md what they read and print.
 #include <algorithm>
+#include <array>
 #include <csignal>
 #include <cstdio>
 #include <exception>
 #include <fcntl.h>
+#include <functional>
 #include <ios>
 #include <new>
+#include <string>
 #include <system_error>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/version.h"
+
+namespace palpate::cli {
+
+using Body = std::function<int()>;
+
+// Each verb's own file adds it to the program; its body runs after parsing and returns the exit
+// status.
+void addInfo(CLI::App& app, Body& body);
+void addImport(CLI::App& app, Body& body);
+void addMake(CLI::App& app, Body& body);
+void addShatter(CLI::App& app, Body& body);
+void addSample(CLI::App& app, Body& body);
+void addSolve(CLI::App& app, Body& body);
+void addCheck(CLI::App& app, Body& body);
+void addExplain(CLI::App& app, Body& body);
+void addPress(CLI::App& app, Body& body);
+void addFeel(CLI::App& app, Body& body);
+void addStability(CLI::App& app, Body& body);
+void addDevices(CLI::App& app, Body& body);
+void addSchema(CLI::App& app, Body& body);
+
+namespace {
+
+constexpr std::array kVerbs{addInfo,      addImport,  addMake,    addShatter, addSample,
+                            addSolve,     addCheck,   addExplain, addPress,   addFeel,
+                            addStability, addDevices, addSchema};
+
+}  // namespace
+}  // namespace palpate::cli
 
 namespace {
 
@@ -28,14 +62,16 @@ int run(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
 
+  std::function<int()> body;
+  for (const auto& add : cli::kVerbs) add(app, body);
+
   // A verb of the contract that is not built yet, or a slip, deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
-  const std::vector<std::string> verbs{"info",  "import",    "make",    "sample",
-                                       "solve", "check",     "explain", "press",
-                                       "feel",  "stability", "devices", "shatter"};
   if (first == "view") {
     throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
   }
+  std::vector<std::string> verbs;
+  for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
   if (!first.empty() && first[0] != '-' &&
       std::find(verbs.begin(), verbs.end(), first) == verbs.end()) {
     const std::string near = nearestName(first, verbs);
@@ -43,19 +79,6 @@ int run(int argc, char** argv) {
                 near.empty() ? "see palpate --help" : "did you mean \"" + near + "\"?");
   }
 
-  std::function<int()> body;
-  cli::addInfo(app, body);
-  cli::addImport(app, body);
-  cli::addMake(app, body);
-  cli::addShatter(app, body);
-  cli::addSample(app, body);
-  cli::addSolve(app, body);
-  cli::addCheck(app, body);
-  cli::addExplain(app, body);
-  cli::addPress(app, body);
-  cli::addFeel(app, body);
-  cli::addStability(app, body);
-  cli::addDevices(app, body);
   try {
     app.parse(argc, argv);
   } catch (const CLI::CallForHelp& e) {

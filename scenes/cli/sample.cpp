@@ -129,7 +129,7 @@ int sample(const SampleOptions& options) {
       out += dump(json) + "\n";
     } else {
       out += number(p[0]) + "," + number(p[1]) + "," + number(p[2]);
-      for (const double value : row) out += "," + number(value);
+      for (const double value : row) out.append(",").append(number(value));
       out += "\n";
     }
     if (out.size() > 1U << 20U) {

@@ -13,7 +13,7 @@ namespace palpate::importer {
 /// For people: the file, its grids and what was lost, a line each.
 [[nodiscard]] std::string textOf(const std::filesystem::path& out, const Step& step);
 
-/// The same, as docs/interfaces.md has it.
+/// The same, as docs/formats.md has it.
 [[nodiscard]] nlohmann::ordered_json jsonOf(const std::filesystem::path& out, const Step& step);
 
 }  // namespace palpate::importer

@@ -1,4 +1,4 @@
-/// docs/stability.md, section 6, row by row: where other methods fail, they do, and the engine does
+/// docs/stability.md, section 6: where other methods fail, they do, and the engine does
 /// not. The numbers are printed: ctest -V -R regime.
 #include <cmath>
 #include <iostream>

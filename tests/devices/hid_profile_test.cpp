@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <fstream>
 #include <set>
+#include <sstream>
 #include <string>
 #include <sys/file.h>
 #include <sys/wait.h>
@@ -17,10 +18,10 @@
 #include <nlohmann/json.hpp>
 
 #include "palpate/devices/hid_port.h"
-#include "palpate/devices/json_schema.h"
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/engine/error.h"
+#include "tests/support/json_schema.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_files.h"
 
@@ -99,25 +100,25 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
     bool schema;  ///< It sees it as well.
   };
   const std::vector<Bad> cases{
-      {"/palpate_arm", 2, "/palpate_arm: this program does not know", true},
+      {"/palpate_arm", 2, "/palpate_arm: 2 is a version this program does not know", true},
       {"/name", "a b", "/name: it has other characters", true},
       {"/extra", 1, "/extra: unknown key", true},
       {"/match", Json::array(), "/match: it is not a list", true},
-      {"/match/0/vendor", "xyz", "/match/0/vendor: \"xyz\" is not a hexadecimal", true},
+      {"/match/0/vendor", "xyz", "/match/0/vendor: it is not a hexadecimal", true},
       {"/match/0/vendor", "12345", "hexadecimal number of 16 bits", true},
       {"/rate/input", 0, "/rate/input: 0 is not > 0", true},
       {"/input/0/size", 0, "not a whole number from 1 to 1024", true},
       {"/input/0/fields/a/bits", 33, "not a whole number from 1 to 32", true},
       {"/input/0/fields/a/bit", 300, "it ends beyond the report's 40 bytes", false},
       {"/input/0/fields/a/type", "int", "/input/0/fields/a/type: \"int\" is not known", true},
-      {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", false},
+      {"/input/0/fields/a/scale", 0, "/input/0/fields/a/scale: it is 0", true},
       {"/input/0/sequence", "tick", "/input/0/sequence: this report has no field \"tick\"", false},
       {"/input/0/sequence", 3, "/input/0/sequence: ", true},
       {"/input/0/sequence", "a", "/input/0/sequence: a's bits are a joint's, which", false},
       {"/input/0/sequence", "state", "/input/0/sequence: state's bits are a flag's, which", false},
       {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
       {"/input/0/stale", 3, "/input/0/stale: ", true},
-      {"/output/stale", 0.1, "/output/stale: unknown key", false},
+      {"/output/stale", 0.1, "/output/stale: unknown key", true},
       {"/output/fields/fa/most", -6000, "least is above most", false},
       {"/flags/0/field", "stat", "did you mean \"state\"?", false},
       {"/flags/0/means", "happy", "\"happy\" is not known", true},
@@ -191,7 +192,10 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/close", {{{"pause", 3}}, {{"pause", 3}}}, "/close: it may take 6 s", false},
       {"/home/1/wait/seconds", 0, "0 is not > 0", true},
       {"/open/0/feature", {256}, "not a whole number from 0 to 255", true},
-      {"/open/1", {{"pause", 1}, {"feature", {1}}}, "it is not one step", true},
+      {"/open/1",
+       {{"pause", 1}, {"feature", {1}}},
+       "none or several of its kinds: give one of send, wait",
+       true},
       {"/limits/force", 0, "/limits/force: 0 is not > 0", true},
       {"/sources", 1, "/sources: it is not an object", true},
   };
@@ -231,6 +235,14 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
   Json motorless = full();
   motorless.erase("output");
   CHECK_THAT(trouble(motorless), Contains("an output and its rate belong together"));
+}
+
+TEST_CASE("the schema that is shipped is the one that the table prints", "[profile]") {
+  std::ifstream in(test::sourceDir() + "/devices/hid_profile.schema.json");
+  std::ostringstream shipped;
+  shipped << in.rdbuf();
+  // build/release/bin/palpate schema arm > devices/hid_profile.schema.json
+  CHECK(shipped.str() == hidProfileSchema());
 }
 
 TEST_CASE("a report's own number and age are read", "[profile]") {

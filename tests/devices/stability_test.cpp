@@ -179,7 +179,7 @@ TEST_CASE("without hand and delay the boundary is the closed form's", "[stabilit
 
 TEST_CASE("the passive stiffness is where the worst motion begins to gain", "[passivity]") {
   // A motion z^k: what the port's energy is per |x_{k+1} - x_k|^2, the arm moving as is best
-  // between samples (docs/stability.md, section 2).
+  // between samples (docs/passivity.md, section 1).
   const auto gains = [](double k, double b, double period, int whole, double part,
                         double damping = 0.0, int span = 1) {
     double least = 1e9;

@@ -65,7 +65,7 @@ TEST_CASE("damping makes no more of an encoder's steps in a fast loop than in a 
 }
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
-  // docs/stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle. Where the proxy
+  // docs/decisions/0015-stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle. Where the proxy
   // leaps out of a groove of the skin it clicks: the targets are for slices in which it does not.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);

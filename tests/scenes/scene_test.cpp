@@ -3,16 +3,17 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <sstream>
 
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/devices/json_schema.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/step.h"
 #include "palpate/samplers/analytic_field.h"
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
+#include "tests/support/json_schema.h"
 #include "tests/support/random.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_grids.h"
@@ -181,7 +182,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/modes", Json::object(), "/modes: it is not a list"},
       {"/modes/0/mode", "isosurfce", "did you mean \"isosurface\"?"},
       {"/modes/0/strength", -1, "/modes/0/strength: -1 is negative"},
-      {"/modes/0/strength", "strong", "it is not an object"},
+      {"/modes/0/strength", "strong", "\"strong\" is neither a number nor an object"},
       {"/modes/0/strength", {{"product", Json::array()}}, "not a list of factors"},
       {"/modes/0/strength", {{"product", {1, {{"gain", 2}}}}}, "/modes/0/strength/product/1"},
       {"/modes/0/strength", {{"piecewise", Json::array()}}, "it is not a list of points"},
@@ -190,13 +191,13 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/modes/3/friction", 0.3, "mode follow has no such key"},
       {"/modes/3/two_sided", true, "mode follow has no such key"},
       {"/modes/3/shape", "line", "mode follow has no such key"},
-      {"/modes/0/viscosity", {{"window", {{"level", 1}}}}, "\"max\" is missing"},
+      {"/modes/0/viscosity", {{"window", {{"level", 1}}}}, "\"width\" is missing"},
       {"/modes/0/solid", "inside", "\"inside\" is not known"},
       {"/modes/0/sense", "repel", "mode isosurface has no such key"},
       {"/modes/3/value", 1, "mode follow has no such key"},
       {"/modes/0/depth", 0, "/modes/0/depth: 0 is not > 0"},
       {"/coupling/stiffness", 0, "/coupling/stiffness: 0 is not > 0"},
-      {"/coupling/stiffness", nullptr, "null is not a number"},
+      {"/coupling/stiffness", nullptr, "null is neither a number nor an object"},
       {"/coupling/stiffness", {{"window", 1}}, "/coupling/stiffness/window: it is not an object"},
       {"/coupling/damping", -0.1, "/coupling/damping: -0.1 is negative"},
       {"/accuracy/max_substeps", 2.5, "not a whole number"},
@@ -221,6 +222,14 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
     CHECK_THAT(parseError(scene.dump()), Contains("is missing"));
     CHECK_FALSE(schemaAccepts(scene));
   }
+}
+
+TEST_CASE("the schema that is shipped is the one that the table prints", "[scene][schema]") {
+  std::ifstream in(sourceDir() + "/scenes/scene.schema.json");
+  std::ostringstream shipped;
+  shipped << in.rdbuf();
+  // build/release/bin/palpate schema scene > scenes/scene.schema.json
+  CHECK(shipped.str() == sceneSchema());
 }
 
 TEST_CASE("instances are felt each where it stands, and cost no volume each", "[scene][scale]") {
@@ -981,12 +990,12 @@ TEST_CASE("every mode and material property is read, by the schema as well", "[s
     CHECK_THAT(parseError(bad.dump()), Contains(says));
     CHECK_FALSE(schemaAccepts(bad));
   };
-  refused(0, "friction", "rough", "it is not an object");
+  refused(0, "friction", "rough", "is neither a number nor an object");
   refused(2, "friction", 0.1, "mode transverse_damping has no such key");
   refused(3, "snap_drag", 0, "0 is not > 0");
   refused(3, "two_sided", 1, "1 is not true or false");
   refused(4, "of", nullptr, "\"of\" is missing");
-  refused(5, "of", "head", "mode guide has no such key");
+  refused(5, "of", "head", "mode guide, shape point has no such key");
   refused(5, "along", {0, 0, 1}, "a point has no direction");
   refused(5, "at", nullptr, "\"at\" is missing");
   refused(6, "along", nullptr, "\"along\" is missing");

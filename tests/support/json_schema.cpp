@@ -1,4 +1,4 @@
-#include "palpate/devices/json_schema.h"
+#include "tests/support/json_schema.h"
 
 #include <nlohmann/json.hpp>
 #include <valijson/adapters/nlohmann_json_adapter.hpp>

@@ -1,5 +1,4 @@
-/// Private to devices and scenes: JSON Schema, by valijson, whose headers only this header's source
-/// knows: they take 20 s to compile.
+/// What a JSON Schema says of a value, by valijson.
 #pragma once
 
 #include <optional>

@@ -1,0 +1,82 @@
+/// Private to devices: what an arm's profile may say, as a table (json_table.h): shapes, ranges and
+/// units. What its parts say of each other is checked in check_profile.cpp.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "palpate/devices/hid_profile.h"
+#include "palpate/devices/json_table.h"
+
+namespace palpate {
+
+/// A field as the file has it: what is not said is told apart from what is.
+struct FileField {
+  std::optional<ReportField::Type> type;
+  int bit = 0;
+  int bits = 0;
+  bool big_endian = false;
+  double scale = 1.0;
+  double offset = 0.0;
+  bool wraps = false;
+  std::optional<double> least, most, rest;
+};
+
+struct FileReport {
+  std::optional<int> id;
+  int size = 0;
+  std::map<std::string, FileField> fields;
+  std::string sequence;
+  double stale = 0.0;
+};
+
+/// The fields of these three are names; what they are found to be is set later.
+struct FileFlag {
+  HidFlag flag;
+  std::string field;
+};
+struct FileJoint {
+  HidJoint joint;
+  std::string from, motor;
+};
+struct FileStep {
+  HidStep step;
+  std::string field;
+  std::map<std::string, double> send;
+};
+
+/// Lengths of the arm's model [m].
+struct FileGeometry {
+  double a = 0.0, b = 0.0, c = 0.0;
+  double base = 0.0, plate = 0.0, upper = 0.0, fore = 0.0;
+  std::array<double, 4> lengths{};
+  std::vector<ChainLink> links;
+  Vec3 tip = Vec3::Zero();
+};
+
+/// A profile as its file has it, before names are found.
+struct ProfileFile {
+  HidProfile profile;  ///< All that needs no other part of the file.
+  std::vector<FileReport> input;
+  std::optional<FileReport> output;
+  std::vector<FileFlag> flags;
+  FileGeometry geometry;
+  std::function<std::shared_ptr<const Kinematics>(const FileGeometry&)> model;
+  std::vector<FileJoint> joints;
+  std::vector<FileStep> open, home, close;
+  std::array<double, 4> rotation_wxyz{1, 0, 0, 0};
+};
+
+/// Reads a profile's file and prints its schema.
+[[nodiscard]] const JsonObject<ProfileFile>& profileTable();
+
+/// The whole schema: title, table and definitions.
+[[nodiscard]] JsonSchema profileTableSchema();
+
+}  // namespace palpate
