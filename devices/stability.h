@@ -1,5 +1,5 @@
 /// How stiff a coupling an arm can give: the sampled loop of arm, hand and wall, one axis of it.
-/// docs/stability.md derives every formula.
+/// docs/stability.md has the formulas, docs/passivity.md derives them.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,7 @@
 #include "palpate/engine/compile_mode.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <sstream>
 
@@ -83,55 +84,21 @@ class ModeCompiler {
   ModeCompiler(const ModeSpec& mode, const std::string& path, GraphReads& reads)
       : mode_(mode), path_(path), reads_(reads) {}
 
+  /// How the scene file calls a mode, and what compiles it; by ModeKind.
+  struct Kind {
+    ModeKind kind;
+    const char* word;
+    Mode (ModeCompiler::*compile)();
+  };
+  static const std::array<Kind, static_cast<std::size_t>(ModeKind::kUser) + 1> kKinds;
+
   CompiledMode compile() {
-    Mode mode = compiled();
+    const Kind& kind = kKinds[static_cast<std::size_t>(mode_.kind)];
+    Mode mode = (this->*kind.compile)();
     return {std::move(mode), support_};
   }
 
  private:
-  Mode compiled() {
-    switch (mode_.kind) {
-      case ModeKind::kForce:
-        return force();
-      case ModeKind::kViscosity: {
-        Slot slot = reads_.resolve(path_ + "/of", mode_.of);
-        if (slot.vector) slot = {false, reads_.magnitudeOf(slot.index)};
-        support_ = reads_.current;
-        return ViscosityMode{slot.index, strength([&] { return slot.index; })};
-      }
-      case ModeKind::kSurface: {
-        SurfaceMode surface;
-        surface.skin = skinOf();
-        support_ = reads_.current;
-        const auto own = [&] { return reads_.valueOf(mode_.of); };
-        surface.strength = strength(own);
-        surface.friction = friction(own);
-        surface.viscosity = viscosity(own);
-        return surface;
-      }
-      case ModeKind::kIsosurface:
-        return isosurface();
-      case ModeKind::kFollow:
-      case ModeKind::kTransverseDamping: {
-        FollowMode follow;
-        follow.vector = vectorOf();
-        follow.field = streamOf(mode_.of);
-        follow.voxel = reads_.frameOf(support_).voxel;
-        follow.strength = strength([&] { return reads_.magnitudeOf(follow.vector); });
-        return follow;
-      }
-      case ModeKind::kFrontShape:
-        return frontShape();
-      case ModeKind::kVortexTube:
-        return vortexTube();
-      case ModeKind::kGuide:
-        return guide();
-      case ModeKind::kUser:
-        return userMode();
-    }
-    return {};
-  }
-
   Slot resolveVector() {
     const Slot slot = reads_.resolve(path_ + "/of", mode_.of);
     if (!slot.vector) {
@@ -204,6 +171,33 @@ class ModeCompiler {
     const Slot slot = resolveVector();
     support_ = reads_.current;
     return slot.index;
+  }
+
+  Mode viscosityMode() {
+    Slot slot = reads_.resolve(path_ + "/of", mode_.of);
+    if (slot.vector) slot = {false, reads_.magnitudeOf(slot.index)};
+    support_ = reads_.current;
+    return ViscosityMode{slot.index, strength([&] { return slot.index; })};
+  }
+
+  Mode surface() {
+    SurfaceMode surface;
+    surface.skin = skinOf();
+    support_ = reads_.current;
+    const auto own = [&] { return reads_.valueOf(mode_.of); };
+    surface.strength = strength(own);
+    surface.friction = friction(own);
+    surface.viscosity = viscosity(own);
+    return surface;
+  }
+
+  Mode follow() {
+    FollowMode follow;
+    follow.vector = vectorOf();
+    follow.field = streamOf(mode_.of);
+    follow.voxel = reads_.frameOf(support_).voxel;
+    follow.strength = strength([&] { return reads_.magnitudeOf(follow.vector); });
+    return follow;
   }
 
   Mode force() {
@@ -323,7 +317,31 @@ class ModeCompiler {
   FieldSet support_;  ///< Of what it reads, what it must have to act.
 };
 
+constexpr std::array<ModeCompiler::Kind, static_cast<std::size_t>(ModeKind::kUser) + 1>
+    ModeCompiler::kKinds{{
+        {ModeKind::kForce, "force", &ModeCompiler::force},
+        {ModeKind::kViscosity, "viscosity", &ModeCompiler::viscosityMode},
+        {ModeKind::kSurface, "surface", &ModeCompiler::surface},
+        {ModeKind::kIsosurface, "isosurface", &ModeCompiler::isosurface},
+        {ModeKind::kFollow, "follow", &ModeCompiler::follow},
+        {ModeKind::kTransverseDamping, "transverse_damping", &ModeCompiler::follow},
+        {ModeKind::kFrontShape, "front_shape", &ModeCompiler::frontShape},
+        {ModeKind::kVortexTube, "vortex_tube", &ModeCompiler::vortexTube},
+        {ModeKind::kGuide, "guide", &ModeCompiler::guide},
+        {ModeKind::kUser, "user", &ModeCompiler::userMode},
+    }};
+static_assert([] {
+  for (std::size_t i = 0; i < ModeCompiler::kKinds.size(); ++i) {
+    if (ModeCompiler::kKinds[i].kind != static_cast<ModeKind>(i)) return false;
+  }
+  return true;
+}());
+
 }  // namespace
+
+const char* wordFor(ModeKind kind) noexcept {
+  return ModeCompiler::kKinds[static_cast<std::size_t>(kind)].word;
+}
 
 CompiledMode compileMode(const ModeSpec& spec, const std::string& path, GraphReads& reads) {
   checkKeys(spec, path, reads.names());

@@ -106,32 +106,6 @@ Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>&
   return std::move(reads.graph);
 }
 
-const char* wordFor(ModeKind kind) noexcept {
-  switch (kind) {
-    case ModeKind::kForce:
-      return "force";
-    case ModeKind::kViscosity:
-      return "viscosity";
-    case ModeKind::kSurface:
-      return "surface";
-    case ModeKind::kIsosurface:
-      return "isosurface";
-    case ModeKind::kFollow:
-      return "follow";
-    case ModeKind::kTransverseDamping:
-      return "transverse_damping";
-    case ModeKind::kFrontShape:
-      return "front_shape";
-    case ModeKind::kVortexTube:
-      return "vortex_tube";
-    case ModeKind::kGuide:
-      return "guide";
-    case ModeKind::kUser:
-      return "user";
-  }
-  return "";
-}
-
 const char* wordFor(Derivation derivation) noexcept {
   switch (derivation) {
     case Derivation::kMagnitude:

@@ -1,6 +1,6 @@
 /// The energy tank: what has come out of the hand's port, and the most force that it can pay for.
 /// Whatever hand, scene and method there are, an arm with at least the friction that is relied on
-/// never gives a hand more energy than it has put in (docs/stability.md has the proof).
+/// never gives a hand more energy than it has put in (docs/passivity.md has the proof).
 #pragma once
 
 #include <array>

@@ -16,7 +16,7 @@ namespace palpate {
 /// 0; neighbours are read as they are stored, so at the edge of the active voxels a derivative is a
 /// difference to the background. Active tiles stay tiles but for their outermost leaves; of those
 /// of more than 128 voxels the derivative at their own faces is left out. Interpolating the result
-/// is not the same as deriving what was interpolated: see docs/samplers.md for how far they differ.
+/// is not the same as deriving what was interpolated: decisions/0017 says how far they differ.
 ///
 /// A vector of three grids is read trilinearly at the voxels of the first, where all have data; a
 /// tile of more than 128 voxels is 0 there.

@@ -91,32 +91,22 @@ struct Parts {
   double own = 0.0;  ///< What factors of no property read: a guide's distance to the probe [m].
 };
 
-Parts partsOf(const Told& /*told*/, const ForceMode& m) {
-  return {-1, m.vector, &m.strength};
-}
-Parts partsOf(const Told& /*told*/, const ViscosityMode& m) {
-  return {m.scalar, -1, &m.strength};
-}
-Parts partsOf(const Told& /*told*/, const SurfaceMode& m) {
-  return {-1, m.skin.gradient, &m.strength, &m.friction, &m.viscosity};
-}
-Parts partsOf(const Told& /*told*/, const IsosurfaceMode& m) {
-  return {m.skin.value, m.skin.gradient, &m.strength, &m.friction, &m.viscosity};
-}
-Parts partsOf(const Told& /*told*/, const FollowMode& m) {
-  return {-1, m.vector, &m.strength};
-}
-Parts partsOf(const Told& /*told*/, const FrontShapeMode& m) {
-  return {-1, m.vector, &m.strength};
-}
-Parts partsOf(const Told& /*told*/, const VortexTubeMode& m) {
-  return {-1, m.curl, &m.strength};
+/// By the names that modes give their members.
+template <class M>
+Parts partsOf(const Told& /*told*/, const M& m) {
+  Parts parts;
+  if constexpr (requires { m.scalar; }) parts.scalar = m.scalar;
+  if constexpr (requires { m.vector; }) parts.vector = m.vector;
+  if constexpr (requires { m.curl; }) parts.vector = m.curl;
+  if constexpr (requires { m.skin; }) parts.vector = m.skin.gradient;
+  if constexpr (requires { m.skin, m.level; }) parts.scalar = m.skin.value;
+  if constexpr (requires { m.strength; }) parts.strength = &m.strength;
+  if constexpr (requires { m.friction; }) parts.friction = &m.friction;
+  if constexpr (requires { m.viscosity; }) parts.viscosity = &m.viscosity;
+  return parts;
 }
 Parts partsOf(const Told& told, const GuideMode& m) {
   return {-1, -1, &m.strength, nullptr, nullptr, distanceTo(primitiveOf(told, m), told.hand)};
-}
-Parts partsOf(const Told& /*told*/, const UserMode& /*m*/) {
-  return {};
 }
 
 /// A material property, factor by factor.

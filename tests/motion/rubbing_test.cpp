@@ -65,8 +65,9 @@ TEST_CASE("damping makes no more of an encoder's steps in a fast loop than in a 
 }
 
 TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][motion]") {
-  // docs/decisions/0015-stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle. Where the proxy
-  // leaps out of a groove of the skin it clicks: the targets are for slices in which it does not.
+  // docs/decisions/0015-stability.md, Buzz: seven slices 4 mm apart about 1 cm below the middle.
+  // Where the proxy leaps out of a groove of the skin it clicks: the targets are for slices in
+  // which it does not.
   const char* folder = std::getenv("PALPATE_IMPORTED");
   REQUIRE(folder != nullptr);
   const auto skin = scanField(std::string(folder) + "/head.vdb", 1e-3);
