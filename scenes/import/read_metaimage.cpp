@@ -17,6 +17,7 @@
 #include <vtkPointData.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
 #include "palpate/scenes/import/values.h"
 
@@ -217,20 +218,13 @@ class Header {
     }
     const std::vector<double> sizes = numbers({"DimSize"}, 3);
     if (sizes.empty()) refuse("it has no DimSize", kMendHeader);
-    double bytes = type().bytes;
-    for (const double size : sizes) {
-      if (!(size >= 1.0) || size > 2147483647.0 || size != std::floor(size)) {
-        refuse(fmt::format("its DimSize {} is absurd", text({"DimSize"})), kMendHeader);
-      }
-      bytes *= size;
-    }
+    double bytes = bytesOf(file_, sizes, type().bytes);
     if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
       if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
         refuse("its ElementNumberOfChannels is absurd", kMendHeader);
       }
       bytes *= channels[0];
     }
-    if (bytes > 1e15) refuse(fmt::format("its size is absurd: {:.0g} bytes", bytes), kMendHeader);
     for (const char* key :
          {"ElementSpacing", "ElementSize", "Offset", "Position", "Origin", "CenterOfRotation"}) {
       static_cast<void>(numbers({key}, 3));
@@ -260,25 +254,15 @@ class Header {
     for (const std::string& data : files) {
       const bool local = data == "LOCAL" || data == "Local" || data == "local";
       Part part{local ? file_ : file_.parent_path() / data, local ? offset_ : 0};
-      std::error_code error;
-      const auto there = fs::file_size(part.file, error);
-      if (error || !fs::is_regular_file(part.file, error)) {
-        refuse(fmt::format("its data file {} cannot be read", data), "put it beside the header");
-      }
-      // Of deflate 1032 to 1; of text a digit and a space for a value.
+      const double size = sizeOfData(file_, part.file);
       double least = share;
-      if (isTrue({"CompressedData"})) least = share / 1040.0;
-      if (isText()) least = 2.0 * share / type().bytes - 1.0;
-      const double size = static_cast<double>(there);
+      if (isTrue({"CompressedData"})) least = leastDeflated(share);
+      if (isText()) least = leastText(share / type().bytes);
       double offset = static_cast<double>(part.offset);
       if (!skipped.empty() && skipped[0] > 0.0) offset = std::max(offset, skipped[0]);
       if (!skipped.empty() && skipped[0] == -1.0) offset = std::max(offset, size - share);
       const double held = std::max(size - offset, 0.0);
-      if (held < least) {
-        refuse(fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", local ? "it" : data, held,
-                           std::ceil(least)),
-               "copy or export it again");
-      }
+      checkHeld(file_, part.file, held, least);
       part.offset = static_cast<std::uintmax_t>(offset);
       parts_.push_back(part);
     }

@@ -16,6 +16,7 @@
 #include <vtkPointData.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
 #include "palpate/scenes/import/values.h"
 #include "palpate/scenes/import/vtk_run.h"
@@ -205,29 +206,14 @@ class NiftiReader final : public Reader {
 
   /// Whether the file can hold what its header says, before memory is taken for it.
   void weigh(vtkNIFTIImageHeader* header) const {
-    double bytes = static_cast<double>(header->GetBitPix()) / 8.0;
-    for (std::size_t i = 1; i < 8; ++i) {
-      if (size_[i] < 1 || size_[i] > std::numeric_limits<int>::max()) {
-        refuse(fmt::format("its dimension {} is absurd: {}", i, size_[i]), "check what wrote it");
-      }
-      bytes *= static_cast<double>(size_[i]);
-    }
+    const std::vector<double> sizes(size_.begin() + 1, size_.end());
+    const double bytes =
+        bytesOf(request_.file, sizes, static_cast<double>(header->GetBitPix()) / 8.0);
     if (header->GetVoxOffset() < 0) refuse("its voxels begin nowhere", "check what wrote it");
     const fs::path data = dataFile();
-    std::error_code error;
-    const double there = static_cast<double>(fs::file_size(data, error));
-    if (error) {
-      refuse(fmt::format("its voxels are missing: there is no {}", data.filename().string()),
-             "put it beside the header");
-    }
-    // Deflate packs 1032 to 1 at most.
-    const double most = data.extension() == ".gz" ? 1040.0 * there : there;
     const double least = bytes + static_cast<double>(header->GetVoxOffset());
-    if (most < least) {
-      refuse(fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", data.filename().string(), there,
-                         least),
-             "copy or export it again");
-    }
+    checkHeld(request_.file, data, sizeOfData(request_.file, data),
+              data.extension() == ".gz" ? leastDeflated(least) : least);
   }
 
   /// Of the pair name.hdr and name.img the second.

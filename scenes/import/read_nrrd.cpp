@@ -24,6 +24,7 @@
 #include <vtkUnsignedCharArray.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
 #include "palpate/scenes/import/values.h"
 
@@ -453,15 +454,12 @@ class NrrdReader final : public Reader {
 
   /// Whether the files can hold what the header says, before memory is taken for it.
   void weigh() {
-    double total = static_cast<double>(nrrdElementSize(nrrd_.get()));
+    std::vector<double> sizes;
     for (int a = 0; a < static_cast<int>(nrrd_->dim); ++a) {
-      const std::size_t size = axisAt(a).size;
-      if (size > static_cast<std::size_t>(std::numeric_limits<int>::max())) {
-        refuse(fmt::format("its sizes are absurd: {}", size), kMendHeader);
-      }
-      total *= static_cast<double>(size);
+      sizes.push_back(static_cast<double>(axisAt(a).size));
     }
-    if (total > 1e15) refuse(fmt::format("its size is absurd: {:.0g} bytes", total), kMendHeader);
+    static_cast<void>(
+        bytesOf(request_.file, sizes, static_cast<double>(nrrdElementSize(nrrd_.get()))));
     const std::size_t count = nrrdElementNumber(nrrd_.get());
     if (count == 0 || count % parts_.size() != 0) {
       refuse(fmt::format("{} values do not divide among {} data files", count, parts_.size()),
@@ -470,26 +468,15 @@ class NrrdReader final : public Reader {
     part_values_ = count / parts_.size();
     const double bytes = static_cast<double>(part_values_ * nrrdElementSize(nrrd_.get()));
     for (const Part& part : parts_) {
-      std::error_code error;
-      const auto size = fs::file_size(part.file, error);
-      if (error || !fs::is_regular_file(part.file, error)) {
-        refuse(fmt::format("its data file {} cannot be read", part.file.filename().string()),
-               "put it beside the header");
-      }
-      // The least that so many values take: of deflate 1032 to 1; of text a digit and a space.
+      const double size = sizeOfData(request_.file, part.file);
       double least = bytes;
-      if (state_->encoding == nrrdEncodingGzip) least = bytes / 1040.0;
-      if (state_->encoding == nrrdEncodingAscii)
-        least = 2.0 * static_cast<double>(part_values_) - 1;
+      if (state_->encoding == nrrdEncodingGzip) least = leastDeflated(bytes);
+      if (state_->encoding == nrrdEncodingAscii) {
+        least = leastText(static_cast<double>(part_values_));
+      }
       if (state_->encoding == nrrdEncodingHex) least = 2.0 * bytes;
       if (state_->encoding == nrrdEncodingBzip2 || state_->encoding == nrrdEncodingZRL) least = 0.0;
-      const double there = static_cast<double>(size) - static_cast<double>(part.offset);
-      if (there < least) {
-        refuse(fmt::format("{} is truncated: {:.0f} bytes of {:.0f}",
-                           part.file == request_.file ? "it" : part.file.filename().string(),
-                           std::max(there, 0.0), std::ceil(least)),
-               "copy or export it again");
-      }
+      checkHeld(request_.file, part.file, size - static_cast<double>(part.offset), least);
     }
   }
 

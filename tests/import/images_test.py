@@ -625,7 +625,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
         self.refused(self.write("a.nii.gz", packed[:-100]), "a.nii.gz")
-        self.refused(self.write("a.hdr", nifti(SIZE, *SHORT, magic=b"ni1\0")), "missing")
+        self.refused(self.write("a.hdr", nifti(SIZE, *SHORT, magic=b"ni1\0")), "a.img cannot be read")
         self.refused(self.write("a.nii", nifti(SIZE, 1536, 128), bytes(2000)), "a.nii")
         self.refused(self.write("a.nii", nifti(SIZE, 77, 16), SHORTS), "a.nii")
         self.refused(self.write("a.nii", nifti(SIZE, 16, 16), SHORTS), "a.nii")

@@ -1,0 +1,59 @@
+#include "palpate/scenes/import/header_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <system_error>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+constexpr double kMostBytes = 1e15;
+constexpr const char* kMendHeader = "mend its header, or check what wrote it";
+
+}  // namespace
+
+double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
+               double bytes) {
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    const double size = sizes[i];
+    if (size >= 1.0 && size <= std::numeric_limits<int>::max() && size == std::floor(size)) {
+      bytes *= size;
+      continue;
+    }
+    throw VolumeError(header.string(), fmt::format("its size {} is absurd: {}", i + 1, size),
+                      kMendHeader);
+  }
+  if (bytes > kMostBytes) {
+    throw VolumeError(header.string(), fmt::format("its size is absurd: {:.0g} bytes", bytes),
+                      kMendHeader);
+  }
+  return bytes;
+}
+
+double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data) {
+  std::error_code error;
+  const auto size = std::filesystem::file_size(data, error);
+  if (error || !std::filesystem::is_regular_file(data, error)) {
+    throw VolumeError(header.string(),
+                      fmt::format("its data file {} cannot be read", data.filename().string()),
+                      "put it beside the header");
+  }
+  return static_cast<double>(size);
+}
+
+void checkHeld(const std::filesystem::path& header, const std::filesystem::path& data, double held,
+               double least) {
+  if (held >= least) return;
+  throw VolumeError(header.string(),
+                    fmt::format("{} is truncated: {:.0f} bytes of {:.0f}",
+                                data == header ? "it" : data.filename().string(),
+                                std::max(held, 0.0), std::ceil(least)),
+                    "copy or export it again");
+}
+
+}  // namespace palpate::importer

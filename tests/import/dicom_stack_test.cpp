@@ -1,0 +1,161 @@
+// Which images of a series make a volume, by headers made by hand.
+#include "palpate/scenes/import/dicom_stack.h"
+
+#include <cmath>
+#include <functional>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+
+using namespace palpate;
+using namespace palpate::importer;
+using Catch::Contains;
+
+namespace {
+
+constexpr int kImages = 5;
+
+/// An axial series: images of 4 x 3 pixels of 0.5 x 0.8 mm, 2 mm apart upwards, a file each, in
+/// disorder.
+std::vector<File> axial() {
+  std::vector<File> files;
+  for (int i = 0; i < kImages; ++i) {
+    const int k = (3 * i) % kImages;
+    File file;
+    file.path = "image" + std::to_string(k);
+    file.is_image = true;
+    file.series = "1.2.3";
+    file.description = "axial";
+    file.modality = "CT";
+    Slice slice;
+    slice.format = {3, 4, 16, 12, 1};
+    slice.placed = true;
+    slice.position = {10.0, 20.0, 2.0 * k};
+    slice.row = Vec3::UnitX();
+    slice.column = Vec3::UnitY();
+    slice.across = 0.5;
+    slice.down = 0.8;
+    slice.times.fill(kUnsaid);
+    file.slices = {slice};
+    files.push_back(file);
+  }
+  return files;
+}
+
+Stack stacked(const std::vector<File>& files) {
+  const std::vector<Series> all = seriesOf(files);
+  REQUIRE(all.size() == 1);
+  return stackOf(all.front(), "the series");
+}
+
+std::string trouble(const std::function<void(std::vector<File>&)>& change) {
+  std::vector<File> files = axial();
+  change(files);
+  try {
+    (void)stacked(files);
+  } catch (const VolumeError& e) {
+    return e.what();
+  }
+  return "none";
+}
+
+Slice& at(std::vector<File>& files, int k) {
+  for (File& file : files) {
+    if (file.path == "image" + std::to_string(k)) return file.slices.front();
+  }
+  throw std::out_of_range("image");
+}
+
+}  // namespace
+
+TEST_CASE("images are stacked along their normal, whatever their order", "[dicom]") {
+  const Stack stack = stacked(axial());
+  REQUIRE(stack.steps.size() == 1);
+  CHECK(stack.times.empty());
+  CHECK(stack.notes.empty());
+  for (int k = 0; k < kImages; ++k) {
+    CHECK(stack.steps[0][static_cast<std::size_t>(k)].position.z() == 2.0 * k);
+  }
+  // DICOM's left and back are turned to right and front.
+  CHECK(stack.map.origin == Vec3(-10.0, -20.0, 0.0));
+  CHECK(stack.map.linear.col(0) == Vec3(-0.5, 0.0, 0.0));
+  CHECK(stack.map.linear.col(1) == Vec3(0.0, -0.8, 0.0));
+  CHECK(stack.map.linear.col(2) == Vec3(0.0, 0.0, 2.0));
+}
+
+TEST_CASE("a tilted gantry shears the volume, and is told", "[dicom]") {
+  std::vector<File> files = axial();
+  const double shift = 2.0 * std::tan(15.0 * M_PI / 180.0);
+  for (int k = 0; k < kImages; ++k) at(files, k).position.y() += shift * k;
+  const Stack stack = stacked(files);
+  CHECK((stack.map.linear.col(2) - Vec3(0.0, -shift, 2.0)).norm() < 1e-12);
+  REQUIRE(stack.notes.size() == 1);
+  CHECK_THAT(stack.notes.front(), Contains("15.0 degrees"));
+  // So far that it can hardly be meant.
+  CHECK_THAT(trouble([](std::vector<File>& f) {
+               for (int k = 0; k < kImages; ++k) at(f, k).position.y() += 12.0 * k;
+             }),
+             Contains("shifted by 81 degrees"));
+}
+
+TEST_CASE("what does not fit a volume is refused by where it is", "[dicom]") {
+  using Files = std::vector<File>;
+  CHECK_THAT(trouble([](Files& f) {
+               at(f, 3).position.z() = 20.0;
+               at(f, 4).position.z() = 22.0;
+             }),
+             Contains("slices are missing between z = 4 and 20 mm: 7 of 12 in all"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 2).position.z() = 4.3; }),
+             Contains("its slices are uneven: "));
+  CHECK_THAT(trouble([](Files& f) { at(f, 2).position.x() += 1.0; }),
+             Contains("not evenly in line: that at z = 4 mm is 1 mm off"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 2).format[0] = 5; }),
+             Contains("1 of 5 images differ from the others"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 1).row = Vec3(0, 1, 0); }), Contains("a localiser"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 1).placed = false; }),
+             Contains("1 of 5 images do not say where they are"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 1).has_rescale = true; }),
+             Contains("only 1 of 5 images say what their values mean"));
+  CHECK_THAT(trouble([](Files& f) { f[0].is_colour = true; }), Contains("in colour: 1 of 5"));
+  CHECK_THAT(trouble([](Files& f) { at(f, 4).position = at(f, 3).position; }),
+             Contains("2 images are at the same place, z = 6 mm"));
+}
+
+TEST_CASE("images of one place are steps where something tells their times", "[dicom]") {
+  const auto twice = [](std::size_t tag, double later) {
+    std::vector<File> files = axial();
+    const std::vector<File> again = files;
+    files.insert(files.end(), again.begin(), again.end());
+    for (std::size_t i = 0; i < files.size(); ++i) {
+      files[i].slices.front().times[tag] = i < again.size() ? 0.0 : later;
+    }
+    return files;
+  };
+  // Trigger times are milliseconds, temporal offsets seconds.
+  CHECK(stacked(twice(0, 250.0)).times == std::vector<double>{0.0, 0.25});
+  const Stack stack = stacked(twice(2, 1.5));
+  CHECK(stack.times == std::vector<double>{0.0, 1.5});
+  REQUIRE(stack.steps.size() == 2);
+  CHECK(stack.steps[1].size() == kImages);
+  // Numbers are no times, unless the file tells the step.
+  std::vector<File> numbered = twice(3, 1.0);
+  CHECK_THAT(stacked(numbered).notes.front(), Contains("taken 1 s apart"));
+  for (File& file : numbered) file.time_step = 0.04;
+  CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
+  // Another kind of image is no step.
+  std::vector<File> kinds = twice(0, 250.0);
+  for (std::size_t i = 0; i < kinds.size(); ++i) {
+    kinds[i].slices.front().kinds[0] = i < kImages ? "10" : "80";
+  }
+  CHECK_THROWS_WITH(stacked(kinds), Contains("which differ in echo time"));
+  // One image of a step is missing.
+  std::vector<File> fewer = twice(0, 250.0);
+  const std::vector<File> third(fewer.begin(), fewer.begin() + kImages);
+  fewer.insert(fewer.end(), third.begin(), third.end());
+  for (std::size_t i = 2 * kImages; i < fewer.size(); ++i) {
+    fewer[i].slices.front().times[0] = 500.0;
+  }
+  fewer.pop_back();
+  CHECK_THROWS_WITH(stacked(fewer), Contains("steps of time are missing: 2 images are at"));
+}
