@@ -4,12 +4,18 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 
+log=build/demo.log
+echo "demo: imports an MRI of a head and has a simulated hand feel it, into out/: half a minute."
+echo "      Before it, once: missing packages and the program, up to 20 minutes on two cores."
+echo "      Log: $log"
 .ci/install build demo
-cmake --preset release >build.log 2>&1 ||
-    { cat build.log; exit 1; }
-cmake --build --preset release --target palpate palpate-import >>build.log 2>&1 ||
-    { tail -40 build.log; exit 1; }
-rm -f build.log
+. .ci/watched
+mkdir -p build
+: >$log
+echo "== building"
+watched "building" $log cmake --preset release || { cat $log; exit 1; }
+watched "building" $log cmake --build --preset release --target palpate palpate-import ||
+    { tail -40 $log; exit 1; }
 
 palpate=build/release/bin/palpate
 images=/usr/share/mricron/templates

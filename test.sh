@@ -26,9 +26,14 @@ while [ $# -gt 0 ]; do
     shift
 done
 
+if [ -z "$install_only" ]; then
+    echo "test.sh: builds three presets and runs every test; with a compiler cache that knows them some 20"
+    echo "         to 40 minutes on two cores, else up to two hours. Logs: build/PRESET/build.log, test.log"
+fi
 .ci/install build test
 [ -z "$install_only" ] || exit 0
 . .ci/minutes
+. .ci/watched
 
 presets=(tsan dev release)
 for preset in "${presets[@]}"; do
@@ -38,10 +43,12 @@ for preset in "${presets[@]}"; do
     since=$SECONDS
     export CCACHE_STATSLOG=$PWD/build/$preset/ccache.log
     rm -f "$CCACHE_STATSLOG"
-    cmake --preset $preset -DPALPATE_TESTS=ON >$log 2>&1 || { cat $log; exit 1; }
+    : >$log
+    watched "$preset: configuring" $log cmake --preset $preset -DPALPATE_TESTS=ON ||
+        { cat $log; exit 1; }
     taken $since "$preset: configure"
     since=$SECONDS
-    cmake --build --preset $preset >>$log 2>&1 || { tail -60 $log; exit 1; }
+    watched "$preset: building" $log cmake --build --preset $preset || { tail -60 $log; exit 1; }
     asked=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit|cache_miss' "$CCACHE_STATSLOG" 2>/dev/null) || true
     found=$(grep -cxE 'direct_cache_hit|preprocessed_cache_hit' "$CCACHE_STATSLOG" 2>/dev/null) || true
     taken $since "$preset: build" "${found:-0} of ${asked:-0} sources out of ccache"

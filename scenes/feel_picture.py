@@ -68,7 +68,7 @@ def main():
     ax.legend(ncol=4, fontsize=8)
     ax.grid(alpha=0.3)
     figure.suptitle(f"{data['scene']}: the proxy's path, projected on the slices", fontsize=10)
-    figure.savefig(sys.stdout.buffer, format="png", dpi=110)
+    figure.savefig(sys.stdout.buffer, format="png", dpi=110, metadata={"Software": data["made_by"]})
 
 
 if __name__ == "__main__":

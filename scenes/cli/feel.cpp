@@ -135,6 +135,7 @@ void checkOptions(const FeelOptions& options) {
 OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec) {
   OrderedJson summary;
   summary["version"] = kVersion;
+  summary["commit"] = commit();
   summary["scene"] = spec.source;
   summary["device"] = hand.device->info().name;
   summary["clock"] = options.realtime ? "real" : "virtual";

@@ -1,5 +1,5 @@
-/// `palpate`: the program. One file a verb; docs/interfaces.md tells what they do, docs/scene.md and
-/// docs/formats.md what they read and print.
+/// `palpate`: the program. One file a verb; docs/interfaces.md tells what they do, docs/scene.md
+/// and docs/formats.md what they read and print.
 #include <algorithm>
 #include <array>
 #include <csignal>
@@ -58,7 +58,7 @@ int run(int argc, char** argv) {
       "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
       "in them into forces."};
   app.name("palpate");
-  app.set_version_flag("--version", kVersion);
+  app.set_version_flag("--version", versionText());
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
 

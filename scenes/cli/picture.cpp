@@ -10,6 +10,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/touch.h"
 #include "palpate/scenes/nearby.h"
+#include "palpate/scenes/version.h"
 
 namespace palpate::cli {
 namespace {
@@ -175,6 +176,7 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
 
   OrderedJson json;
   json["scene"] = spec.source;
+  json["made_by"] = versionText();
   json["fields"] = OrderedJson::array();
   for (const std::string& name : mostTouched(built, touches)) {
     const FieldPtr& field = built.fields.at(name);

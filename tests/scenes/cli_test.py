@@ -56,9 +56,15 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "stability", "devices"):
+                     "stability", "devices", "schema"):
             self.assertIn("Example", run(verb, "--help").stdout)
-        self.assertIn("0.", run("--version").stdout)
+        self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+(-dirty)?\))?\n$")
+
+    def test_the_schemas_are_those_that_are_shipped(self):
+        root = Path(__file__).resolve().parents[2]
+        for word, file in (("scene", "scenes/scene.schema.json"), ("arm", "devices/hid_profile.schema.json")):
+            self.assertEqual(run("schema", word).stdout, (root / file).read_text(encoding="utf-8"))
+        self.refused("schema", "hand", says="hand")
 
     def test_usage_errors_are_one_line(self):
         self.refused(says="usage")
@@ -79,7 +85,7 @@ class Documents(unittest.TestCase):
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
         for verb in ("info", "import", "make", "shatter", "sample", "solve", "check", "explain",
-                     "press", "feel"):
+                     "press", "feel", "stability", "devices", "schema"):
             self.assertIn(f"\n## {verb} ", text)
 
 
@@ -643,6 +649,7 @@ class Feel(Case):
     def test_picture(self):
         picture = self.dir / "felt.png"
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
+        self.assertIn(run("--version").stdout.strip().encode(), picture.read_bytes())
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         os.remove(picture)
 

@@ -1,0 +1,4 @@
+# Run at every build: which commit this is, written where it changed. Without a repository: none.
+execute_process(COMMAND git -C ${SOURCE} describe --always --dirty --abbrev=12 --exclude=*
+  OUTPUT_VARIABLE PALPATE_COMMIT ERROR_QUIET OUTPUT_STRIP_TRAILING_WHITESPACE)
+configure_file(${SOURCE}/scenes/commit.cpp.in ${TARGET} @ONLY)
