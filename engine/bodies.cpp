@@ -8,7 +8,7 @@ namespace palpate {
 
 namespace {
 
-/// The way to b as a field sees it: from where it was read.
+/// True if the path from `Body::from` to b, in the body's resting frame, comes near a field's data.
 bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
   const Vec3 end = body.pose.toRest(b);
   return meets({body.from.cwiseMin(end), body.from.cwiseMax(end)}, frame);

@@ -1,5 +1,5 @@
-/// The volumes that move, as a tick sees them: where they are, and the proxy as each of them sees
-/// it.
+/// The moving volumes of a tick: where they are, and where the proxy is in the resting frame of
+/// each of them.
 #pragma once
 
 #include <cstddef>
@@ -13,36 +13,36 @@
 
 namespace palpate {
 
-/// One Body for each of Graph::motions. A volume carries along what is in it before the balance:
-/// its fields are read, and its primitives stand, where it has carried the proxy. Its memory is
-/// taken when it is made.
+/// One Body for each of Graph::motions. Before the balance a volume carries along what is in it:
+/// its fields are read, and its primitives stand, where it has carried the proxy. Memory is
+/// allocated when a Bodies is made.
 class Bodies {
  public:
   Bodies() : bodies_(kMaxMotions) {}
 
-  /// The volumes of another graph, or a proxy that is new here: they are where they are at that
-  /// time [s].
+  /// Takes over the motions of another graph, or begins for a proxy that is new here: the volumes
+  /// are where they are at `time` [s].
   void place(const Graph& graph, double time) noexcept PALPATE_NONBLOCKING;
 
-  /// In how many parts they move on to a time [s]: each at most half a voxel where the proxy is or
-  /// can come to. More than `most` are not made, and the report says so.
+  /// The number of slices in which the volumes move on to `time` [s]: in each at most half a voxel
+  /// where the proxy is or can come to. At most `most`; where more are needed the report says so.
   ///
   /// @param felt  The scene's own graph.
   [[nodiscard]] int plan(std::span<const Felt> felt, double time, const Vec3& proxy,
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
-  /// Moves them to their place in one of so many parts, 1 to `parts`, and finds where each sees the
-  /// proxy.
+  /// Moves the volumes to their poses in one of the slices, `part` of 1 to `parts`, and finds where
+  /// each sees the proxy.
   void move(const Graph& graph, int part, int parts,
             const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
-  /// They are where plan() led.
+  /// Ends a motion: the volumes are where plan() led.
   void arrive() noexcept { posed_at_ = time_; }
 
-  /// Properties are read there [m].
+  /// Notes that properties are read at p [m].
   void readAt(const Vec3& p) noexcept {
     for (Body& body : all()) body.seen = body.pose.toRest(p);
   }
-  /// The proxy stands there [m]: none has carried it away since.
+  /// Notes that the proxy stands there [m]: no volume has carried it away since.
   void stand(const Vec3& proxy) noexcept {
     for (Body& body : all()) {
       body.from = body.pose.toRest(proxy);
@@ -51,20 +51,20 @@ class Bodies {
     }
   }
 
-  /// How far a way from a to b may go before properties are read again: a voxel of the finest
-  /// volume that it can meet. A volume that has carried the place of its reading away from a counts
-  /// from there.
+  /// How far the proxy may go on the path from a to b [m] before properties are read again [m]: a
+  /// voxel of the finest volume that the path can reach, infinitely far where it reaches none. For
+  /// a volume that has carried the place of its reading away from a the distance counts from there.
   ///
-  /// @param onward  a is where properties were read last, not where the proxy stands.
+  /// @param onward  True: a is where properties were read last, not where the proxy stands.
   [[nodiscard]] double reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,
                                  bool onward) const noexcept PALPATE_NONBLOCKING;
-  /// Part of the way to b, for a proxy that one moving volume holds back: a voxel of it from where
-  /// that volume was read, as if it stood still. False, and nothing done, where another volume
-  /// could not follow that.
+  /// Goes a share of the path to b, for a proxy that one moving volume holds back: `end` is a voxel
+  /// of that volume from where it carried the proxy, as if it stood still. False, and `end`
+  /// unchanged, where no moved volume is on the path or what another one read does not hold so far.
   [[nodiscard]] bool follow(std::span<const Felt> felt, const Vec3& proxy, const Vec3& b,
                             Vec3& end) const noexcept PALPATE_NONBLOCKING;
 
-  /// Of a motion, an index into Graph::motions; none for -1.
+  /// The body of a motion, an index into Graph::motions; null for -1.
   [[nodiscard]] const Body* of(int motion) const noexcept {
     return motion < 0 ? nullptr : &bodies_[static_cast<std::size_t>(motion)];
   }
@@ -76,8 +76,8 @@ class Bodies {
 
   std::vector<Body> bodies_;
   std::size_t count_ = 0;
-  double posed_at_ = 0.0;  ///< Time of their poses [s],
-  double time_ = 0.0;      ///< and of where they go.
+  double posed_at_ = 0.0;  ///< Time of the present poses [s].
+  double time_ = 0.0;      ///< Time of the poses that the volumes move to [s].
 };
 
 }  // namespace palpate

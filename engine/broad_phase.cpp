@@ -9,7 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Rounded so that nothing is lost.
+/// The largest float <= x, and the smallest >= x: a box so rounded contains the box of doubles.
 float below(double x) {
   const auto f = static_cast<float>(x);
   return static_cast<double>(f) <= x ? f
@@ -28,8 +28,8 @@ double areaOf(const Box& box) {
   return d.x() * d.y() + d.y() * d.z() + d.z() * d.x();
 }
 
-/// Where to part items so that little is walked in vain: the surface area heuristic in 16 bins of
-/// the axis along which their middles are spread most. Half of them where all lie in one place.
+/// Splits items so that few nodes are visited in vain: the surface area heuristic in 16 bins along
+/// the axis on which their centres spread most; half of them where all centres coincide.
 std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
   const auto twice_middle = [&](std::uint32_t i) -> Vec3 {
     return boxes[i].lower + boxes[i].upper;
@@ -63,7 +63,7 @@ std::size_t part(std::span<const Box> boxes, std::span<std::uint32_t> items) {
     bin.box.extend(boxes[i].upper);
     ++bin.count;
   }
-  std::array<double, kBins> right{};  // cost of bins i and on
+  std::array<double, kBins> right{};  // cost of bins i to the last
   Bin sum;
   const auto add = [&](const Bin& bin) {
     if (bin.count == 0) return;
@@ -134,7 +134,7 @@ void BroadPhase::refit(std::span<const Box> boxes) noexcept {
       const Box& box = boxes[node.item];
       const bool there = usable(box);
       for (int a = 0; a < 3; ++a) {
-        // What is nowhere is met by nothing.
+        // An unusable box becomes an empty node, which no query touches.
         node.lower[a] = there ? below(box.lower[a]) : std::numeric_limits<float>::infinity();
         node.upper[a] = there ? above(box.upper[a]) : -std::numeric_limits<float>::infinity();
       }
@@ -188,7 +188,7 @@ std::span<const std::uint32_t> NearBoxes::near(const BroadPhase& boxes, const Bo
     count_ = std::min(all, found_.size());
     left_out_ = 0;
     if (all > found_.size()) {
-      // The margin may be what is too much.
+      // Too many boxes touch the widened query: ask again without the margin.
       const std::size_t exact = boxes.meeting(query, found_);
       count_ = std::min(exact, found_.size());
       left_out_ = exact - count_;

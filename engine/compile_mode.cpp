@@ -34,7 +34,7 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
   if (factors.empty()) throw SceneError(at, "it is a product of nothing", "give its factors");
   Transfer out;
   const bool zero = spec.highest() == 0.0;
-  // A single constant with `by` acts only where that has data.
+  // A single constant strength, in a mode with `by`, acts only where that property has data.
   const bool mask = key == "strength" && factors.size() == 1 && !mode.by.empty();
   for (std::size_t i = 0; i < factors.size(); ++i) {
     const TransferSpec::Factor& factor = factors[i];
@@ -50,7 +50,7 @@ Transfer transfer(const TransferSpec& spec, const ModeSpec& mode, const std::str
     if (scalar >= 0 && !factor.curve.isConstant()) reads.followSlope(scalar);
     out.factors.push_back({factor.curve, scalar});
   }
-  // What a product can reach is as bounded as a number.
+  // The highest value of a product is bounded like a single number.
   if (!(spec.highest() <= most)) {
     throw SceneError(at, "it can exceed " + shortNumber(most), "make it or its factors smaller");
   }
@@ -78,13 +78,13 @@ void checkKeys(const ModeSpec& mode, const std::string& path, const GraphNames& 
   }
 }
 
-/// One mode: what it is made of is read first, and is its support; then what sets how it feels.
+/// Compiles one mode: first the property it is made of, its support; then its material properties.
 class ModeCompiler {
  public:
   ModeCompiler(const ModeSpec& mode, const std::string& path, GraphReads& reads)
       : mode_(mode), path_(path), reads_(reads) {}
 
-  /// How the scene file calls a mode, and what compiles it; by ModeKind.
+  /// The scene file's word for a mode and the function that compiles it; by ModeKind.
   struct Kind {
     ModeKind kind;
     const char* word;
@@ -155,8 +155,8 @@ class ModeCompiler {
     return skin;
   }
 
-  /// The vector volume whose streams those of a name are; -1 where it is no volume's, nor its
-  /// direction's.
+  /// Index of the vector volume whose streamlines the vectors of a name are tangent to; -1 where
+  /// the name is neither a volume nor a volume's direction.
   int streamOf(const std::string& name) {
     if (reads_.names().volume(name) != nullptr) return reads_.vectorField(name);
     const DerivedSpec& derived = reads_.names().derived(path_ + "/of", name);
@@ -314,7 +314,7 @@ class ModeCompiler {
   const ModeSpec& mode_;
   const std::string& path_;
   GraphReads& reads_;
-  FieldSet support_;  ///< Of what it reads, what it must have to act.
+  FieldSet support_;  ///< Of the fields read, those whose data the mode needs to act.
 };
 
 constexpr std::array<ModeCompiler::Kind, static_cast<std::size_t>(ModeKind::kUser) + 1>

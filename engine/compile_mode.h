@@ -1,5 +1,5 @@
-/// Private to engine: from a mode as it was asked for to one that ticks. Include it in .cpp files
-/// only.
+/// Private to engine: compiles a mode's spec into the mode that a tick runs. Include it in .cpp
+/// files only.
 #pragma once
 
 #include <string>
@@ -9,18 +9,18 @@
 
 namespace palpate {
 
-/// A compiled mode, and what must be there for it to act.
+/// A compiled mode, and the fields that must have data for it to act.
 struct CompiledMode {
   Mode mode;
   FieldSet support;
 };
 
-/// `path`: of the mode in the scene file, for errors. What it reads is added to `reads`; which of
-/// it is this mode's is in `reads.current`. Throws SceneError.
+/// Compiles one mode; `path` is its path in the scene file, for errors. The fields that it reads
+/// are added to `reads`, and those of this mode to `reads.current`. Throws SceneError.
 [[nodiscard]] CompiledMode compileMode(const ModeSpec& spec, const std::string& path,
                                        GraphReads& reads);
 
-/// The stiffness of a scene whose properties set it, "/coupling/stiffness". Throws SceneError.
+/// Compiles a coupling stiffness that properties set, "/coupling/stiffness". Throws SceneError.
 [[nodiscard]] Transfer compileStiffness(const TransferSpec& spec, GraphReads& reads);
 
 }  // namespace palpate

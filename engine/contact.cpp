@@ -10,14 +10,14 @@
 namespace palpate {
 namespace {
 
-/// A surface is placed where it is seen from at most this far off, in voxels.
+/// The greatest distance from which a reading places the plane on its surface [voxels].
 constexpr double kSight = 2.0;
-/// And its plane is so much nearer to there at a time.
+/// The greatest distance from the place of a reading at which that reading puts the plane [voxels].
 constexpr double kStep = 0.5;
 /// A proxy this near its surface is on it: kinks that differ by rounding only are one [voxels].
 constexpr double kOnIt = 1e-9;
-/// The way of a proxy along its surface is swept this far above it, as a share of the way, which
-/// counts as a voxel at most.
+/// How far above its surface a path of the proxy along it is swept, as a share of the path, of
+/// which at most a voxel counts.
 constexpr double kLift = 0.25;
 
 void put(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& anchor) noexcept {
@@ -37,13 +37,13 @@ Sight look(const Skin& skin, double level, const Properties& read) noexcept {
   const Vec3& own = read.vectors[static_cast<std::size_t>(skin.cell_gradient)].value;
   sight.data = value.inside;
   if (!value.inside || !unit(skin.sign * gradient, sight.normal)) return sight;
-  // The slope that V really has along the normal, where that is not degenerate.
+  // The slope of the interpolated V along the normal; the gradient's norm where it is not positive.
   double slope = skin.sign * own.dot(sight.normal);
   if (!(slope > 0.0)) slope = gradient.norm();
   const double above = skin.sign * (value.value - level) * skin.metres_per_unit / skin.voxel;
   sight.height = above / slope;
-  // How far off it is, by the steeper of the two: deep in a groove the normal points out of it
-  // while the cell's slope points across, and what lies along the normal is no distance.
+  // Whether the surface is near, by the steeper of both slopes: deep in a groove the normal points
+  // out of the groove and the cell's slope across it; the height along the normal is no distance.
   if (!unit(skin.sign * own, sight.across)) sight.across = sight.normal;
   sight.off = above / std::max(own.norm(), 1e-3 * gradient.norm());
   sight.clear = std::abs(above) <= kSight * std::max(own.norm(), gradient.norm());
@@ -52,7 +52,7 @@ Sight look(const Skin& skin, double level, const Properties& read) noexcept {
 
 void place(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& x) noexcept {
   if (contact.placed && !contact.touched && sight.normal.dot(contact.normal) < 0.0) {
-    // What the proxy meets next, past an edge, is found by its way.
+    // The surface that the proxy reaches next, past an edge, is found by the sweep of its path.
     if (sight.height >= 0.0) leave(contact);
     return;
   }
@@ -64,8 +64,8 @@ void place(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& x
 }
 
 void drag(Contact& contact, const Skin& skin, const Sight& sight, const Vec3& x) noexcept {
-  // Deep in a thin wall the normal turns over: that is the other side, not the surface pushed
-  // through.
+  // Deep in a thin wall the normal turns over: the surface seen is the wall's other side, not the
+  // one that was pushed through.
   const bool near = sight.clear && std::abs(sight.height) <= kSight;
   if (!near || !(sight.normal.dot(contact.normal) > 0.5)) return;
   put(contact, skin, sight, x - sight.height * skin.voxel * sight.normal);
@@ -82,7 +82,7 @@ void readTurn(Contact& contact, const Skin& skin, const Properties& read,
 void tellTurn(const Contact& contact, const Skin& skin, const Vec3& x, bool foreseen,
               Varying& plane) noexcept {
   plane.turn = contact.turn;
-  // A plane that the surface did not place is its own slope.
+  // Where no reading put the plane on the surface, the plane's own normal serves as the slope.
   plane.across = contact.seen ? contact.across : contact.normal;
   const double over = plane.across.dot(contact.normal) * contact.normal.dot(x - contact.anchor);
   const double most = kStep * skin.voxel;

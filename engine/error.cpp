@@ -6,8 +6,8 @@
 namespace palpate {
 
 std::string nearestName(const std::string& name, const std::vector<std::string>& candidates) {
-  // Levenshtein's distance; near means at most a third of the letters differ. It takes the product
-  // of two lengths: what is longer than anybody spells is near nothing.
+  // Levenshtein's distance; near means that at most a third of the letters differ. The cost is the
+  // product of both lengths: a name longer than anybody spells is near nothing.
   constexpr std::size_t kLongest = 200;
   if (name.size() > kLongest) return {};
   std::string best;

@@ -23,11 +23,11 @@ class VolumeError : public Error {
   using Error::Error;
 };
 
-/// A scene description that is wrong; `what` names the JSON path, as /modes/0/of.
+/// A scene description that is wrong; `what` names the JSON path, such as /modes/0/of.
 class SceneError : public Error {
  public:
   using Error::Error;
-  /// The same trouble, seen from the file or path that it is in.
+  /// The same error, prefixed by the file or path that it is in.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
     return SceneError(place + ": " + error.what());
   }
@@ -42,7 +42,7 @@ class DeviceError : public Error {
   using Error::Error;
 };
 
-/// For remedies: the candidate that is spelled most like `name`, or empty if none is near.
+/// The candidate that is spelled most like `name`, for remedies; empty if none is near.
 [[nodiscard]] std::string nearestName(const std::string& name,
                                       const std::vector<std::string>& candidates);
 

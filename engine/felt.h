@@ -1,4 +1,4 @@
-/// The graphs that a tick feels: the scene's own, and those of the parts that are near.
+/// The graphs that a tick evaluates: the scene's own, and those of the parts near the proxy.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 namespace palpate {
 
-/// A graph that is felt in a tick, and what is remembered of it.
+/// A graph that a tick evaluates, with its properties and what its modes remember.
 struct Felt {
   BoundGraph bound;
   Properties* properties = nullptr;
@@ -19,8 +19,8 @@ struct Felt {
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
-/// Calls back with every mode that is felt, what is remembered of it, its graph and its index
-/// there, until that returns true. True if one has.
+/// Calls back with every mode of these graphs, its memory, its graph and its index there, until a
+/// call returns true. True if one did.
 template <class Do>
 bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
@@ -39,8 +39,8 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   });
 }
 
-/// What mode i places at a stand, with how its plane turns where it was read. False if the set was
-/// full. RT: no allocation.
+/// Adds the primitives of mode i at `stand`, and reads how its plane turns where properties were
+/// read. False if the set was full. RT: no allocation.
 [[nodiscard]] inline bool placeMode(const Felt& felt, std::size_t i, const Stand& stand,
                                     std::span<const Body> bodies, PrimitiveSet& set) noexcept {
   const Mode& mode = felt.graph().modes[i];
@@ -58,7 +58,7 @@ void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   return room;
 }
 
-/// Calls back with the frame and the motion of every field.
+/// Calls back with the frame and the index of the motion of every field.
 template <class Do>
 void eachField(std::span<const Felt> all, Do&& look) noexcept {
   for (const Felt& felt : all) {
@@ -72,7 +72,7 @@ void eachField(std::span<const Felt> all, Do&& look) noexcept {
   }
 }
 
-/// True if a box of a field's own frame comes near its data.
+/// True if a box [m] in a field's resting frame comes within kFrameMargin voxels of its bounds.
 [[nodiscard]] inline bool meets(const Box& way, const FieldFrame& frame) noexcept {
   const double margin = kFrameMargin * frame.voxel;
   const bool apart = (way.lower.array() > frame.bounds.upper.array() + margin).any() ||

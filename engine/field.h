@@ -25,32 +25,32 @@ struct ScalarSample {
 struct VectorSample {
   Vec3 value = Vec3::Zero();     ///< v, in the data's unit.
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
-  bool inside = false;           ///< As in ScalarSample.
+  bool inside = false;           ///< False where the data mean nothing: modes stay silent.
 };
 
-/// What one thread's reads of one field change: its accessor and its last cell. Plain memory that
+/// The memory that one thread's reads of one field change: accessor and last cell. Plain bytes that
 /// the field lays out as it likes; a Reader owns one for every field.
 struct alignas(64) FieldCache {
   std::array<std::byte, 1984> bytes;
 };
 
-/// Where a value first falls through a level on a straight way.
+/// Where a value first falls through a level on a straight path.
 struct Crossing {
   bool found = false;
-  double share = 1.0;   ///< Of the way, 0 to 1; not found: so much of it was looked at.
-  int cells = 0;        ///< Looked at; without cells, values read.
-  bool behind = false;  ///< Not found because all of it is below the level.
+  double share = 1.0;   ///< Share of the path up to it, 0 to 1; not found: share looked at.
+  int cells = 0;        ///< Cells looked at; of a field without cells, values read.
+  bool behind = false;  ///< Not found because all of the path is below the level.
 };
 
 /// How a field lies in the hand's world.
 struct FieldFrame {
   double voxel = 1e-3;           ///< Size of the smallest detail, a voxel's shortest edge [m].
   double metres_per_unit = 1.0;  ///< Metres of hand travel per unit of the data's own space.
-  Box bounds;                    ///< Outside it there is no data, and it is not asked [m].
-  double background = 0.0;       ///< A scalar's value there.
+  Box bounds;                    ///< Outside them there is no data, and nothing is read [m].
+  double background = 0.0;       ///< A scalar's value outside the bounds.
 };
 
-/// What a new field is known by; not given twice in a process.
+/// A new field's identity; no two fields of a process have the same.
 [[nodiscard]] std::uint64_t nextFieldId() noexcept;
 
 /// A scalar field in W. Const and shared between threads; what a read changes is in the cache.
@@ -67,28 +67,28 @@ class ScalarField {
   /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// The slope that V really has at p_W, where that is not `gradient`: of the trilinear polynomial
-  /// itself, which jumps at the faces of cells. Cheap after sample() at the same place.
+  /// The slope of V as interpolated at p_W, where that differs from `gradient`: of the trilinear
+  /// polynomial itself, which jumps at the faces of cells. Cheap after sample() at the same place.
   [[nodiscard]] virtual Vec3 cellGradient(const Vec3& p_W,
                                           FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
     return sample(p_W, cache).gradient;
   }
-  /// How `gradient` turns, d gradient_i / d p_j [its unit / m], both in W. Cheap after sample() at
-  /// the same place. This one takes differences of six samples. RT: no allocation.
+  /// The Jacobian of `gradient`, d gradient_i / d p_j [its unit / m], both in W. Cheap after
+  /// sample() at the same place. The default takes differences of six samples. RT: no allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-  /// At every place within so many metres of p_W there is nothing: inside is false, the value the
-  /// background, the derivatives zero. 0: nothing is known. RT: no allocation.
-  /// Cost: a few ns.
+  /// A radius about p_W [m] within which there is nothing: inside is false, the value the
+  /// background, the derivatives zero. 0: nothing is known. RT: no allocation. Cost: a few
+  /// ns.
   [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
     return 0.0;
   }
-  /// Where on the way from a_W to b_W [m] sign (V - level) first falls below zero, where there are
-  /// data: the contact of a proxy that comes from the free side. A way that begins at or below zero
-  /// crosses at once where it falls at first, and where it rises at its next fall after that. This
-  /// one looks every half voxel; a grid's own is exact. Nothing is looked at where an end is no
-  /// number, nor what is farther than 128 voxels (a grid's: 256 cells). RT: no allocation. Cost: as
-  /// a sample for every half voxel; a grid's, some 50 ns a cell that is not the last one read.
+  /// Where on the path from a_W to b_W [m] sign (V - level) first falls below zero, where there are
+  /// data: the contact of a proxy that comes from the free side. A path that begins at or below
+  /// zero crosses at once where it falls at first, else at the fall after its rise. The default
+  /// looks every half voxel; a grid's own is exact. Nothing is looked at where an end is not
+  /// finite, nor beyond 128 voxels (a grid's: 256 cells). RT: no allocation. Cost: a sample every
+  /// half voxel; a grid's, some 50 ns a cell that is not the last one read.
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
@@ -101,7 +101,7 @@ class ScalarField {
   std::uint64_t id_;
 };
 
-/// A vector field in W; as ScalarField.
+/// A vector field in W. Const and shared between threads, as ScalarField is.
 class VectorField {
  public:
   explicit VectorField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
@@ -112,13 +112,13 @@ class VectorField {
   virtual void reset(FieldCache& cache) const noexcept = 0;
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// As ScalarField::freeWithin.
+  /// A radius about p_W [m] within which there is nothing: see ScalarField::freeWithin.
   [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
     return 0.0;
   }
-  /// Goes along the stream through p_W; see trace.h. This one takes the field as one smooth piece;
-  /// a grid's own goes cell by cell. RT: no allocation. Cost: four values of v a
-  /// step and one; tried steps count.
+  /// Traces the stream through p_W [m]; see trace.h. The default takes the field as one smooth
+  /// piece; a grid's own goes cell by cell. RT: no allocation. Cost: four values of v a step and
+  /// one more; rejected steps count.
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
@@ -130,7 +130,7 @@ class VectorField {
   std::uint64_t id_;
 };
 
-/// Either kind, as scenes name them.
+/// A field of either kind, as scenes name them.
 using FieldPtr =
     std::variant<std::shared_ptr<const ScalarField>, std::shared_ptr<const VectorField>>;
 

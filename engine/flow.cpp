@@ -9,9 +9,9 @@ namespace {
 
 /// The middle eigenvalue of a symmetric matrix M, in closed form but for a step of Halley's.
 ///
-/// The eigenvalue that stands apart is a well-conditioned root of the characteristic polynomial.
-/// The other two are not, where they are close: they are had from what is left of the matrix when
-/// the first one is taken out. Written out, and without acos and cos: 60 ns against 150.
+/// The eigenvalue farthest from the others is a well-conditioned root of the characteristic
+/// polynomial. The other two are not where they are close: they come from the matrix deflated by
+/// the first one. Written out, without acos and cos, this takes 60 ns instead of 150 ns.
 double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, double yz) noexcept {
   const double mean = (xx + yy + zz) * (1.0 / 3.0);
   xx -= mean;
@@ -26,8 +26,8 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
   const double h =
       0.5 * (xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz));
 
-  // Of x^3 - 3 x - 2 |h| = 0 the root from sqrt(3) to 2: a polynomial right to 1e-6, and a step of
-  // Halley's, which makes it the cube of that.
+  // The root of x^3 - 3 x - 2 |h| = 0 from sqrt(3) to 2: a polynomial right to 1e-6, then one step
+  // of Halley's method, which cubes that error.
   const double size = std::min(std::abs(h), 1.0);
   double x =
       1.73205212 +
@@ -39,8 +39,8 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
   const double sign = std::copysign(1.0, h);
   const double apart = sign * x;
 
-  // The adjugate of N - apart I, N being (M - mean I) / p, is its eigenvector's projection, by its
-  // trace, which is 6 to 9.
+  // With N = (M - mean I) / p, the adjugate of N - apart I, divided by its trace (6 to 9), is the
+  // projector on the eigenvector of `apart`.
   const double ax = xx - apart;
   const double ay = yy - apart;
   const double az = zz - apart;
@@ -52,7 +52,7 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
   double pyz = xy * xz - yz * ax;
   const double out = 1.5 * apart / (pxx + pyy + pzz);
   for (double* entry : {&pxx, &pyy, &pzz, &pxy, &pxz, &pyz}) *entry *= out;
-  // Of what is left, eigenvalues 0, s and -s, the others are -apart / 2 +- s.
+  // The deflated matrix has eigenvalues 0, s and -s; the other two of N are -apart / 2 +- s.
   const double dx = xx + 0.5 * apart - pxx;
   const double dy = yy + 0.5 * apart - pyy;
   const double dz = zz + 0.5 * apart - pzz;
@@ -67,7 +67,7 @@ double middleEigenvalue(double xx, double yy, double zz, double xy, double xz, d
 }  // namespace
 
 double lambda2(const Mat3& J) noexcept {
-  // S^2 + O^2 is the symmetric part of J J.
+  // S and O: symmetric and antisymmetric parts of J. S^2 + O^2 is the symmetric part of J J.
   const auto middle = [](const Mat3& A) {
     const double* a = A.data();
     const double xx = a[0] * a[0] + a[3] * a[1] + a[6] * a[2];
@@ -83,7 +83,7 @@ double lambda2(const Mat3& J) noexcept {
     if (!std::isfinite(*a)) return std::numeric_limits<double>::quiet_NaN();
     size = std::max(size, std::abs(*a));
   }
-  // Fourth powers are no trouble within this; the rest is brought there.
+  // Fourth powers neither overflow nor vanish in this range; other matrices are scaled into it.
   if (size > 1e-60 && size < 1e60) return middle(J);
   if (size < 1e-160) return 0.0;
   return middle(J / size) * size * size;

@@ -1,5 +1,5 @@
-/// What a vector field does at a point, from its Jacobian J(i, j) = d v_i / d x_j. With the strain
-/// S = (J + J^T) / 2 and the rotation O = (J - J^T) / 2.
+/// What a vector field does at a point, from its Jacobian J(i, j) = d v_i / d x_j, its strain S =
+/// (J + J^T) / 2 and its rotation O = (J - J^T) / 2.
 #pragma once
 
 #include "palpate/engine/types.h"
@@ -17,7 +17,7 @@ namespace palpate {
 }
 
 /// Q = (|O|^2 - |S|^2) / 2, Hunt, Wray and Moin 1988, Frobenius norms: > 0 where rotation prevails,
-/// in a vortex. Departure: also where the flow is not free of divergence it is this difference, not
+/// in a vortex. Departure: where the flow is not free of divergence Q is still this difference, not
 /// the second invariant of J.
 [[nodiscard]] inline double qCriterion(const Mat3& J) noexcept {
   // tr(J J) = |S|^2 - |O|^2.
@@ -33,8 +33,8 @@ namespace palpate {
 /// RT: no allocation. Cost: some 60 ns.
 [[nodiscard]] double lambda2(const Mat3& J) noexcept PALPATE_NONBLOCKING;
 
-/// Shorter vectors have no direction: their reciprocal would be no number by which volumes are read
-/// (see samplers, 1e100).
+/// Least length of a vector that has a direction, in the data's unit: the reciprocal of a shorter
+/// one would be beyond what volumes may hold (samplers/prepare_values.h, 1e100).
 inline constexpr double kShortest = 1e-100;
 
 /// v / |v|; zero where |v| < kShortest (in the data's unit) or is not finite.
@@ -45,7 +45,7 @@ inline constexpr double kShortest = 1e-100;
   return v / length;
 }
 
-/// How that turns, d(v/|v|)/dx, from v's Jacobian; zero where it has none.
+/// How the direction of v turns, d(v/|v|)/dx, from v's Jacobian; zero where v has no direction.
 [[nodiscard]] inline Mat3 turnOf(const Vec3& v, const Mat3& J) noexcept {
   const Vec3 q = unit(v);
   if (q.isZero(0.0)) return Mat3::Zero();

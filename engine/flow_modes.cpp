@@ -13,24 +13,24 @@ namespace {
 /// A flow that turns by less than this share of its speed over a voxel has no vortex: rounding.
 constexpr double kNoVortex = 1e-5;
 
-/// The direction of a primitive at the proxy that is to hold until `read`: half way between those
-/// at the two places (the trapezoidal rule). `q`: where properties were read last; `before`: at the
-/// proxy.
+/// The direction of a primitive at the proxy that is to hold until `read`: the mean of those at
+/// both places (the trapezoidal rule), unit. `q`: the direction where properties were read last;
+/// `before`: the direction at the proxy.
 Vec3 midway(const Stand& stand, const Vec3& q, Vec3& before) noexcept {
   const bool here = stand.foreseen || stand.read == stand.proxy;
   if (here || !(before.dot(q) > 0.0)) before = q;
   return here ? q : Vec3((before + q).normalized());
 }
 
-/// No direction here: none to go on with either.
+/// Adds no primitive where there is no direction, and forgets the direction at the proxy.
 bool nothing(Vec3& before) noexcept {
   before.setZero();
   return true;
 }
 
-/// A plane through `position` whose normal turns as properties are read elsewhere, by half of what
-/// the direction does that it is made of (midway). For Newton's step n(x + step) . (x + step -
-/// position) = 0, so (n + turn^T w) . step = -n . w, w = x - position.
+/// A plane through `position` whose normal turns with the place x where properties are read, half
+/// as much as the direction that it is made of (midway). Newton's step solves n(x + step) .
+/// (x + step - position) = 0, so (n + turn^T w) . step = -n . w, w = x - position.
 Variation planeVaries(const Place& place, const Vec3& position, const Vec3& normal,
                       const Mat3& turn) noexcept {
   Variation plane;
@@ -45,7 +45,7 @@ Variation opposed(const Variation& plane) noexcept {
   return {-plane.turn, Vec3::Zero(), -plane.across, -plane.height};
 }
 
-/// Two opposed planes: held both ways along the normal.
+/// Adds two opposed planes, which hold the proxy in both directions along the normal.
 bool addSlab(const Place& place, const Vec3& position, const Vec3& normal, double strength,
              const Variation& plane) noexcept {
   return place.add(PrimitiveKind::kPlane, position, normal, strength, plane) &&
@@ -69,9 +69,9 @@ bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memo
     memory.placed = false;
     return nothing(memory.before);
   }
-  // Snap-drag: off its front by force, the proxy is still held by it, until it is let go. Else the
-  // front is at p.
-  constexpr double kOn = 1e-3;  // of the snap distance
+  // Snap-drag: a proxy pulled away from its front is held by the remembered plane until it is
+  // farther away than `snap`, and then released until it rests. Otherwise the front is at p.
+  constexpr double kOn = 1e-3;  // share of the snap distance
   const Vec3& p = place.stand.proxy;
   const double off = memory.placed ? memory.normal.dot(p - memory.anchor) : 0.0;
   const double away = mode.two_sided ? std::abs(off) : -off;
@@ -103,14 +103,14 @@ bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memo
   const Vec3& curl = place.vector(mode.curl).value;
   Vec3 core;
   if (!v.inside || !unit(curl, core)) return nothing(memory.before);
-  // What the flow turns by over a voxel: of less than rounding nothing is felt.
+  // The flow's turn over a voxel, relative to its speed: a vortex within rounding has no strength.
   const double spin = curl.norm() * mode.voxel / mode.metres_per_unit;
   const double turning = std::clamp((spin / v.value.norm() - kNoVortex) / kNoVortex, 0.0, 1.0);
   const double strength =
       v.value.norm() > 0.0 ? turning * mode.strength(place.at) : mode.strength(place.at);
   const Vec3 outwards = v.value.cross(core);
   const double radius = 2.0 * outwards.norm() / spin;  // in voxels
-  // From the core's line to the tube's planes over a voxel. How the core turns is not read.
+  // The core's line passes into the tube's planes over a voxel. How the core turns is not read.
   Vec3 radial;
   const double line = unit(outwards, radial) ? std::clamp(2.0 - radius, 0.0, 1.0) : 1.0;
   if (!place.add(PrimitiveKind::kLine, core, line * strength)) return false;

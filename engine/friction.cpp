@@ -9,7 +9,7 @@
 namespace palpate {
 namespace {
 
-/// One balance after the other, with the frictions as they are tried.
+/// Solves one balance after another, with trial strengths of the frictions' lines.
 class Friction {
  public:
   Friction(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
@@ -23,7 +23,7 @@ class Friction {
         warm_(warm),
         forces_(forces) {}
 
-  /// False where there is no balance, and none will be.
+  /// Solves the balance with the present strengths. False on bad input: no other trial would do.
   bool solve() noexcept {
     const int iterations = result_.iterations;
     result_ = solveProxy(probe_, stiffness_, set_.items(), proxy_, params_, &warm_, forces_);
@@ -47,10 +47,10 @@ class Friction {
   [[nodiscard]] double most(const FrictionLink& link) const noexcept {
     return link.coefficient * set_.items()[link.plane].strength;
   }
-  /// As near as the balance knows the load.
+  /// True if s_t = mu n holds to the accuracy with which the balance knows the load.
   [[nodiscard]] bool met(const FrictionLink& link) const noexcept {
     constexpr double kRounding = 1e-12;
-    // Where several share loads, these are only as well known as the proxy's place.
+    // Loads that several frictions share are known only as well as the proxy's place.
     const bool several = set_.links().size() > 1;
     const double shared = several ? set_.items()[link.plane].strength / kSharedWithin : 0.0;
     const double known = link.coefficient * (stiffness_ + shared) * result_.error_bound;
@@ -67,16 +67,16 @@ class Friction {
            (alone ? 1 : 2) * result_.iterations >= kMostFrictionIterations;
   }
 
-  /// The equation of a link that is alone; from the last balance. False as solve().
+  /// Solves the law of a link that is alone, from the last balance on. False where solve() is.
   bool meet(const FrictionLink& link) noexcept {
     double low = 0.0;
     double high = most(link);
-    double low_excess = 0.0;  // at low, halved as Illinois does; 0: not evaluated
+    double low_excess = 0.0;  // excess at `low`, halved as Illinois does; 0: not evaluated
     double high_excess = 0.0;
     double last = 0.0;
     double last_excess = 0.0;
     while (!met(link) && !spent()) {
-      // A jump: the loads can be shared in more than one way, and one in between meets the law.
+      // A jump: the loads can be shared in several ways, and a share in between satisfies the law.
       if (high - low <= kJump * most(link)) {
         shared_ = true;
         return true;
@@ -109,13 +109,13 @@ class Friction {
     return true;
   }
 
-  /// All links together: the fixed point s_t = mu n, mixed with the last trial so that the slowest
-  /// direction's error is extrapolated to zero (Anderson 1965, one step of memory). False as
-  /// solve().
+  /// Iterates all links together to the fixed point s_t = mu n, mixed with the last trial so that
+  /// the slowest direction's error is extrapolated to zero (Anderson 1965, one step of memory).
+  /// False where solve() is.
   bool mix(FrictionStart& start) noexcept {
     const auto links = set_.links();
     double least = std::numeric_limits<double>::infinity();
-    // Alone, one step: exact where the load does not depend on the friction.
+    // A link that is alone takes one step: exact where the load does not depend on the friction.
     const bool alone = links.size() == 1;
     for (int k = 0; !(alone && k > 0) && !allMet() && !spent(); ++k) {
       double worst = 0.0;
@@ -146,7 +146,7 @@ class Friction {
     return true;
   }
 
-  /// After mix() has failed: what held goes on to hold. False as solve().
+  /// After mix() failed: takes the larger of each link's last and best strength. False as solve().
   bool hold(const FrictionStart& start) noexcept {
     const auto links = set_.links();
     for (std::size_t i = 0; i < links.size(); ++i) {
@@ -177,10 +177,10 @@ class Friction {
   WarmStart& warm_;
   std::span<Vec3> forces_;
   static constexpr double kTolerance = 2e-8;  // loads are as exact as the proxy's place
-  static constexpr double kJump = 1e-13;      // a bracket's width, of the most
+  static constexpr double kJump = 1e-13;      // a bracket's width, as a share of most()
   SolveResult result_;
   int solves_ = 0;
-  bool shared_ = false;  // a jump was met
+  bool shared_ = false;  // meet() ended at a jump
 };
 
 }  // namespace
@@ -197,7 +197,7 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   }
   bool good = friction.solve();
 
-  // Where the loads do not depend on the frictions one step meets all laws.
+  // Where the loads do not depend on the frictions, one step satisfies all laws.
   if (good) good = friction.mix(start);
   if (good && links.size() == 1) good = friction.meet(links[0]);
   if (good && links.size() > 1 && !friction.allMet()) good = friction.hold(start);

@@ -10,7 +10,7 @@
 
 namespace palpate {
 
-/// The frictions of the last balance, for the next one to start from. Its memory is taken when it
+/// The frictions of the last balance, from which the next one starts. Memory is allocated when it
 /// is made.
 struct FrictionStart {
   FrictionStart()
@@ -20,15 +20,15 @@ struct FrictionStart {
         best(kMaxPrimitives, 0.0) {}
   void forget() noexcept { count = 0; }
 
-  std::vector<double> strengths;  ///< [N], a link each.
-  std::size_t count = 0;          ///< Links of that balance; 0: nothing remembered.
-  std::vector<double> tried;      ///< Scratch: what the last trial was,
-  std::vector<double> missed;     ///< mu n - s_t of it,
-  std::vector<double> best;       ///< and the trial that missed least.
+  std::vector<double> strengths;  ///< Strength of each link [N].
+  std::size_t count = 0;          ///< Number of links of that balance; 0: nothing remembered.
+  std::vector<double> tried;      ///< Scratch: the strengths of the last trial [N].
+  std::vector<double> missed;     ///< Scratch: mu n - s_t of each link in the last trial [N].
+  std::vector<double> best;       ///< Scratch: the strengths of the trial that missed least [N].
 };
 
-/// Most balances of one friction, of several together (which need not have an answer), and most 3x3
-/// solves after which no other trial begins; several get half of these.
+/// Most balances for one friction, most for several together (which need not have an answer), and
+/// most 3x3 solves after which no other trial begins; several frictions get half as many solves.
 inline constexpr int kMostFrictionSolves = 64;
 inline constexpr int kMostJointSolves = 22;
 inline constexpr int kMostFrictionIterations = 400;
@@ -47,12 +47,12 @@ inline constexpr int kMostFrictionIterations = 400;
 ///
 /// @param forces  At least as many as primitives; filled as solveProxy and shareLoads do.
 /// @return        As solveProxy; error_bound gains |s_t - mu n| / k of every link, iterations are
-///                those of all balances, and kIterationLimit says that a law was not met: that a
-///                friction is off by more than the balance can tell, at most 0.1 % and 0.1 mN.
+///                those of all balances, and kIterationLimit says that a law was not met: that
+///                |s_t - mu n| exceeds what the balance can tell, at most 0.1 % and 0.1 mN.
 ///
 /// RT: no allocation. Cost: one solveProxy without links; two for planes with friction alone, five
-/// or so for one among others; several that meet take up to kMostJointSolves. Measured, surfaces
-/// with friction in one place: p99 of the tick 40 us with 2, 160 with 4, worst 0.6 ms with 8.
+/// or so for one among others; several together take up to kMostJointSolves. Measured, surfaces
+/// with friction in one place: p99 of the tick 40 us with 2, 160 us with 4, worst 0.6 ms with 8.
 [[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                             const Vec3& proxy, const SolverParams& params,
                                             WarmStart& warm, FrictionStart& start,

@@ -29,7 +29,7 @@ void checkMotions(const GraphSpec& spec, const GraphNames& names) {
   }
 }
 
-/// True where it can never act.
+/// True where a mode can never act.
 bool isSilent(const ModeSpec& mode) {
   return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
          mode.viscosity.highest() == 0.0;
@@ -48,7 +48,7 @@ void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
   const std::string path = "/modes/" + std::to_string(number);
   const std::string name = mode.name.empty() ? path : mode.name;
   if (isSilent(mode)) {
-    // Checked like any other, and then as if it were not there: nothing is read for it.
+    // A silent mode is checked like any other and then left out: nothing is read for it.
     GraphReads unused = reads;
     (void)compileMode(mode, path, unused);
     reads.graph.silent.push_back(name);

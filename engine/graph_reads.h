@@ -9,46 +9,46 @@
 
 namespace palpate {
 
-/// Which property a name stands for.
+/// The property that a name stands for.
 struct Slot {
   bool vector = false;
-  int index = -1;  ///< Into Properties::vectors or ::scalars.
+  int index = -1;  ///< Index into Properties::vectors or Properties::scalars.
 };
 
-/// The reads and properties of a graph that is being compiled: each is made when the first mode
+/// The readings and properties of a graph that is being compiled: each is made when the first mode
 /// asks for it, and then shared. Throws SceneError where there is no room for more.
 class GraphReads {
  public:
   GraphReads(const GraphSpec& spec, const GraphNames& names) : spec_(&spec), names_(&names) {}
 
   Graph graph;
-  FieldSet current;  ///< What the mode at hand has read so far.
+  FieldSet current;  ///< Fields that the mode being compiled has read so far.
 
   [[nodiscard]] const GraphNames& names() const noexcept { return *names_; }
-  /// The property that a name stands for. Throws where it is unknown.
+  /// The property that a name stands for. Throws where the name is unknown.
   [[nodiscard]] Slot resolve(const std::string& path, const std::string& name);
 
-  // Of a volume of that name, which is there and of that kind.
+  // Indices of what is read of a volume, which must be there and of that kind.
   [[nodiscard]] int scalarField(const std::string& name) { return scalarRead(name).field; }
   [[nodiscard]] int vectorField(const std::string& name) { return vectorRead(name).field; }
   [[nodiscard]] int valueOf(const std::string& name);
   [[nodiscard]] int gradientOf(const std::string& name);
   [[nodiscard]] int cellGradientOf(const std::string& name);
   [[nodiscard]] int curlOf(const std::string& name);
-  /// |vectors[from]|.
+  /// Index of |vectors[from]| in Properties::scalars.
   [[nodiscard]] int magnitudeOf(int from);
 
-  /// How a scalar that a strength follows changes with the place is wanted as well, where it can
-  /// be known: derivatives of derivatives are not stored.
+  /// Asks for the slope of a scalar on which a strength depends, where it can be known: derivatives
+  /// of derivatives are not stored.
   void followSlope(int scalar);
-  /// And how a vector does that primitives are along.
+  /// Asks for the Jacobian of a vector along which primitives are.
   void followTurn(int vector);
 
-  /// The motion of a volume, -1 where it stands still.
+  /// Index of a volume's motion; -1 where the volume stands still.
   [[nodiscard]] int motionOf(const std::string& name);
-  /// The one motion of all fields of a set, -1 where there are several, or none.
+  /// Index of the one motion of all fields of a set; -1 where they have several, or none.
   [[nodiscard]] int motionOf(const FieldSet& set) const;
-  /// The finest of a set's fields.
+  /// The frame of the finest field of a set.
   [[nodiscard]] FieldFrame frameOf(const FieldSet& set) const;
 
   [[nodiscard]] bool isRead(const std::string& volume) const { return read_.count(volume) != 0; }
@@ -59,14 +59,14 @@ class GraphReads {
   int newVector(const std::string& name);
   int once(int& slot, bool vector, const std::string& name);
   [[nodiscard]] int unitOf(int from);
-  /// The read of a volume, made at the first call.
+  /// The reading of a volume, made at the first call.
   ScalarRead& scalarRead(const std::string& name);
   VectorRead& vectorRead(const std::string& name);
 
   const GraphSpec* spec_;
   const GraphNames* names_;
   std::set<std::string> read_;  ///< Volumes that are sampled.
-  std::set<std::string> used_;  ///< Derived fields that are.
+  std::set<std::string> used_;  ///< Derived fields that are read.
 };
 
 }  // namespace palpate

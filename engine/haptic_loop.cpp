@@ -14,17 +14,17 @@ namespace {
 
 constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blocked.
 
-constexpr double kClock = 1.2;  ///< No tick of a clock comes later, in periods, but late ones.
+constexpr double kClock = 1.2;  ///< Longest time between two ticks that are not late, in periods.
 
-/// What holds of a device in a loop of this rate. At a hand a force comes in gently, whatever the
-/// device's maker says.
+/// The limits of a device in a loop of this rate [Hz]. At a hand a force is ramped in over at least
+/// kEngage, whatever the device's maker says.
 ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ForceLimits limits = info.limits;
   if (info.hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
   ArmDissipation& arm = limits.tank.arm;
   if (arm.period == 0.0) arm.period = kClock / rate;
-  // Where there are more than the device takes a force waits until that takes the next one, or goes
-  // out as that one. Whether what is known of the delay had such waits in it nobody says.
+  // Where the loop sends more forces than the device takes, a force waits for the device's next
+  // output, or not. Nobody says whether the stated delay has such waits in it: doubt covers both.
   if (info.output_rate > 0.0 && info.output_rate < rate) {
     const double waits = 1.0 / info.output_rate;
     const double early = std::max(0.0, arm.delay - arm.doubt - waits);
@@ -100,7 +100,7 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);
   scenes_.publish();
-  // What comes back was never taken, or is done with.
+  // The scene in the new draft was never taken by the haptic thread, or is done with.
   scenes_.draft().reset();
 }
 
@@ -159,8 +159,8 @@ void HapticLoop::tick(const TickTime& time) noexcept {
     state_.release();
   }
   const auto end = std::chrono::steady_clock::now();
-  // A tick that hung, in a device, a user's mode or a stopped process, is not answered with what
-  // was right before: others have taken the force off meanwhile.
+  // After a tick that hung, in a device, a user's mode or a stopped process, the force that it
+  // computed is not sent: others have taken the force off meanwhile.
   const double took = std::chrono::duration<double>(end - begin).count();
   const Fault order = time.real && took > late_ ? Fault::kLate : ordered();
   if (device_.info().hand && order != Fault::kNone) {
@@ -185,7 +185,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   if (sink_ != nullptr) sink_->take(told_, state_);
 }
 
-/// Nothing comes between the gate and here; where there is no scene there is no force.
+/// Sends the force as it left the gate; where there is no scene the force is zero.
 void HapticLoop::send(const Vec3& force, bool timed) noexcept {
   const auto start = std::chrono::steady_clock::now();
   device_.carry(ready_ && state_.fault() == Fault::kNone);
@@ -196,7 +196,7 @@ void HapticLoop::send(const Vec3& force, bool timed) noexcept {
     state_.cut(Fault::kWrite);
     deaf_ = true;
   }
-  // A device that takes no writes is left to the guardian, which has another way to it.
+  // A device that takes no writes is left to the guardian, which has another access to it.
   if (watch_by_.heart != nullptr && !deaf_) {
     watch_by_.heart->fetch_add(1, std::memory_order_release);
   }

@@ -1,5 +1,5 @@
-/// One hand's loop without its clock: what is done every tick, by whoever has the time of day. The
-/// real clock is HapticThread's; tests and virtual time call it as fast as they can.
+/// One hand's loop without its clock: what is done every tick. HapticThread calls it by the real
+/// clock, tests and virtual time as fast as they can.
 #pragma once
 
 #include <atomic>
@@ -15,36 +15,36 @@
 
 namespace palpate {
 
-/// Takes every tick, on the haptic thread: a log, counts. Its ring, if it needs one, is its own.
+/// Receives every tick, on the haptic thread: a log, counts. A ring, if needed, is the sink's own.
 class TickSink {
  public:
   TickSink() = default;
   TickSink(const TickSink&) = delete;
   TickSink& operator=(const TickSink&) = delete;
   virtual ~TickSink() = default;
-  /// RT: must not allocate, lock or wait.
+  /// Receives one tick. RT: must not allocate, lock or wait.
   virtual void take(const Telemetry& tick,
                     const ProxyState& state) noexcept PALPATE_NONBLOCKING = 0;
 };
 
-/// Words that a loop shares with whoever looks after it, perhaps another process.
+/// Words that a loop shares with the guardian that looks after it, perhaps in another process.
 struct LoopWatch {
-  std::atomic<std::uint64_t>* heart = nullptr;        ///< Counts ticks.
-  const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each is as
-                                                      ///< HapticLoop::cut.
-  const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while somebody looks: where it
-                                                      ///< stands still for kUnguardedTime the
-                                                      ///< force is cut.
-  const std::atomic<std::uint32_t>* cuts = nullptr;   ///< Counts the times that somebody has
-                                                      ///< taken the force off: the loop was late.
+  std::atomic<std::uint64_t>* heart = nullptr;        ///< Counts ticks, but while writes fail.
+  const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each cuts the force
+                                                      ///< as HapticLoop::cut.
+  const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while the guardian looks: where it
+                                                      ///< stands still for kUnguardedTime the force
+                                                      ///< is cut.
+  const std::atomic<std::uint32_t>* cuts = nullptr;   ///< Counts how often the guardian has cut the
+                                                      ///< force: the loop was late.
 };
 
-inline constexpr double kUnguardedTime = 0.25;  ///< [s]
+inline constexpr double kUnguardedTime = 0.25;  ///< Longest pause of the guardian [s].
 
-/// A word that somebody counts up, and since when it has stood still.
+/// A counter, and since when it has stood still.
 struct Pulse {
   std::uint64_t count = 0;
-  double since = 0.0;  ///< [s]
+  double since = 0.0;  ///< Time of its last change [s].
 
   [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
     if (seen != count) *this = {seen, now};
@@ -52,71 +52,71 @@ struct Pulse {
   }
 };
 
-/// When a tick is.
+/// The time of a tick.
 struct TickTime {
-  double now = 0.0;          ///< [s] since the start.
-  double dt = 1e-3;          ///< Since the last tick [s].
-  double late = 0.0;         ///< How long after its time it began [s].
-  bool missed = false;       ///< So late that the next one's time had come.
-  std::int64_t wake_ns = 0;  ///< After the deadline that was slept for, for the log [ns].
-  bool real = false;         ///< By a clock: then what a tick and a write take counts as well.
+  double now = 0.0;          ///< Time since the start [s].
+  double dt = 1e-3;          ///< Time since the last tick [s].
+  double late = 0.0;         ///< How long after its time the tick began [s].
+  bool missed = false;       ///< So late that the next tick's time had come.
+  std::int64_t wake_ns = 0;  ///< Wake-up after the deadline that was slept for, for the log [ns].
+  bool real = false;         ///< By a real clock: the time that a tick and a write take counts.
 };
 
 /// A proxy, a reader and the gate of one device, over the newest scene.
 ///
-/// Two threads use it, each its own functions: the haptic one and the one that makes scenes. Stop
-/// orders may come from anywhere, signal handlers among them: that is what the mailbox, which has
-/// one writer, cannot say, and why there are atomic flags.
-// The mailboxes keep their sides on cache lines of their own.
+/// Two threads use it, each its own functions: the haptic thread and the scene thread. Stop orders
+/// may come from anywhere, signal handlers included; a mailbox, which has one writer, cannot carry
+/// them, and so there are atomic flags.
+// The mailboxes keep what each side writes on cache lines of its own.
 class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
-  /// Takes the memory that ticks need. The device and the sink outlive the loop.
+  /// Allocates the memory that ticks need. The device and the sink must outlive the loop.
   ///
-  /// @param rate       Ticks a second that are meant [Hz].
-  /// @param heartbeat  The application's longest pause between beats [s]; 0: none is asked for.
-  /// Throws DeviceError where a limit of the device, or the heartbeat, is no number that limits.
+  /// @param rate       Nominal rate of the ticks [Hz].
+  /// @param heartbeat  The application's longest pause between beats [s]; 0: none are asked for.
+  /// Throws DeviceError where a limit of the device, or the heartbeat, is not a usable number.
   HapticLoop(Device& device, double rate, TickSink* sink = nullptr, double heartbeat = 0.0,
              const LoopWatch& watch = {});
 
-  // The scene thread.
-  /// From the next tick on. Old scenes are freed here, never in a tick.
+  // For the scene thread.
+  /// Publishes the scene of the next ticks. Old scenes are freed here, never in a tick.
   void publish(std::shared_ptr<const Scene> scene) noexcept;
-  /// The newest tick; stays until the next call. One reading thread.
+  /// The newest tick, valid until the next call. For one reading thread.
   [[nodiscard]] const Telemetry& latest() noexcept {
     telemetry_.refresh();
     return telemetry_.current();
   }
 
-  // Any thread, and signal handlers.
-  /// Cuts the force with the next tick, until clear(): Esc, a window that closes.
+  // For any thread, and signal handlers.
+  /// Cuts the force with the next tick, until clear(): for Esc, or for a window that closes.
   void cut() noexcept { stop_.store(true, std::memory_order_relaxed); }
-  /// Takes back a fault, whatever it was, with the next tick: an engagement lets force out again.
+  /// Clears a fault, whatever it was, with the next tick: an engagement lets force out again.
   void clear() noexcept {
     stop_.store(false, std::memory_order_relaxed);
-    // What was ordered up to now, and nothing that comes before the tick.
+    // Orders given up to now are taken back, none that comes between now and the tick.
     if (watch_by_.stops != nullptr) stops_cleared_ = watch_by_.stops->load();
     if (watch_by_.cuts != nullptr) cuts_cleared_ = watch_by_.cuts->load();
     clear_.store(true, std::memory_order_release);
   }
-  /// The application lives.
+  /// Tells the loop that the application lives.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
 
-  // The haptic thread.
+  // For the haptic thread.
   /// One tick: newest scene, hand, checks, hapticStep, force to the device, telemetry.
   /// RT: no allocation, no lock, no system call but the device's own.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
-  /// The force is zero; as the last tick.
+  /// Writes zero force, after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
-  /// kStopped or kLate where somebody has ordered or done it.
+  /// kStopped where somebody ordered a stop, kLate where the guardian has cut, else kNone.
   [[nodiscard]] Fault ordered() const noexcept;
   void send(const Vec3& force, bool timed) noexcept;
 
   Device& device_;
   TickSink* sink_;
-  double late_;  ///< What is a fault [s]; less is counted.
+  double late_;  ///< Lateness that is a fault [s]; less is only counted.
   double heartbeat_;
   LoopWatch watch_by_;
   Mailbox<std::shared_ptr<const Scene>> scenes_;
@@ -131,10 +131,10 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Reader reader_;
   ProxyState state_;
   Telemetry told_;
-  std::uint32_t stops_seen_ = 0;  ///< Of LoopWatch::stops, taken back,
-  std::uint32_t cuts_seen_ = 0;   ///< and of LoopWatch::cuts.
-  bool deaf_ = false;             ///< The device takes no writes: the guardian has another way.
-  bool ready_ = true;             ///< Of the last tick's hand.
+  std::uint32_t stops_seen_ = 0;  ///< The count of LoopWatch::stops that is taken back.
+  std::uint32_t cuts_seen_ = 0;   ///< The count of LoopWatch::cuts that is taken back.
+  bool deaf_ = false;             ///< The device takes no writes: it is left to the guardian.
+  bool ready_ = true;             ///< The hand of the last tick was ready.
 
   Pulse beat_;
   Pulse guard_;

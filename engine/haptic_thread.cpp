@@ -41,7 +41,7 @@ void HapticThread::stop() noexcept {
 }
 
 void HapticThread::run() noexcept {
-  // Signals of the process are for others; what this thread does wrong itself is not.
+  // The process's signals go to other threads; only this thread's own errors reach this one.
   sigset_t others;
   sigfillset(&others);
   for (const int own : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&others, own);
@@ -56,9 +56,9 @@ void HapticThread::run() noexcept {
   const double period = 1e9 / params_.rate;
   const std::int64_t begin = nowNs();
   const std::int64_t faults_before = pageFaults();
-  std::int64_t count = 0;                                             // the deadline's number
-  std::int64_t last = -1;                                             // that of the last tick
-  std::int64_t last_now = begin - static_cast<std::int64_t>(period);  // when it began
+  std::int64_t count = 0;                                             // number of the next deadline
+  std::int64_t last = -1;                                             // the last tick's deadline
+  std::int64_t last_now = begin - static_cast<std::int64_t>(period);  // when the last tick began
   while (!quit_.load(std::memory_order_relaxed) && !device_.ended()) {
     const auto due =
         begin + static_cast<std::int64_t>(std::llround(static_cast<double>(count) * period));
@@ -69,7 +69,7 @@ void HapticThread::run() noexcept {
     time.now = 1e-9 * static_cast<double>(now - begin);
     time.dt = 1e-9 * static_cast<double>(now - last_now);
     time.wake_ns = now - due;
-    // Since the time of the tick that should have followed the last, and that a period after it.
+    // A tick is late past the deadline after the last tick's and past a period after that tick.
     const double asked =
         std::max(static_cast<double>(due) - static_cast<double>(count - last - 1) * period,
                  static_cast<double>(last_now) + period);

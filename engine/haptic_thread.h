@@ -15,44 +15,44 @@ struct LoopParams {
   double rate = 1000.0;    ///< Ticks a second, 500 to 20,000 [Hz].
   double heartbeat = 0.0;  ///< The application's longest pause between beats [s]; 0: none asked.
   RealtimeRequest realtime;
-  LoopWatch watch;  ///< Of a guardian (devices/guardian.h).
+  LoopWatch watch;  ///< Words shared with a guardian (devices/guardian.h).
 };
 
-/// Feels scenes on one device, in a thread of its own, until it is destroyed. The smallest use:
+/// Renders scenes on one device, in a thread of its own, until destroyed. The smallest use:
 ///
 ///     HapticThread hand(device);
 ///     hand.publish(scene);
 ///     draw(hand.latest());
 ///
-/// Two hands are two of them, over one shared scene. publish and latest are for one thread each.
+/// Two hands need two of these, over one shared scene. publish and latest are for one thread each.
 class HapticThread {
  public:
-  /// Starts; the force is zero until there is a scene. The device and the sink outlive it. Throws
-  /// DeviceError for a rate out of range or where the system gives no thread.
+  /// Starts the thread; the force is zero until there is a scene. The device and the sink must
+  /// outlive it. Throws DeviceError for a rate out of range or where the system gives no thread.
   explicit HapticThread(Device& device, const LoopParams& params = {}, TickSink* sink = nullptr);
-  /// Writes zero force and ends.
+  /// Writes zero force and ends the thread.
   ~HapticThread() { stop(); }
   HapticThread(const HapticThread&) = delete;
   HapticThread& operator=(const HapticThread&) = delete;
 
-  /// The scene from the next tick on.
+  /// Publishes the scene of the next ticks.
   void publish(std::shared_ptr<const Scene> scene) noexcept { loop_.publish(std::move(scene)); }
-  /// The newest tick.
+  /// The newest tick, valid until the next call.
   [[nodiscard]] const Telemetry& latest() noexcept { return loop_.latest(); }
 
-  /// Cuts the force. From any thread, and from a signal handler.
+  /// Cuts the force with the next tick. From any thread, and from a signal handler.
   void cut() noexcept { loop_.cut(); }
-  /// Lets it out again, after a fault as well, by an engagement.
+  /// Lets force out again, after a fault as well, by an engagement.
   void clear() noexcept { loop_.clear(); }
-  /// The application lives: where LoopParams::heartbeat asks for it.
+  /// Tells the loop that the application lives, where LoopParams::heartbeat asks for it.
   void beat() noexcept { loop_.beat(); }
 
-  /// Zero force and the end of the thread. Once.
+  /// Writes zero force and ends the thread. Further calls do nothing.
   void stop() noexcept;
-  /// False once it has ended by itself, with the device (Device::ended) or by stop().
+  /// False once the thread has ended by itself, with the device (Device::ended), or by stop().
   [[nodiscard]] bool running() const noexcept { return running_.load(std::memory_order_acquire); }
 
-  /// What the system granted.
+  /// What the system granted of LoopParams::realtime.
   [[nodiscard]] const RealtimeReport& realtime() const noexcept { return realtime_; }
   /// Page faults of the thread since its first tick.
   [[nodiscard]] std::int64_t pageFaultsSinceStart() const noexcept {

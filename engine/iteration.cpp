@@ -9,11 +9,11 @@ namespace palpate {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
-/// A step so much shorter than the way before it falls fast enough to be believed.
+/// A step shorter than this share of the path before it falls fast enough to be believed.
 constexpr double kFalls = 0.25;
-/// Share of the tolerance that may be left so.
+/// Share of the tolerance that may be left after such a step.
 constexpr double kRest = 0.5;
-/// And share of it by which the last way, not read at its end, may leave a surface.
+/// Share of the tolerance by which the last step, not read at its end, may leave a surface.
 constexpr double kSure = 0.25;
 
 void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
@@ -66,12 +66,12 @@ void placePrimitives(Tick& tick, Iteration& now, bool foreseen) noexcept {
   if (!foreseen) tick.report.primitives = static_cast<int>(balance.primitives.size());
 }
 
-/// Need what was read at one place not hold at another?
+/// True where what was read at one place need not hold at another.
 bool varies(const Tick& tick, const Iteration& now) noexcept {
   return now.follows || tick.balance.surfaces > 0;
 }
 
-/// Tells the trace of a balance; of one that there is not, where it was asked for.
+/// Records a balance in the trace; of one that failed (`balanced` false) the place it was for.
 void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
           bool balanced = true) noexcept {
   StepTrace& trace = *tick.trace;
@@ -135,7 +135,7 @@ void lookRound(Tick& tick) noexcept {
 bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
   placePrimitives(tick, now, foreseen);
   BalanceMemory& b = tick.balance;
-  // What the curve led aside of the tangent waits for the next tick.
+  // The distance that the curve led aside of its tangent waits for the next tick.
   const bool on_rail = now.rail.of != nullptr;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
   const SolveResult solved =
@@ -187,13 +187,13 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   const bool back = to.step.dot(way) < -0.25 * way.squaredNorm();
   if (back) {
     trust.radius = 0.5 * std::min(way.norm(), step);
-    // Between two readings that lead to each other.
+    // The balance is between two readings whose steps lead to each other.
     trust.ahead = free && trust.went > 0.0 ? way.norm() : kUnknown;
   } else {
     trust.radius *= 2.0;
     trust.ahead = trust.ahead > way.norm() ? trust.ahead - way.norm() : kUnknown;
   }
-  // Where nothing is there is no force: of a leap that small the side that has one is gone to.
+  // Without primitives there is no force: at a jump this small the step goes to the side with one.
   const bool found = trust.ahead <= 2.0 * tolerance;
   const bool nothing = tick.balance.primitives.size() == 0;
   if (trust.ahead < kUnknown) trust.radius = (found && nothing ? 1.0 : 0.5) * trust.ahead;

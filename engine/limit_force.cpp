@@ -9,7 +9,7 @@ namespace palpate {
 
 namespace {
 
-/// Moves an engagement on, and says how much of the force it lets through.
+/// Advances an engagement by a time [s] and returns the share of the force that it lets through.
 double engaged(double asked, double time, LimiterState& state) noexcept {
   if (state.waiting) {
     state.waited += time;
@@ -36,14 +36,14 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   const Vec3 previous = state.sent;
   const double time = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
   if (limits.heating > 0.0) {
-    // What was sent was within the peak, whatever is remembered of it.
+    // The force that was sent was within the peak, whatever is remembered of it.
     const double sent =
         previous.allFinite() ? std::min(previous.stableNorm(), std::max(limits.peak, 0.0)) : 0.0;
     state.heat += (1.0 - std::exp(-time / limits.heating)) * (sent * sent - state.heat);
   }
   state.sent.setZero();
 
-  // Finite. Limits that are not positive numbers allow nothing. stableNorm: no overflow.
+  // Finite, else zero. Limits that are not positive numbers allow nothing. stableNorm: no overflow.
   const double asked = wanted.stableNorm();
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
@@ -59,19 +59,19 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
     state.gentle -= time;
   }
 
-  // Peak and heat: direction kept.
+  // Peak and continuous limit: the force is scaled, its direction kept.
   Vec3 force = wanted;
   const double most = allowedByHeat(limits.continuous, peak, state.heat);
   out.peaked = asked > peak;
   out.heated = asked > most && most < peak;
   if (asked > most) force *= most / asked;
 
-  // Engagement.
+  // Engagement: the force is scaled by the ramp.
   const double share = engaged(asked, time, state);
   out.ramped = share < 1.0 && asked > 0.0;
   force *= share;
 
-  // Slew: what stays of the last force is free, what is new grows by `growth`.
+  // Slew: what is still wanted of the last force stays; the rest grows by at most `growth`.
   Vec3 kept = Vec3::Zero();
   const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
   if (last > 0.0 && std::isfinite(last)) {
@@ -83,7 +83,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   out.slewed = grown > growth;
   out.force = out.slewed ? Vec3(kept + (growth / grown) * added) : force;
 
-  // Energy. Nothing below changes the force.
+  // The energy tank is the last limit: nothing after it changes the force.
   out.share = passTank(out.force, hand, fresh, dt, limits, state.tank);
   out.drained = limits.tank.use == TankUse::kAct && out.share < 1.0;
   if (out.drained) out.force *= out.share;

@@ -11,41 +11,41 @@ namespace palpate {
 
 /// What a device and its user allow.
 struct ForceLimits {
-  double peak = 3.3;     ///< [N], > 0. Default: the weakest common arm (Touch), safe for any.
+  double peak = 3.3;     ///< Largest force [N], > 0. Default: the weakest common arm's (Touch).
   double slew = 2000.0;  ///< Growth of the force [N/s], > 0. A real contact needs k v: 1,000 N/s at
                          ///< 500 N/m and 2 m/s.
-  double continuous = 0.0;  ///< What it can hold for ever [N], <= peak; 0: the device gives none.
-  double heating = 10.0;    ///< Time constant of its motors' heat [s].
-  double friction = 0.0;    ///< Less force than this may leave the arm where it is [N]: StillFade.
-  double engage = 0.0;   ///< Length of the ramp of an engagement [s]; 0: at once, which is only for
-                         ///< forces that go to no hand. HapticLoop takes at least kEngage.
-  TankParams tank = {};  ///< What may leave the hand's port.
+  double continuous = 0.0;  ///< Force it can hold for ever [N], <= peak; 0: the device gives none.
+  double heating = 10.0;    ///< Time constant of the heat in its motors [s].
+  double friction = 0.0;    ///< A force below this may leave the arm where it is [N]: StillFade.
+  double engage = 0.0;   ///< Ramp of an engagement [s]; 0: none, which is only for forces that go
+                         ///< to no hand. HapticLoop takes at least kEngage at a hand.
+  TankParams tank = {};  ///< The energy that may leave the hand's port.
 };
 
-inline constexpr double kEngage = 0.5;       ///< [s], shortest ramp at a hand.
-inline constexpr double kEngageEdit = 0.05;  ///< [s], where only numbers of a scene have changed:
-                                             ///< the force grows by at most the peak in it.
-inline constexpr double kEngageBelow = 0.1;  ///< [N]: an engagement waits for a wanted force below,
-inline constexpr double kEngageWait = 1.0;   ///< [s]: or so long.
+inline constexpr double kEngage = 0.5;       ///< Shortest ramp at a hand [s].
+inline constexpr double kEngageEdit = 0.05;  ///< Ramp where only numbers of a scene have changed
+                                             ///< [s]: the force grows by at most the peak in it.
+inline constexpr double kEngageBelow = 0.1;  ///< An engagement waits for less force than this [N].
+inline constexpr double kEngageWait = 1.0;   ///< An engagement waits at most this long [s].
 
 /// What the gate remembers.
 struct LimiterState {
-  Vec3 sent = Vec3::Zero();  ///< Force of the last tick [N].
+  Vec3 sent = Vec3::Zero();  ///< Force that was sent last [N].
   double heat = 0.0;         ///< Mean of |force|^2 over ForceLimits::heating [N^2].
-  bool waiting = false;      ///< An engagement has begun, the ramp has not.
-  double waited = 0.0;       ///< [s]
-  double share = 1.0;        ///< Of the force that the ramp lets through.
-  double ramp = kEngage;     ///< [s]
-  double gentle = 0.0;       ///< So long still does the force grow gently after an edit [s].
+  bool waiting = false;      ///< An engagement has begun, but not its ramp.
+  double waited = 0.0;       ///< How long the engagement has waited [s].
+  double share = 1.0;        ///< Share of the force that the ramp lets through.
+  double ramp = kEngage;     ///< Length of the ramp [s].
+  double gentle = 0.0;       ///< How long the force still grows gently after an edit [s].
   Tank tank;
 
-  /// Zero has been sent instead of what limitForce returned, or nobody knows what.
+  /// To be called where zero, or an unknown force, was sent instead of what limitForce returned.
   void forget() noexcept {
     sent.setZero();
     tank.forget();
   }
 
-  /// Of a wanted force, whether and how far it goes out: none of it while an engagement lasts [N].
+  /// How much of a wanted force goes out [N]: at most the peak, none while an engagement lasts.
   [[nodiscard]] double letsOut(double wanted, double peak) const noexcept {
     return waiting || share < 1.0 ? 0.0 : std::min(wanted, peak);
   }
@@ -66,7 +66,7 @@ struct LimitedForce {
   bool heated = false;        ///< Scaled down to what the motors can hold.
   bool ramped = false;        ///< Scaled down by an engagement.
   bool slewed = false;        ///< Held back by the slew limit.
-  double share = 1.0;         ///< That the tank can pay for; of the force only where it acts.
+  double share = 1.0;         ///< Share that the tank can pay for; applied only where it acts.
   bool drained = false;       ///< Scaled down by the tank.
 
   [[nodiscard]] bool limited() const noexcept {
@@ -74,7 +74,7 @@ struct LimitedForce {
   }
 };
 
-/// The last statement before a device is written to; trusts nothing that came before it.
+/// The last statement before a device is written to; it trusts nothing that came before it.
 ///
 /// In order: finite, else zero; peak and continuous limit, direction kept; engagement; slew on
 /// growth only. The part of the last force that is still wanted (the projection of the wanted force
@@ -83,14 +83,14 @@ struct LimitedForce {
 /// exceeds the wanted force, and |force| <= |previous| + slew * dt. The ramp comes before the slew,
 /// since a ramp of a limited force would grow by more than that.
 ///
-/// The continuous limit: `heat` follows |force|^2 with the time constant `heating`. Up to
-/// kWarm of continuous^2 the peak is allowed, from there on less, and at continuous^2 just that
+/// The continuous limit: `heat` follows |force|^2 with the time constant `heating`. Up to kWarm of
+/// continuous^2 the peak is allowed, from there on less, and at continuous^2 just `continuous`
 /// (allowedByHeat), so that the heat never goes beyond.
 ///
-/// @param wanted    Any bits [N].
-/// @param hand      As read [m], any bits; only the tank looks at it.
+/// @param wanted    Force to be sent [N], any bits.
+/// @param hand      Position of the hand as read [m], any bits; only the tank looks at it.
 /// @param dt        Time since the last force was sent [s]; not finite or <= 0 allows no growth.
-/// @param state     Of the same device, one call a tick. A `sent` that is not finite is zero.
+/// @param state     State of the same device, one call a tick. A `sent` not finite counts as zero.
 /// @param fresh     False: the hand's position is that of the last call, read again.
 /// RT: no allocation.
 [[nodiscard]] LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt,

@@ -11,24 +11,24 @@
 namespace palpate {
 namespace {
 
-/// A primitive of a load that is shared. Without initial values: there is room for a thousand.
+/// A primitive that shares a load. Without initial values, since there is room for a thousand.
 struct Shared {
   std::size_t source;  ///< Index of the primitive.
   PrimitiveKind kind;
   double strength;
   Vec3 q;
-  Vec3 pull;  ///< d / (1 - |d|), d the displacement from its kink in units of the
-              ///< distance at which it shares nothing any more
+  Vec3 pull;  ///< d / (1 - |d|), d the displacement from its kink in units of
+              ///< kSharedWithin, at which the primitive shares nothing any more
 
-  /// What of v the primitive is constrained in: P v.
+  /// The component of v that the primitive constrains: P v.
   [[nodiscard]] Vec3 constrained(const Vec3& v) const noexcept {
     if (kind == PrimitiveKind::kPoint) return v;
     const Vec3 along = q.dot(v) * q;
     return kind == PrimitiveKind::kPlane ? along : Vec3(v - along);
   }
 
-  /// On it: of all forces that it can exert the one nearest to s (P lambda - pull), where the pull
-  /// grows beyond all bounds as it comes off. Adds to H how that changes with lambda.
+  /// Of all forces that the primitive can exert the one nearest to s (P lambda - pull) [N]; the
+  /// pull grows beyond all bounds as |d| approaches 1. Adds the force's derivative by lambda to H.
   [[nodiscard]] Vec3 forceAt(const Vec3& lambda, Mat3& H) const noexcept {
     if (kind == PrimitiveKind::kPlane) {
       const double along = q.dot(lambda - pull);
@@ -53,7 +53,7 @@ struct Shared {
 void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const SolveResult& result,
                 std::span<Vec3> forces) noexcept {
   constexpr int kMostSteps = 60;
-  constexpr double kEnough = 1e-10;  // of the strengths
+  constexpr double kEnough = 1e-10;  // share of the sum of strengths
   constexpr double kGood = 1e-6;
   if (result.solver == SolverKind::kClosedForm || result.status == SolveStatus::kBadInput) return;
   std::array<Shared, kMaxPrimitives> all;
@@ -78,9 +78,9 @@ void shareLoads(const Vec3& probe, std::span<const Primitive> primitives, const 
   if (sharing < 2) return;
   const std::span<const Shared> shared = std::span<const Shared>(all).first(sharing);
 
-  // sum f_i(lambda) = load: the gradient of a convex function of lambda. Newton, and along each
-  // step a search for where that function is lowest: what is missing, along the step, falls to
-  // zero.
+  // sum f_i(lambda) = load: the sum is the gradient of a convex function of lambda. Newton, and
+  // along each step a search for the minimum of that function less load.lambda: there the missing
+  // force's component along the step is zero.
   Mat3 H;
   const auto missing_at = [&](const Vec3& lambda) {
     H = 1e-9 * strength * Mat3::Identity();

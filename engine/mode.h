@@ -30,14 +30,14 @@ struct Transfer {
   /// The product, >= 0; 0 where a factor's property has no data. `own` is what factors of scalar
   /// -1 read; a constant reads nothing. RT: no allocation.
   [[nodiscard]] double operator()(const Properties& properties, double own = 0.0) const noexcept;
-  /// How the product changes with the place where its factors were read [its unit / m]; zero where
-  /// one of them has no data. At a knot a curve's slope is that beyond it; what the mode itself
-  /// measures counts as constant. RT: no allocation.
+  /// The gradient of the product at the place where its factors were read [its unit / m]; zero
+  /// where one of them has no data. At a knot a curve's slope is that beyond it; what the mode
+  /// itself measures counts as constant. RT: no allocation.
   [[nodiscard]] Vec3 slope(const Properties& properties) const noexcept PALPATE_NONBLOCKING;
-  /// The product if scalar `index` were `value`, where there are data. RT: no allocation.
+  /// The product with `value` for scalars `index` and -1, where there are data. RT: no allocation.
   [[nodiscard]] double at(const Properties& properties, int index, double value) const noexcept;
-  /// The product whether or not there are data: without, a scalar is its background, a magnitude
-  /// zero. For the coupling, which has a stiffness everywhere. RT: no allocation.
+  /// The product whether or not there are data: without data a scalar is its background, a
+  /// magnitude zero. For the coupling, which has a stiffness everywhere. RT: no allocation.
   [[nodiscard]] double anywhere(const Properties& properties) const noexcept;
 };
 
@@ -45,12 +45,12 @@ struct Transfer {
 
 struct SurfaceMemory {
   Contact contact;
-  bool holds = false;     ///< The last balance lies on its plane,
-  bool captured = false;  ///< and that on V = level.
-  double level = 0.0;
+  bool holds = false;     ///< The last balance lies on the contact's plane.
+  bool captured = false;  ///< The plane is on V = level.
+  double level = 0.0;     ///< Va, in the data's unit.
 };
 
-/// Where a proxy is of an isosurface.
+/// Where a proxy is relative to an isosurface.
 enum class Side : std::uint8_t {
   kUnknown,  ///< Nothing seen yet: takes the side it finds, without force.
   kOutside,  ///< On the free side: the surface holds.
@@ -60,13 +60,13 @@ enum class Side : std::uint8_t {
 struct IsosurfaceMemory {
   Contact contact;
   Side side = Side::kUnknown;
-  double share = 1.0;  ///< Of its strength, where a yielded surface fades.
+  double share = 1.0;  ///< Share of the strength that is left where a yielded surface fades.
 };
 
-/// Of a mode that holds the proxy to a curve.
+/// What is remembered of a curve that holds the proxy.
 struct OnCurve {
-  bool holds = false;   ///< The last balance lies on its line.
-  double stride = 0.5;  ///< Of the next trace [voxels].
+  bool holds = false;   ///< The last balance lies on the mode's line.
+  double stride = 0.5;  ///< First step of the next trace [voxels].
 };
 struct FollowMemory {
   Vec3 before = Vec3::Zero();  ///< Direction of the field at the proxy; zero: not known.
@@ -74,46 +74,46 @@ struct FollowMemory {
 };
 
 struct FrontShapeMemory {
-  Vec3 before = Vec3::Zero();   ///< As above.
-  Vec3 anchor = Vec3::Zero();   ///< Of the front [m],
-  Vec3 normal = Vec3::UnitX();  ///< unit;
-  bool placed = false;          ///< there is one.
-  bool let_go = false;          ///< Snapped off it, until the proxy has come to rest.
+  Vec3 before = Vec3::Zero();   ///< Direction of the field at the proxy; zero: not known.
+  Vec3 anchor = Vec3::Zero();   ///< A point of the front [m].
+  Vec3 normal = Vec3::UnitX();  ///< Unit normal of the front.
+  bool placed = false;          ///< There is a front.
+  bool let_go = false;          ///< Snapped off the front, until the proxy has come to rest.
 };
 
 struct VortexTubeMemory {
-  Vec3 before = Vec3::Zero();  ///< As above, of the radius.
+  Vec3 before = Vec3::Zero();  ///< Direction of the radius at the proxy; zero: not known.
 };
 
-/// A directed force (eq. 8) along a vector: injects energy, as its user asked.
+/// A directed force (eq. 8) along a vector; it injects energy, as its user asked.
 struct ForceMode {
   using Memory = std::monostate;
   int vector = -1;    ///< Index into Properties::vectors.
-  double sign = 1.0;  ///< +1 along it, -1 against it.
-  Transfer strength;  ///< [N]
+  double sign = 1.0;  ///< +1 along the vector, -1 against it.
+  Transfer strength;  ///< Strength of the force [N].
 };
 
 /// A point (eq. 9) at the proxy: a drag of constant size, not -b v.
 struct ViscosityMode {
   using Memory = std::monostate;
-  int scalar = -1;  ///< Where this property has no data there is no drag.
-  Transfer strength;
+  int scalar = -1;    ///< Where this property has no data there is no drag.
+  Transfer strength;  ///< Strength of the drag [N].
 };
 
-/// A plane (eq. 13) through the proxy across the gradient. While it holds, it stays on the surface
-/// V = Va of where it began to: else the proxy drifts along the normal as the surface curves. Left
-/// or yielding, it is at the proxy. With friction a line (eq. 11) along the normal, with viscosity
-/// a point (eq. 9): the paper's surface, friction and viscosity.
+/// A plane (eq. 13) through the proxy across the gradient. While the plane holds, it stays on the
+/// surface V = Va of the place where it began to: else the proxy would drift along the normal as
+/// the surface curves. Left or yielding, the plane is at the proxy. Friction adds a line (eq. 11)
+/// along the normal, viscosity a point (eq. 9): the paper's surface, friction and viscosity.
 struct SurfaceMode {
   using Memory = SurfaceMemory;
   Skin skin;
   Transfer strength;
   Transfer friction;   ///< Coulomb's mu.
-  Transfer viscosity;  ///< [N], wherever the surface acts.
+  Transfer viscosity;  ///< Strength of the drag [N], wherever the surface acts.
 };
 
-/// A plane (eq. 13) on the surface V = level, once the proxy has come to it; remembers on which
-/// side it is. With friction it has a line (eq. 11).
+/// A plane (eq. 13) on the surface V = level, once the proxy has reached it; the mode remembers on
+/// which side the proxy is. Friction adds a line (eq. 11).
 struct IsosurfaceMode {
   using Memory = IsosurfaceMemory;
   Skin skin;
@@ -121,74 +121,74 @@ struct IsosurfaceMode {
   double depth = 3e-3;  ///< After yielding, pushes until this far past the surface [m].
   Transfer strength;
   Transfer friction;   ///< Coulomb's mu.
-  Transfer viscosity;  ///< [N], a point (eq. 9) on the solid side: what the body is made of.
+  Transfer viscosity;  ///< Drag by a point (eq. 9) on the solid side [N]: what the body is made of.
 };
 
-/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. Weak, it is
-/// the paper's transverse damping. Where the line holds, the proxy goes along the curve that the
+/// A line (eq. 11) through the proxy along a vector: the hand slides along the stream. A weak line
+/// is the paper's transverse damping. Where the line holds, the proxy goes along the curve that the
 /// stream is (VectorField::trace), as far as the balance took it along the line.
 struct FollowMode {
   using Memory = FollowMemory;
   int vector = -1;
-  int field = -1;  ///< Index into Graph::vector_fields; -1: derived, and followed by its tangents.
+  int field = -1;       ///< Index into Graph::vector_fields; -1: derived, traced by its tangents.
   double voxel = 1e-3;  ///< [m]
   Transfer strength;
 };
 
-/// A plane (eq. 13) through the proxy across a vector: the front that the vectors are normal to, as
-/// of a wave. Two-sided, two opposed planes.
+/// A plane (eq. 13) through the proxy across a vector: the front to which the vectors are normal,
+/// as that of a wave. A two-sided front is two opposed planes.
 struct FrontShapeMode {
   using Memory = FrontShapeMemory;
   int vector = -1;
-  bool two_sided = true;  ///< Else only against the vector: with it the hand is free.
-  double snap = 0.0;      ///< Snap-drag: pushed off its front, the proxy is pulled back until it is
-                          ///< this far; then it is let go, and where it comes to rest is the next
-                          ///< front. 0: the front comes along [m].
+  bool two_sided = true;  ///< False: held only against the vector; along it the hand is free.
+  double snap = 0.0;      ///< Snap-drag [m]: pushed off its front, the proxy is pulled back until
+                          ///< it is this far off; then the front is given up, and the next one is
+                          ///< where the proxy comes to rest. 0: the front comes along.
   Transfer strength;
 };
 
 /// Two opposed planes (eq. 13) through the proxy across the radius of a vortex: the hand rides the
 /// tube, free round it and along it. Nearer to the core than a voxel there is no radius, and a line
-/// (eq. 11) along the core holds; to two voxels the one passes into the other. The radius is that
-/// of rigid rotation, r = 2 |v x w| / |curl v|, w the core's direction curl v / |curl v|; v x w
-/// points outwards.
+/// (eq. 11) along the core holds; up to two voxels the line passes into the planes. The radius is
+/// that of rigid rotation, r = 2 |v x w| / |curl v|, w the core's direction curl v / |curl v|; v x
+/// w points outwards.
 struct VortexTubeMode {
   using Memory = VortexTubeMemory;
-  int vector = -1;
-  int curl = -1;
+  int vector = -1;               ///< Index into Properties::vectors.
+  int curl = -1;                 ///< Index into Properties::vectors.
   double voxel = 1e-3;           ///< [m]
-  double metres_per_unit = 1.0;  ///< Of the field's own space.
+  double metres_per_unit = 1.0;  ///< Metres per unit of the field's own space.
   Transfer strength;
 };
 
 /// A point, line or plane that the scene places. It acts while the proxy is within `snap` of it:
-/// the hand is drawn in there, and let go once it has pulled the proxy farther off. Energy that
-/// drawing in makes is counted as injected.
+/// the hand is drawn in there, and released once it has pulled the proxy farther away. The energy
+/// that drawing in makes is counted as injected.
 struct GuideMode {
   using Memory = std::monostate;
   PrimitiveKind shape = PrimitiveKind::kPoint;  ///< Not kForce.
-  Vec3 position = Vec3::Zero();                 ///< [m], where it rests if it moves.
-  Vec3 direction = Vec3::UnitX();               ///< Unit; a plane's outward normal.
-  double snap = 0.0;                            ///< [m], > 0; infinite: it always acts.
-  double metres_per_unit = 1.0;                 ///< Of the distance below.
-  Transfer strength;                            ///< Of its own: the probe's distance to it.
+  Vec3 position = Vec3::Zero();                 ///< Its place [m]; of a moving one, at rest.
+  Vec3 direction = Vec3::UnitX();               ///< Unit; along a line or a plane's outward normal.
+  double snap = 0.0;                            ///< Range [m], > 0; infinite: it always acts.
+  double metres_per_unit = 1.0;                 ///< Metres per unit of the strength's input.
+  Transfer strength;                            ///< [N], by the probe's distance to the guide.
 };
 
-/// What a mode of the user's own is given.
+/// The input of a mode of the user's own.
 struct ModeInput {
   const Properties& properties;
   std::span<const int> reads;  ///< For each name in UserSpec::reads its index in
                                ///< properties.scalars or properties.vectors, whichever it is.
-  const Vec3& proxy;           ///< Before it moves [m]: primitives belong there. Carried along
-                               ///< where all that the mode reads moves as one.
-  const Vec3& probe;           ///< [m]; where it goes on in parts, of this part of the tick.
+  const Vec3& proxy;           ///< The proxy before it moves [m], where primitives belong; carried
+                               ///< along where all that the mode reads moves as one.
+  const Vec3& probe;           ///< The probe [m]; in a tick of several slices, that of this slice.
   const Vec3& read;  ///< Where properties were read [m]: where the balance before this one
                      ///< led, at most a voxel or so from the proxy.
-  bool foreseen;     ///< Of the tick before: nothing new was read yet.
+  bool foreseen;     ///< Nothing new was read yet: the properties are those read last.
 };
 
 /// Adds primitives; returns false if the set was full. Called in the tick, once a balance: the
-/// first of a tick, and of each part of it, is foreseen, then one follows each reading. No
+/// first of a tick, and of each slice of it, is foreseen, then one follows each reading. No
 /// allocation, no lock, no exception. What it adds should stand at the proxy, else it can make
 /// energy (counted as injected).
 using PlacePrimitives = bool (*)(void* state, const ModeInput& input, PrimitiveSet& set) noexcept;
@@ -198,13 +198,13 @@ struct UserMode {
   using Memory = std::monostate;
   PlacePrimitives place = nullptr;
   std::shared_ptr<void> state;  ///< One for all proxies that feel the scene.
-  std::vector<int> reads;
+  std::vector<int> reads;       ///< Indices, as ModeInput::reads.
 };
 
 using Mode = std::variant<ForceMode, ViscosityMode, SurfaceMode, IsosurfaceMode, FollowMode,
                           FrontShapeMode, VortexTubeMode, GuideMode, UserMode>;
 
-/// What a mode remembers: of the kind that its own `Memory` is.
+/// What a mode remembers: its `Memory`, which is of its own kind.
 struct ModeMemory {
   int emitted = 0;  ///< Primitives of this mode in the last balance.
   std::variant<std::monostate, SurfaceMemory, IsosurfaceMemory, FollowMemory, FrontShapeMemory,
@@ -212,13 +212,13 @@ struct ModeMemory {
       of;
 };
 
-/// Where the proxy is of a mode that is an isosurface; of others unknown.
+/// The side of an isosurface on which the proxy is; kUnknown for other modes.
 [[nodiscard]] Side sideOf(const ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// That of a mode that nothing is remembered of yet.
+/// The memory of a mode of which nothing is remembered yet.
 [[nodiscard]] ModeMemory memoryFor(const Mode& mode) noexcept PALPATE_NONBLOCKING;
 
-/// A mode's own memory. @pre memoryFor() made it.
+/// The mode's own memory. @pre memoryFor() made it.
 template <class M>
 [[nodiscard]] typename M::Memory& memoryOf(const M& /*mode*/, ModeMemory& memory) noexcept {
   auto* own = std::get_if<typename M::Memory>(&memory.of);
@@ -231,7 +231,7 @@ struct Stand {
   const Vec3& proxy;      ///< Before it moves [m]: primitives without memory are anchored there.
   const Vec3& read;       ///< Where properties were read [m].
   const Vec3& probe;      ///< The hand [m].
-  const Pose* pose;       ///< Of the volume that a guide moves with; none: it stands still.
+  const Pose* pose;       ///< Pose of the volume with which a guide moves; null: it stands still.
   bool foreseen = false;  ///< Nothing new was read: planes stay where they are remembered.
 };
 
@@ -243,53 +243,53 @@ struct Stand {
                                  ModeMemory& memory,
                                  PrimitiveSet& set) noexcept PALPATE_NONBLOCKING;
 
-/// Moves what a mode remembers along with its volume. RT: no allocation.
+/// Moves a mode's memory along with its volume. RT: no allocation.
 void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// A mode's contact with the surface that it is. RT: no allocation.
+/// The contact of a mode with its surface. RT: no allocation.
 struct Touch {
-  const Skin* skin = nullptr;  ///< None: it is no surface.
+  const Skin* skin = nullptr;  ///< Null: the mode is no surface.
   Contact* contact = nullptr;
 };
 [[nodiscard]] Touch touchOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The surface that ways are swept for: V = level, where a proxy on its free side meets it.
+/// The surface for which paths are swept: V = level, where a proxy on its free side touches it.
 struct SurfaceAhead {
-  const Skin* skin = nullptr;  ///< None: nothing of this mode is met on a way.
+  const Skin* skin = nullptr;  ///< Null: no path can touch a surface of this mode.
   Contact* contact = nullptr;
-  double level = 0.0;
+  double level = 0.0;  ///< V0, in the data's unit.
   const Transfer* strength = nullptr;
 };
 /// RT: no allocation.
 [[nodiscard]] SurfaceAhead surfaceAhead(const Mode& mode,
                                         ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// The stream that a mode holds the proxy to.
+/// The curve of a stream to which a mode holds the proxy.
 struct Curve {
-  OnCurve* on = nullptr;  ///< None: it holds to none.
-  int field = -1;      ///< Index into Graph::vector_fields; -1: derived, followed by its tangents.
-  double voxel = 0.0;  ///< [m]
+  OnCurve* on = nullptr;  ///< Null: the mode holds the proxy to no curve.
+  int field = -1;         ///< Index into Graph::vector_fields; -1: derived, traced by its tangents.
+  double voxel = 0.0;     ///< Finest voxel that the mode reads [m].
 };
 /// RT: no allocation.
 [[nodiscard]] Curve curveOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// At most so far may the hand go on at once [m]: infinitely, but where the proxy is held to a
-/// curve. RT: no allocation.
+/// The longest move of the hand in one slice [m]: a voxel where the proxy is held to a curve, else
+/// infinite. RT: no allocation.
 [[nodiscard]] double sliceOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Does a force of this mode follow a value, so that what is read at one place need not hold at
-/// another? Surfaces and streams have their own ways for that: none of theirs does.
+/// True if a force of this mode depends on a value, so that a reading at one place need not hold at
+/// another. False for surfaces and streams, which have means of their own for that.
 [[nodiscard]] bool followsValue(const Mode& mode) noexcept;
 
-/// Tells a mode what the last balance has of it: `primitives`, and the `forces` of each.
+/// Tells a mode the last balance: all `primitives`, and the `forces` of each on the proxy [N].
 /// RT: no allocation.
 void readLoads(const Mode& mode, std::span<const Primitive> primitives,
                std::span<const Vec3> forces, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Gives a mode's surface up as one that cannot hold. RT: no allocation.
+/// Makes a mode's surface yield, as one that cannot hold. RT: no allocation.
 void giveWay(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
-/// Tells a mode where the proxy has come to, and whether that is the balance: a surface that bears
+/// Tells a mode where the proxy has arrived, and whether that is the balance: a surface that bears
 /// no load is left, one that gave all its strength and has the proxy behind it is pushed through,
 /// and nothing else ends a contact but missing data. RT: no allocation.
 void settle(const Mode& mode, const Vec3& proxy, bool arrived,

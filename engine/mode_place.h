@@ -1,4 +1,4 @@
-/// What the modes' own files share: a mode's place in a tick, and what each of them answers.
+/// Shared by the modes' own files: the place of a mode in a tick, and what each mode answers.
 #pragma once
 
 #include "palpate/engine/flow.h"
@@ -9,16 +9,16 @@ namespace palpate {
 
 /// How a primitive that a mode adds varies with the place where properties were read; see Varying.
 struct Variation {
-  Mat3 turn = Mat3::Zero();   ///< Of its direction [1/m].
-  Vec3 slope = Vec3::Zero();  ///< Of its strength [N/m]; what is anchored at the proxy has none: it
-                              ///< slips, by what was read, as far as that says.
-  Vec3 across = Vec3::Zero();  ///< Of a plane that turns,
-  double height = 0.0;         ///< see there.
+  Mat3 turn = Mat3::Zero();    ///< Derivative of the direction [1/m].
+  Vec3 slope = Vec3::Zero();   ///< Gradient of the strength [N/m]; zero for what is anchored at the
+                               ///< proxy, which slips by the strength that was read.
+  Vec3 across = Vec3::Zero();  ///< Varying::across of a plane that turns.
+  double height = 0.0;         ///< Varying::height of a plane that turns [m].
 
   [[nodiscard]] bool none() const noexcept { return turn.isZero(0.0) && slope.isZero(0.0); }
 };
 
-/// What an emit() below works with.
+/// What the emit() functions below work with.
 struct Place {
   const Properties& at;
   const Stand& stand;
@@ -30,7 +30,7 @@ struct Place {
   [[nodiscard]] const Properties::Vector& vector(int i) const noexcept {
     return at.vectors[static_cast<std::size_t>(i)];
   }
-  /// None where it has no strength. False where the set is full.
+  /// Adds a primitive; adds none where it has no strength. False where the set is full.
   bool add(PrimitiveKind kind, const Vec3& position, const Vec3& direction, double strength,
            const Variation& variation = {}) const noexcept {
     if (strength <= 0.0) return true;
@@ -43,7 +43,7 @@ struct Place {
     varying.height = variation.height;
     return true;
   }
-  /// At the proxy.
+  /// Adds a primitive at the proxy.
   bool add(PrimitiveKind kind, const Vec3& direction, double strength,
            const Variation& variation = {}) const noexcept {
     return add(kind, stand.proxy, direction, strength, variation);
@@ -57,7 +57,7 @@ bool emit(const FollowMode& mode, const Place& place, FollowMemory& memory) noex
 bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memory) noexcept;
 bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept;
 
-// What some of them answer beside; see mode.h.
+// Further answers that some modes give; see surfaceAhead and settle in mode.h.
 SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
 void settle(const IsosurfaceMode& mode, const Vec3& proxy, bool arrived,
             IsosurfaceMemory& memory) noexcept;

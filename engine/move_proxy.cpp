@@ -11,19 +11,19 @@
 namespace palpate {
 namespace {
 
-/// So often in a tick parts are chosen anew: each time the proxy comes 2 mm on, or farther.
+/// Most choices of parts in a tick: one each time that the proxy comes 2 mm on, or farther.
 constexpr int kMostStrays = 16;
-constexpr double kFree = 1e-9;  ///< [m] from the probe: nothing holds the proxy.
+constexpr double kFree = 1e-9;  ///< [m]: a proxy this near the probe is held by nothing.
 
 /// How a slice of a tick ended.
 enum class Slice : std::uint8_t {
   kSpoilt,   ///< A number was not finite.
-  kWaiting,  ///< Readings were used up; the rest waits.
+  kWaiting,  ///< Readings were used up; the rest of the step waits.
   kArrived,
 };
 
-/// The parts that the proxy can come to on its way to the hand are felt from now on; a trial step
-/// that leads beyond them is cut.
+/// Takes in the scene's parts that the proxy can reach on its path to the hand; a trial step that
+/// leads beyond them is cut.
 void meetParts(Tick& tick) noexcept {
   Surroundings& around = tick.around;
   around.near.meet(tick.scene, tick.reader, tick.proxy.position, tick.probe,
@@ -31,8 +31,8 @@ void meetParts(Tick& tick) noexcept {
   around.count = 1 + around.near.bind(tick.scene, tick.reader, std::span(around.graphs).subspan(1));
 }
 
-/// Where the proxy stands for what is remembered: carried along by the volume whose surface holds
-/// it, else by one that something is felt of. `Proxy::beyond` turns with that.
+/// The proxy's place for what is remembered [m]: carried by the volume whose surface holds it,
+/// else by the first whose primitives act. `Proxy::beyond` turns with that volume.
 Vec3 standsFor(Tick& tick) noexcept {
   const Body* by = nullptr;
   (void)anyMode(tick.felt(),
@@ -50,7 +50,7 @@ Vec3 standsFor(Tick& tick) noexcept {
   return by->carried;
 }
 
-/// The proxy goes there; what it adds to the spring's energy is counted.
+/// Moves the proxy to the end of a trial step; the energy that this adds to the spring is counted.
 void moveTo(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   Proxy& proxy = tick.proxy;
   const Vec3 before = proxy.offset;
@@ -75,9 +75,9 @@ void tell(const Tick& tick, const Trial& trial) noexcept {
                              : StepEnd::kVoxel;
 }
 
-/// Nothing holds more than its strength: what waits and is pulled by more than all that was
-/// placed can hold goes on, as far as it was read. One plane that could hold what presses on it
-/// stays, and the hand is followed along it; what else holds is come through.
+/// Nothing holds more than its strength: a waiting proxy that is pulled by more than all primitives
+/// can hold moves on, as far as the reading holds. A single plane that can bear the load on it
+/// stays, and the proxy follows the hand along it; other surfaces are pushed through.
 void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   const BalanceMemory& b = tick.balance;
   if (b.surfaces == 0 || now.rail.of != nullptr) return;
@@ -114,8 +114,8 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   go(held / offset.norm() * offset);
 }
 
-/// Where the iteration has come to an end: at its answer, or, at the cap, where the shortest of its
-/// steps leads.
+/// Ends the iteration, with the proxy at its answer or, at the cap, where the shortest of its steps
+/// leads.
 Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   if (arrived) {
     const Vec3 at = answer(tick, now);
@@ -137,7 +137,7 @@ Slice stop(Tick& tick, Iteration& now, Trial trial, bool arrived) noexcept {
   return arrived ? Slice::kArrived : Slice::kWaiting;
 }
 
-/// A proxy that nothing holds is at the hand; a way there that was not all looked at is remembered.
+/// Puts a proxy that nothing holds at the hand; a path there that was not all swept is remembered.
 Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept {
   tick.proxy.lost = tick.proxy.lost || !trial.complete || !trial.swept;
   const Trial there{now.to.target};
@@ -146,15 +146,15 @@ Slice comeToHand(Tick& tick, const Iteration& now, const Trial& trial) noexcept 
   return Slice::kArrived;
 }
 
-/// Volumes and hand stand; the proxy goes where the balance puts it. First by the primitives of the
-/// last reading; then properties are read where that led, planes placed anew, and the balance
-/// found again, until Newton's step on it is within the tolerance. At least `later` readings are
-/// left over.
+/// Moves the proxy to the balance while volumes and hand stand: first by the primitives of the last
+/// reading; then properties are read where that led, planes placed anew, and the balance found
+/// again, until Newton's step on it is within the tolerance. At least `later` readings are left
+/// over for later slices.
 Slice follow(Tick& tick, int later) noexcept {
   const StepParams& params = tick.scene.step;
   Iteration now;
   now.read_at = tick.proxy.position;
-  Vec3 from = standsFor(tick);  // of the last reading
+  Vec3 from = standsFor(tick);  // where the last reading's primitives stand
   bool cut = false;
   bool met_free = false;
   if (!balance(tick, now, true, from)) return Slice::kSpoilt;
@@ -165,8 +165,8 @@ Slice follow(Tick& tick, int later) noexcept {
     const bool spent = now.read && (tick.held + later >= params.max_substeps ||
                                     tick.report.substeps + later >= kMostSubsteps ||
                                     (trial.strays && tick.strayed > kMostStrays));
-    // A proxy that nothing holds is at the hand, however much of its way is left to be read: that
-    // is only swept, and what the sweep meets is read.
+    // A proxy that nothing holds goes to the hand, however much of its path is left to be read: the
+    // rest is only swept, and properties are read where the sweep reaches a surface.
     const bool free = spent && !arrived && tick.balance.primitives.size() == 0;
     if (free) trial = advance(tick, now, true);
     const bool meets =
@@ -194,9 +194,9 @@ Slice follow(Tick& tick, int later) noexcept {
   }
 }
 
-/// In how many slices the hand goes on where a stream holds the proxy: each a voxel at most, but so
-/// that each may take two readings. All at once a fast hand would be farther aside of the line at
-/// the proxy than of the curve.
+/// The number of slices that the hand moves in where a stream holds the proxy: each a voxel at
+/// most, but few enough that each may take two readings. In one slice a fast hand would be farther
+/// from the line at the proxy than from the curve.
 int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   double most = std::numeric_limits<double>::infinity();
   eachMode(tick.felt(), [&](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
@@ -207,7 +207,7 @@ int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
   return static_cast<int>(std::clamp<double>(slices, 1.0, cap));
 }
 
-/// Moves the volumes to their place in a slice, and what is remembered with them.
+/// Moves the volumes, and what is remembered with them, to their poses in a slice.
 void moveBodies(Tick& tick, int slice, int slices) noexcept {
   const Graph& graph = tick.scene.graph;
   Surroundings& around = tick.around;

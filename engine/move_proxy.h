@@ -5,9 +5,9 @@
 
 namespace palpate {
 
-/// Moves proxy, volumes and what is remembered on to this tick's hand, until what was read where
-/// the proxy is balances there, or the tick's readings are used up: the report says which. False
-/// where a sample spoilt the balance. docs/tick.md. RT: no allocation.
+/// Moves the proxy, the volumes and what is remembered on to this tick's hand, until what was read
+/// at the proxy balances there, or the tick's readings are used up: the report says which. False
+/// where a sample that is not finite spoilt the balance. See docs/tick.md. RT: no allocation.
 [[nodiscard]] bool moveProxy(Tick& tick, double time) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

@@ -8,11 +8,11 @@ namespace palpate {
 
 namespace {
 
-/// So much farther than needed a part is felt: there is less to choose [m].
+/// Parts this much farther than needed are taken in too, so that choices are rarer [m].
 constexpr double kAhead = 2e-3;
 
-/// No data of a part are nearer to p than this [m], as far as that is known; more than `enough` is
-/// not told apart.
+/// A lower bound on the distance from p to a part's data [m]; beyond `enough` [m] the distance to
+/// the part's box alone is returned.
 double freeWithin(const Part& part, const Vec3& p, double enough) noexcept {
   const Box& box = part.bounds;
   const double outside = (box.lower - p).cwiseMax(p - box.upper).cwiseMax(0.0).norm();
@@ -33,7 +33,7 @@ void NearParts::forget() noexcept {
 
 void NearParts::meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
                      PrimitiveSet& scratch, StepReport& report) noexcept {
-  // A balance may take it aside, but seldom farther than to the hand.
+  // A balance may take the proxy aside, but seldom farther than to the hand.
   const double length = (probe - proxy).norm();
   const Vec3 about = Vec3::Constant(length);
   const std::span<const std::uint32_t> near =
@@ -94,10 +94,10 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   }
   take(length + kAhead);
   if (count > kMaxNearParts) take(length);
-  crowded_ = count > kMaxNearParts || !boxes_.complete();  // told in every tick
+  crowded_ = count > kMaxNearParts || !boxes_.complete();  // reported in every tick
   if (crowded_) count = strongest(scene, {awake_.data(), count}, report);
   keep({awake_.data(), count}, [&](std::size_t part, std::size_t slot) {
-    // Properties where the proxy is, so that the way into it is swept like any other.
+    // Properties are read at the proxy, so that its path into the part is swept like any other.
     NearPart& fresh = slots_[slot];
     fresh.part = part;
     const Felt felt{reader.bind(scene, part, slot), &fresh.properties, fresh.memories.data()};
@@ -113,8 +113,8 @@ void NearParts::choose(const Scene& scene, Reader& reader, std::span<const std::
   });
 }
 
-/// Where there is no room for all parts that a way meets: puts those that can hold most first, the
-/// first of equals, in the order of the scene. How many these are.
+/// Where there is no room for all parts that a path can reach: puts those that can hold most first,
+/// the earlier of equals, in the order of the scene. Returns how many these are.
 std::size_t NearParts::strongest(const Scene& scene, std::span<std::uint32_t> parts,
                                  StepReport& report) noexcept {
   const auto begin = parts.begin();

@@ -1,4 +1,4 @@
-/// The parts of a scene that a proxy can come to: of many only those are felt whose data are near.
+/// The parts of a scene that a proxy can reach: a tick samples only those whose data are near.
 #pragma once
 
 #include <array>
@@ -17,43 +17,43 @@
 
 namespace palpate {
 
-/// A part that is felt.
+/// A part of the scene that the tick samples and balances.
 struct NearPart {
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  std::size_t part = kNone;  ///< Index into Scene::parts; kNone: none.
-  std::size_t modes = 0;     ///< How many it has.
+  std::size_t part = kNone;  ///< Index into Scene::parts; kNone: the slot is empty.
+  std::size_t modes = 0;     ///< Number of the part's modes.
   Properties properties;
   std::array<ModeMemory, kMaxPartModes> memories;
 };
 
 /// Chooses the parts of a tick, and keeps what is remembered of them while they are near.
-/// docs/scale.md. Its memory is taken when it is made.
+/// See docs/scale.md. Its memory is allocated when it is made.
 class NearParts {
  public:
   NearParts() : slots_(kMaxNearParts), awake_(NearBoxes::kMost), free_(NearBoxes::kMost) {}
 
-  /// The parts are others, or what was remembered of them means nothing any more.
+  /// Forgets all parts: the scene is another one, or what was remembered of them is void.
   void forget() noexcept;
 
-  /// Chooses those whose data a way as long as that to the probe can meet, and some that are not
-  /// much farther. Those that are new are read where the proxy is, with `scratch` for what their
-  /// modes place. `report`: parts, left_out, missing, samples. RT: no allocation. Cost: six
-  /// comparisons where nothing has changed, else a few ns a part whose box is near.
+  /// Chooses the parts whose data a path as long as from the proxy to the probe can reach, and some
+  /// little farther. A new part is read where the proxy is; `scratch` is for what its modes place.
+  /// `report` gets parts, left_out, missing and samples. RT: no allocation. Cost: six comparisons
+  /// where nothing has changed, else a few ns for each part whose box is near.
   void meet(const Scene& scene, Reader& reader, const Vec3& proxy, const Vec3& probe,
             PrimitiveSet& scratch, StepReport& report) noexcept PALPATE_NONBLOCKING;
 
-  /// What they are felt by, in the order of the scene; how many they are.
+  /// Writes the near parts, ready to be read, to `felt` in the scene's order. Returns their number.
   ///
   /// @pre felt has room for kMaxNearParts.
   std::size_t bind(const Scene& scene, Reader& reader,
                    std::span<Felt> felt) noexcept PALPATE_NONBLOCKING;
 
-  /// So much of a way [m] comes to no part that was not chosen: 0 to 1.
+  /// The share, 0 to 1, of the path `from` - `to` [m] that surely reaches no part left unchosen.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
   [[nodiscard]] const NearPart& operator[](std::size_t slot) const noexcept { return slots_[slot]; }
-  /// Slots in the order of their parts: those of the last tick.
+  /// Slots of the last tick's parts, in the order of the parts.
   [[nodiscard]] std::span<const std::uint8_t> order() const noexcept {
     return {order_.data(), count_};
   }
@@ -64,8 +64,8 @@ class NearParts {
               StepReport& report) noexcept;
   std::size_t strongest(const Scene& scene, std::span<std::uint32_t> parts,
                         StepReport& report) noexcept;
-  /// Only these parts from now on; what is remembered of those that were there stays. Calls back
-  /// with the slot of each that is new.
+  /// Keeps only these parts from now on, with what is remembered of those that were kept before.
+  /// Calls `fresh` with the index and the slot of each part that is new.
   ///
   /// @pre near ascends.
   template <class New>
@@ -75,11 +75,11 @@ class NearParts {
   std::array<std::uint8_t, kMaxNearParts> order_{};
   std::size_t count_ = 0;
   NearBoxes boxes_;
-  std::vector<std::uint32_t> awake_;  ///< Scratch: parts that the proxy can come to.
-  std::vector<double> free_;          ///< Scratch: of each part whose box is near.
-  Vec3 chosen_at_ = Vec3::Zero();     ///< Where these were chosen last [m];
-  double chosen_for_ = 0.0;           ///< within so much of there no other has data [m].
-  bool crowded_ = false;              ///< There was no room for some.
+  std::vector<std::uint32_t> awake_;  ///< Scratch: parts that the proxy can reach.
+  std::vector<double> free_;          ///< Scratch: distance to the data, for each near box [m].
+  Vec3 chosen_at_ = Vec3::Zero();     ///< Where the proxy was at the last choice [m].
+  double chosen_for_ = 0.0;           ///< Radius about there without data of parts not chosen [m].
+  bool crowded_ = false;              ///< There was no room for some parts that are near.
 };
 
 }  // namespace palpate

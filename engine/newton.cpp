@@ -10,13 +10,13 @@ namespace palpate {
 
 namespace {
 
-/// Orthonormal directions, each with what a step has to go along it.
+/// Orthonormal directions, each with the distance that a step has to go along it [m].
 struct Rows {
   std::array<Vec3, 3> direction;
   std::array<double, 3> way{};
   std::size_t count = 0;
 
-  /// q.step = length as well. False, and nothing done, where the rows before say as much.
+  /// Adds q.step = length [m]. False, and nothing changed, where earlier rows all but span q.
   bool add(Vec3 q, double length) noexcept {
     for (std::size_t i = 0; i < count; ++i) {
       const double share = q.dot(direction[i]);
@@ -30,7 +30,7 @@ struct Rows {
     way[count++] = length / norm;
     return true;
   }
-  /// The shortest step.
+  /// The shortest step that satisfies all rows [m].
   [[nodiscard]] Vec3 step() const noexcept {
     Vec3 sum = Vec3::Zero();
     for (std::size_t i = 0; i < count; ++i) sum += way[i] * direction[i];
@@ -38,7 +38,7 @@ struct Rows {
   }
 };
 
-/// What the primitives hold: the directions of their forces, and what keeps the place on them.
+/// What the primitives hold: rows along their forces, and rows that keep the place on them.
 struct Held {
   Rows forces;
   Rows places;
@@ -78,8 +78,8 @@ Held heldBy(const Vec3& residual, std::span<const Primitive> primitives,
   return held;
 }
 
-/// x = S^-1 b where that is stable, else down from the ridge: by the magnitudes of the eigenvalues
-/// of S's symmetric part, none below kFloor.
+/// x = S^-1 b where that is stable, else the step down from the ridge: by the magnitudes of the
+/// eigenvalues of S's symmetric part, none below kFloor.
 constexpr double kFloor = 0.05;
 template <int N>
 Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
@@ -112,8 +112,8 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
 
 using Basis = std::array<Vec3, 3>;
 
-/// The step in N free directions: `pulls` has to vanish along `forces`, A is how it falls as the
-/// place goes along `places`.
+/// The step in N free directions [m]: `pulls` has to vanish along `forces`; A is the rate at which
+/// it falls as the place moves along `places`.
 template <int N>
 Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec3& pulls,
               const Vec3& held) noexcept {
@@ -128,7 +128,7 @@ Vec3 freeStep(const Basis& forces, const Basis& places, const Mat3& A, const Vec
   return held + Z * solveFree<N>(S, b);
 }
 
-/// How the pulls of lines and points that slide turn about the balance, by k.
+/// D, the derivative at the balance of the pulls of lines and points that slide, divided by k.
 Mat3 slidingTurns(const Vec3& balance, double stiffness, std::span<const Primitive> primitives,
                   std::span<const Vec3> forces) noexcept {
   Mat3 D = Mat3::Zero();

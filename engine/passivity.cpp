@@ -5,12 +5,12 @@
 
 namespace palpate {
 
-/// Follows what acts through time: held, and behind its order by a first-order lag.
+/// The force that acts through time: each order is held, and followed with a first-order lag.
 struct Tank::Amplifier {
   Acting now;
   double lag;  ///< [s]
 
-  /// A time in which `order` holds.
+  /// Advances by a time [s] in which `order` [N] holds, and adds what acts in it to `acted`.
   void hold(const Vec3& order, double time, Acted& acted) noexcept {
     if (time <= 0.0) return;
     const double square = order.squaredNorm();
@@ -50,7 +50,7 @@ void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   Amplifier amplifier{acting_, arm.lag};
   Acted acted;
   double at = 0.0;
-  std::size_t past = 0;  // those that nobody needs any more
+  std::size_t past = 0;  // forces that are not needed any more
   for (std::size_t i = 0; i < count_; ++i) {
     const bool last = i + 1 == count_;
     const double until = last ? dt : std::clamp(sent_[i + 1].from, at, dt);
@@ -67,7 +67,7 @@ void Tank::elapse(double dt, const ArmDissipation& arm) noexcept {
   since_.force += acted.force;
   since_.square += acted.square;
   span_ += dt;
-  // Whatever the hand did in it.
+  // The most that any motion of the hand took out: the maximum of F v - b v^2 is F^2 / (4 b).
   sure_ -= acted.square / (4.0 * arm.viscous);
 }
 
@@ -92,7 +92,7 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
   }
   since_.change += ordered - arm.lag * (then.change - acting_.change);
   since_.most = std::max(since_.most, most);
-  // Each switch in this time or before it is among the jumps, or long over.
+  // Each switch of the force in this time or before it is among the jumps, or long over.
   recent_ = dt < 2.0 * arm.jitter ? std::max(recent_, square) : square;
   acting_.change = then.change;
   acting_.jump = then.jump;
@@ -100,16 +100,16 @@ void Tank::elapseDoubt(double dt, const ArmDissipation& arm) noexcept {
 
 void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   if (!(span_ > 0.0)) return;
-  // The mean of the force does the work; what it varies about the mean a hand could take out by
+  // The mean of the force does the work; its variation about the mean a hand could take out by
   // moving with it, against b.
   const Vec3 mean = since_.force / span_;
   const Vec3 moved = hand - last_;
   const double way = moved.norm();
-  // Between the readings it may have been longer than it says: friction took less.
+  // The time between the readings may have been longer than span_: friction took less.
   const double viscous = arm.viscous * span_ / (span_ + 2.0 * arm.jitter);
   double varies = std::max(0.0, since_.square - span_ * mean.squaredNorm());
   if (since_.change > 0.0) {
-    // It may have been another one, by so much.
+    // Within the doubt of the delays the force may have differed by this much.
     const double other = std::sqrt(varies) + std::sqrt(since_.change * since_.most);
     varies = other * other;
     counted_ -= since_.change / span_ * (way + arm.step);
@@ -118,8 +118,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
   counted_ -= mean.dot(moved) + varies / (4.0 * viscous) + 0.5 * arm.step * (mean - mean_).norm();
   const double surely = std::max(0.0, way - arm.step);
   counted_ += viscous / span_ * surely * surely;
-  // Coulomb's friction: of a way that is known to D/2 only what drags an anchor on a rope of length
-  // D is certain, and of that the cosine of 30 degrees.
+  // Coulomb's friction: of a path that is known to D/2 only the motion of an anchor dragged on a
+  // rope of length D is certain, and of that motion the cosine of 30 degrees.
   const Vec3 rope = hand - anchor_;
   const double length = rope.norm();
   if (length > arm.step) {
@@ -134,8 +134,8 @@ void Tank::arrive(const Vec3& hand, const ArmDissipation& arm) noexcept {
 }
 
 double Tank::certain(const ArmDissipation& arm) const noexcept {
-  // Forces that come later, or stay longer, than they are reckoned with; and since the reading more
-  // time may have gone by.
+  // Forces may come later or stay longer than they are reckoned with, and more time may have gone
+  // by since the reading: what both can cost is taken off.
   double later = arm.lag * acting_.jump + arm.jitter * recent_;
   for (std::size_t i = 1; i < count_; ++i) later += arm.doubt * sent_[i].jump;
   return counted_ - 0.5 * arm.step * mean_.norm() - later / (4.0 * arm.viscous);
@@ -152,8 +152,8 @@ double Tank::reserve(const Vec3& next, const ArmDissipation& arm) const noexcept
     at = until;
   }
   amplifier.hold(next, arm.period, acted);
-  // What the amplifier still gives then dies away. Earlier by the doubt, or later: what was sent
-  // before has paid for that.
+  // What the amplifier still gives then decays with its lag. `next` may begin earlier by the doubt,
+  // or later; forces sent before have paid for their own doubt.
   const double square = next.squaredNorm();
   const double jumps = std::abs(square - sent_[count_ - 1].force.squaredNorm()) + square;
   return (acted.square + arm.lag * amplifier.now.square + arm.doubt * jumps) / (4.0 * arm.viscous);
@@ -204,8 +204,8 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   if (timed) elapse(dt, arm);
   if (!known_) {
-    // Nothing is credited for a time in which something unknown may have acted, until the zero that
-    // is sent now does; nor for a way from a place that it left nobody knows when.
+    // Nothing is credited for a time in which an unknown force may have acted, until the zero that
+    // is sent now acts; nor for a path from a place that the hand left at an unknown time.
     if (timed && !recovers) blind_ -= dt;
     known_ = fresh && blind_ <= 0.0;
     last_ = anchor_ = hand;
@@ -227,14 +227,14 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   }
   sure_ = std::min(sure_, cap);
   if (!std::isfinite(sure_ + counted_) || count_ == kForces) {
-    // No number, or more forces on their way than can be remembered: zero was reserved for.
+    // Energy that is not finite, or more forces on their way than kForces: zero was reserved for.
     forget();
     return acts ? 0.0 : 1.0;
   }
   double share = 1.0;
-  // Asked this way round a number that is none pays for nothing.
+  // The comparison is false for NaN, so that NaN pays for nothing.
   if (!(reserve(wanted, arm) <= sure_)) {
-    // Grows with the share: bisection finds the largest that can be paid for.
+    // The reserve grows with the share: bisection finds the largest share that can be paid for.
     double more = 1.0;
     share = 0.0;
     constexpr int kHalvings = 30;

@@ -29,9 +29,9 @@ struct Pose {
   }
 };
 
-/// The pose of a volume at a time: it turns about W's origin, then shifts.
+/// A volume's pose at one time: the volume turns about W's origin, then shifts.
 struct Keyframe {
-  double time = 0.0;                                ///< Since the scene began [s].
+  double time = 0.0;                                ///< Time since the scene began [s].
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
   Vec3 translate = Vec3::Zero();                    ///< [m]
 };
@@ -41,36 +41,36 @@ struct Keyframe {
 /// that move together.
 class Motion {
  public:
-  /// Throws SceneError, with `path` before what is wrong (/2/time), where there is no keyframe, the
-  /// times do not ascend or are beyond 1e9 s, a rotation is zero, two in a row are half a turn
-  /// apart (either way round would do), or a repeated motion does not end where it began.
+  /// Throws SceneError, with `path` before what is wrong (/2/time), for no keyframe, times that do
+  /// not ascend or are beyond 1e9 s, a shift of 1e6 m or more, a zero rotation, two in a row half
+  /// a turn apart, or a repeated motion that has one keyframe or does not end where it began.
   explicit Motion(std::span<const Keyframe> keyframes, bool repeat = false,
                   const std::string& path = "/keyframes");
 
-  /// RT: no allocation. Cost: O(log keyframes), one sine and cosine.
+  /// The pose at `time` [s]. RT: no allocation. Cost: O(log keyframes), one sine and cosine.
   [[nodiscard]] Pose poseAt(double time) const noexcept PALPATE_NONBLOCKING;
 
-  /// Holds a box of the resting frame wherever the motion takes it, within 0.2 % of the way that
-  /// turning takes its corners.
+  /// A box in W that holds a box of the resting frame wherever the motion takes it, within 0.2 % of
+  /// the radius at which its corners turn.
   [[nodiscard]] Box sweep(const Box& rest) const;
-  /// At most so fast does any point of a box of the resting frame move [m/s].
+  /// Upper bound of the speed of every point of a box of the resting frame [m/s].
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
   [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }
   [[nodiscard]] double from() const noexcept { return knots_.front().time; }
   [[nodiscard]] double to() const noexcept { return knots_.back().time; }
   [[nodiscard]] bool repeats() const noexcept { return repeat_; }
-  /// Another one for every motion that is made.
+  /// Unique in the process for every motion that is made.
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
 
  private:
-  /// A keyframe, and the way to the next one.
+  /// A keyframe, and the motion from it to the next one.
   struct Knot {
     double time = 0.0;
     Pose pose;
-    Vec3 axis = Vec3::UnitX();  ///< In the resting frame: turned before `pose` turns it.
-    double angle = 0.0;         ///< [rad]
-    Vec3 way = Vec3::Zero();    ///< [m]
+    Vec3 axis = Vec3::UnitX();  ///< Axis of the turn in the resting frame, before `pose` turns it.
+    double angle = 0.0;         ///< Angle of the turn [rad].
+    Vec3 way = Vec3::Zero();    ///< Shift to the next keyframe [m].
   };
   [[nodiscard]] static Pose between(const Knot& knot, double share) noexcept PALPATE_NONBLOCKING;
 
@@ -81,16 +81,16 @@ class Motion {
 
 using MotionPtr = std::shared_ptr<const Motion>;
 
-/// A motion as a tick sees it: where its volumes are, and the proxy as they see it.
+/// A motion within a tick: where its volumes are, and the proxy as seen from them.
 struct Body {
-  Pose pose;                    ///< Of this sub-step.
-  Pose target;                  ///< Of the tick.
-  Pose carry;                   ///< From the last pose to this one, in W.
+  Pose pose;                    ///< Pose in this sub-step.
+  Pose target;                  ///< Pose at the end of the tick.
+  Pose carry;                   ///< Motion from the last pose to this one, in W.
   Vec3 from = Vec3::Zero();     ///< The proxy before it moves, carried along, in the resting frame
-                                ///< [m],
-  Vec3 carried = Vec3::Zero();  ///< and in W.
+                                ///< [m].
+  Vec3 carried = Vec3::Zero();  ///< The proxy before it moves, carried along, in W [m].
   Vec3 seen = Vec3::Zero();     ///< Where properties are read, in the resting frame [m].
-  bool moved = false;           ///< Since the proxy did; else `carried` is the proxy itself.
+  bool moved = false;           ///< The volume moved since the proxy; else `carried` is the proxy.
 };
 
 }  // namespace palpate

@@ -19,7 +19,7 @@ enum class PrimitiveKind : std::uint8_t {
   kPlane,  ///< eq. (13): constant push along `direction`, only behind the plane (eq. 12).
 };
 
-/// The paper's word for it.
+/// The paper's word for a kind of primitive.
 [[nodiscard]] const char* wordFor(PrimitiveKind kind) noexcept;
 
 /// One primitive in W.
@@ -30,18 +30,18 @@ struct Primitive {
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 
-/// How far x is from where the primitive is content: from its point or line, or behind its plane;
-/// 0 for a force [m]. RT: no allocation.
+/// Distance of x from where the primitive exerts no force: from its point or line, or behind its
+/// plane; 0 for a force [m]. RT: no allocation.
 [[nodiscard]] double distanceTo(const Primitive& primitive,
                                 const Vec3& x) noexcept PALPATE_NONBLOCKING;
 
-/// What a primitive does in a balance: nothing, it holds, or it gives way.
+/// What a primitive does in a balance: it bears nothing, holds or yields.
 enum class Load : std::uint8_t {
   kNone,
-  kHeld,      ///< 0 < load < strength: the balance is on it.
-  kYielding,  ///< All its strength: the balance is where it could not hold it.
+  kHeld,      ///< 0 < load < strength: the balance is on the primitive.
+  kYielding,  ///< load = strength: the balance is where the primitive could not hold the proxy.
 };
-/// By what it does to the proxy [N]. RT: no allocation.
+/// The load of a primitive by its force on the proxy [N]. RT: no allocation.
 [[nodiscard]] inline Load loadOf(const Primitive& primitive, const Vec3& force) noexcept {
   constexpr double kLeast = 1e-12;  // [N]
   constexpr double kAll = 1.0 - 1e-9;
@@ -53,24 +53,24 @@ enum class Load : std::uint8_t {
 /// How a primitive changes with the place x where properties were read: what Newton's step
 /// (newton.h) knows of it beside the primitive itself.
 struct Varying {
-  std::size_t index = 0;       ///< Among the primitives.
-  Mat3 turn = Mat3::Zero();    ///< Of a force's or a plane's direction n: dn/dx [1/m].
-  Vec3 slope = Vec3::Zero();   ///< Of its strength: ds/dx [N/m].
-  Vec3 across = Vec3::Zero();  ///< Of a plane: the place stays on it where across . step = -height.
-                               ///< On a surface the slope c, unit, outwards, that the interpolated
-                               ///< value has at x; where values are trilinear not n.
-  double height = 0.0;         ///< So far along `across` is x above the plane [m].
-  bool surface = false;        ///< It is the plane of a surface; of others false.
+  std::size_t index = 0;       ///< Index of the primitive that varies.
+  Mat3 turn = Mat3::Zero();    ///< dn/dx [1/m], n the direction of a force or a plane.
+  Vec3 slope = Vec3::Zero();   ///< ds/dx [N/m], s the strength.
+  Vec3 across = Vec3::Zero();  ///< For a plane: the place stays on it if across . step = -height.
+                               ///< For a surface this is the slope c, unit, outwards, that the
+                               ///< interpolated value has at x; in trilinear data it is not n.
+  double height = 0.0;         ///< Height of x above the plane, along `across` [m].
+  bool surface = false;        ///< True for the plane of a surface, false for all others.
 };
 
 /// Most primitives that one tick may balance.
 inline constexpr std::size_t kMaxPrimitives = 1024;
 
-/// Coulomb friction: a line through the old proxy along a plane's normal, of the strength mu times
-/// what that plane carries in the same balance. See friction.h.
+/// Coulomb friction: a line through the old proxy along a plane's normal, its strength mu times the
+/// load that the plane bears in the same balance. See friction.h.
 struct FrictionLink {
   std::size_t plane = 0;     ///< Index of the plane in its set.
-  std::size_t line = 0;      ///< And of the line.
+  std::size_t line = 0;      ///< Index of the friction's line in the same set.
   double coefficient = 0.0;  ///< mu, >= 0.
 };
 
@@ -86,8 +86,8 @@ class PrimitiveSet {
     items_[count_++] = primitive;
     return true;
   }
-  /// Appends the friction at `position` of the plane appended last; false also where that is none,
-  /// or the coefficient is negative or no number. RT: no allocation.
+  /// Appends friction to the plane appended last, at `position` [m]; false also where no plane was
+  /// appended last, or the coefficient is not within 0 to 1e9. RT: no allocation.
   [[nodiscard]] bool tryAddFriction(const Vec3& position, double coefficient) noexcept {
     const std::size_t plane = count_ - 1;
     if (count_ == 0 || items_[plane].kind != PrimitiveKind::kPlane || !(coefficient >= 0.0) ||
@@ -98,8 +98,8 @@ class PrimitiveSet {
     links_[link_count_++] = {plane, plane + 1, coefficient};
     return true;
   }
-  /// How the primitive appended last varies, to be written; asked again, the same. Of an empty set
-  /// it is nobody's. RT: no allocation.
+  /// How the primitive appended last varies, to be written; a second call gives the same entry. In
+  /// an empty set the entry belongs to no primitive. RT: no allocation.
   Varying& vary() noexcept {
     if (count_ == 0) return varying_[0];
     if (varying_count_ == 0 || varying_[varying_count_ - 1].index + 1 != count_) {
@@ -108,7 +108,7 @@ class PrimitiveSet {
     }
     return varying_[varying_count_ - 1];
   }
-  /// The strength of a friction's line [N]. RT: no allocation.
+  /// Sets the strength of a friction's line [N]. RT: no allocation.
   void setStrength(const FrictionLink& link, double strength) noexcept {
     items_[link.line].strength = strength;
   }
@@ -121,7 +121,7 @@ class PrimitiveSet {
   [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
     return {links_.data(), link_count_};
   }
-  /// Those that vary, in their order.
+  /// Entries of the primitives that vary, in the primitives' order.
   [[nodiscard]] std::span<const Varying> varying() const noexcept {
     return {varying_.data(), varying_count_};
   }

@@ -16,14 +16,14 @@ struct Properties {
   struct Scalar {
     double value = 0.0;
     bool inside = false;        ///< False where there is no data.
-    Vec3 slope = Vec3::Zero();  ///< Of the value as interpolated [its unit / m], in W; zero where
-                                ///< no mode's strength follows it, or where it is not known.
+    Vec3 slope = Vec3::Zero();  ///< Slope of the interpolated value [its unit / m], in W; zero
+                                ///< where no mode's strength depends on the value or it is unknown.
   };
   struct Vector {
     Vec3 value = Vec3::Zero();
     bool inside = false;
-    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; of a curl
-                                   ///< zero, of a gradient where no primitive is along it.
+    Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d value_i / d x_j [its unit / m], in W; zero for a
+                                   ///< curl, and for a gradient that no primitive is along.
   };
   std::array<Scalar, kMaxProperties> scalars;
   std::array<Vector, kMaxProperties> vectors;

@@ -5,19 +5,19 @@
 namespace palpate {
 namespace {
 
-/// Error of a trace's step, by the scene's tolerance. Measured: of 0.01 voxel at most 0.0101
-/// comes together over 1,280 voxels of any stream tried (docs/motion_accuracy.md).
+/// Error of a trace's step, as a share of the scene's tolerance. Measured: for 0.01 voxel at most
+/// 0.0101 voxel adds up over 1,280 voxels of any stream tried (docs/motion_accuracy.md).
 constexpr double kTraceStep = 2.25e-3;
 
-/// Primitive `index` of mode i of what is felt. True if it holds.
+/// Lays primitive `index`, the line of mode i, along its curve. True if it holds a moving proxy.
 bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, std::size_t i,
               std::size_t index, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
   const Primitive& line = tick.balance.primitives.items()[index];
   const Vec3& force = tick.balance.forces[index];
   const Vec3 go = trial.end - line.position;
   const Vec3 aside = balance - line.position;
-  constexpr double kOn = 1e-3;     // [voxels] off the line: it gives way
-  constexpr double kStays = 1e-5;  // [voxels] along it: the proxy rests
+  constexpr double kOn = 1e-3;     // [voxels] from the line: beyond, it yields
+  constexpr double kStays = 1e-5;  // [voxels] along the line: below, the proxy rests
   along.on->holds =
       (aside - line.direction.dot(aside) * line.direction).norm() <= kOn * along.voxel;
   if (!along.on->holds) return false;
@@ -27,7 +27,7 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   TraceOrder order;
   order.length = line.direction.dot(go);
   order.along = line.direction;
-  // What the line holds against: the hand, or what other primitives leave of it.
+  // The hand relative to the line's place [m], or what other primitives leave of its pull.
   order.hand = line.direction.dot(aside) * line.direction - force / k;
   const Vec3 hand = order.hand;
   if (body != nullptr) {
@@ -43,12 +43,12 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
   const Vec3 ahead =
       body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
-  // Where the stream or its data end the rest is gone straight on.
+  // Where the stream or its data end, the rest of the length goes straight on.
   const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
   const Vec3 on = line.direction.dot(go) * line.direction;
   const Vec3 shift = curve + rest * line.direction - (line.position + on);
-  // A curve that leads farther off its tangent than the line's strength reaches cannot be held,
-  // nor a place on it that the hand is farther from.
+  // A curve that leads farther from its tangent than the line's strength reaches cannot be held,
+  // nor can a place on it that is farther than that from the hand.
   const Vec3 left = hand - (curve - line.position);
   if (trace.shortened && !(left.norm() <= line.strength / k)) return true;
   const Vec3 waiting = shift + ahead.dot(force) / k * ahead;
@@ -57,7 +57,7 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   rail.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
   rail.waiting = waiting;
   trial.end += shift;
-  trial.complete = false;  // but to where properties are to be read
+  trial.complete = false;  // the end is where properties are to be read
   if (trace.hairpin) worsen(tick.report, StepStatus::kHairpin);
   if (trace.capped) worsen(tick.report, StepStatus::kSubstepLimit);
   return true;

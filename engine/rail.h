@@ -1,5 +1,5 @@
-/// A stream's line that holds the proxy: its length comes from the balance and is gone along the
-/// curve.
+/// A stream's line that holds the proxy: the balance gives the arc length by which the proxy goes
+/// along the curve.
 #pragma once
 
 #include "palpate/engine/felt.h"
@@ -11,16 +11,16 @@
 namespace palpate {
 
 struct Rail {
-  bool laid = false;               ///< For the way from this proxy.
-  const ModeMemory* of = nullptr;  ///< The mode's; null: no line holds.
-  Primitive line;                  ///< The tangent where the curve led.
-  /// How much farther on the probe would have to be for that to be the balance [m]: the curve led
-  /// aside of the tangent, and what the tangent held is not all across the new one.
+  bool laid = false;               ///< The curve has been traced on the path from this proxy.
+  const ModeMemory* of = nullptr;  ///< Memory of the line's mode; null: no line holds.
+  Primitive line;                  ///< The tangent at the place to which the curve led.
+  /// How much farther on the probe would have to be for the end of the trial step to be the balance
+  /// [m]: the curve left the tangent, and what the tangent held is not all across the new tangent.
   Vec3 waiting = Vec3::Zero();
 };
 
 /// Lays the first line that holds the proxy, whose balance is `balance` [m], along its curve, and
-/// moves the trial step there. docs/tick.md, stream. RT: no allocation. Cost: VectorField::trace.
+/// moves the trial step there. See docs/tick.md, rail. RT: no allocation. Cost: VectorField::trace.
 void layRail(Tick& tick, const Vec3& balance, Rail& rail,
              Trial& trial) noexcept PALPATE_NONBLOCKING;
 

@@ -19,10 +19,10 @@ namespace palpate {
 namespace {
 
 constexpr std::int64_t kSecond = 1000000000;  // [ns]
-// It goes on while a machine sleeps: a loop that wakes up with it is late.
+// This clock goes on while a machine sleeps: a loop that wakes up with the machine is late.
 constexpr clockid_t kSystemClock = CLOCK_BOOTTIME;
 
-/// Writes to a stack deeper than a tick's, so that no tick is the first to.
+/// Touches more stack than a tick uses, so that no tick takes the page faults.
 [[gnu::noinline]] void touchStack() noexcept {
   std::array<std::byte, std::size_t{256} * 1024> stack;
   volatile std::byte* at = stack.data();
@@ -64,7 +64,7 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     if (!report.memory) {
       refuse(report, "locked memory", errno, "raise memlock in /etc/security/limits.d");
     }
-    // Locked pages may still be put together to a huge one, which holds a thread up for a tick.
+    // Locked pages may still be merged into a huge page, which holds a thread up for a tick.
     (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   }
   if (request.core >= 0) {

@@ -1,5 +1,5 @@
-/// What a thread asks of the system before it ticks: priority, a core, memory that stays. Asked for
-/// once, reported, never required.
+/// What a thread asks of the system before it ticks: priority, a core, memory that stays. All are
+/// asked for once, reported, never required.
 #pragma once
 
 #include <cstdint>
@@ -7,24 +7,24 @@
 
 namespace palpate {
 
-/// A guardian is above every loop.
+/// Highest priority of a loop; a guardian is above every loop.
 inline constexpr int kMostPriority = 90;
 
 struct RealtimeRequest {
-  int priority = 80;        ///< Of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
-  int core = -1;            ///< To stay on; -1: any.
-  bool lock_memory = true;  ///< Of the whole process, also what it takes later: no huge pages then.
-  bool awake = true;  ///< Cores do not sleep meanwhile: in a virtual machine one that does may
+  int priority = 80;        ///< Priority of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
+  int core = -1;            ///< Core to stay on; -1: any.
+  bool lock_memory = true;  ///< Lock all memory of the process, also later; no huge pages then.
+  bool awake = true;  ///< Cores do not sleep meanwhile: in a virtual machine a core that does may
                       ///< be woken a millisecond late. Costs power.
 };
 
-/// What was granted; a reason where it was not, with what to do about it.
+/// What was granted; for what was not, the reason and the remedy.
 struct RealtimeReport {
   bool priority = false;
   bool core = false;
   bool memory = false;
   bool awake = false;
-  std::string refused;  ///< "priority 80: not permitted: ...", several joined by "; "; or empty.
+  std::string refused;  ///< "priority 80: not permitted: ...", several joined by "; "; else empty.
 };
 
 /// Keeps the machine's cores from sleeping as long as it lives, where that is permitted
@@ -36,22 +36,22 @@ class StayAwake {
   StayAwake(const StayAwake&) = delete;
   StayAwake& operator=(const StayAwake&) = delete;
   [[nodiscard]] bool granted() const noexcept { return descriptor_ >= 0; }
-  [[nodiscard]] int error() const noexcept { return error_; }  ///< errno
+  [[nodiscard]] int error() const noexcept { return error_; }  ///< errno, or 0.
 
  private:
   int descriptor_ = -1;
   int error_ = 0;
 };
 
-/// For the calling thread (memory: for the process; `awake`: by a StayAwake that the caller keeps,
-/// of which the report is told). Touches the stack that ticks need.
-/// Slow: before the first tick.
+/// Asks for the calling thread, and for memory on behalf of the process. The caller keeps `awake`;
+/// the report repeats whether that was granted. Touches the stack that ticks need.
+/// Slow: to be called before the first tick.
 [[nodiscard]] RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& awake);
 
-/// Of the clock that deadlines are in; goes on while the machine is suspended [ns].
+/// Time of the clock that deadlines are in [ns]; it goes on while the machine is suspended.
 /// Signal-safe.
 [[nodiscard]] std::int64_t nowNs() noexcept;
-/// Sleeps until then, whatever signals come [ns]. RT: a system call.
+/// Sleeps until nowNs() reaches `ns` [ns], whatever signals come. RT: a system call.
 void sleepUntil(std::int64_t ns) noexcept;
 
 /// Page faults of the calling thread so far: minor and major. RT: a system call.

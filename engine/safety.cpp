@@ -63,7 +63,7 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
     velocity_.setZero();
   }
 
-  // A position that is new, or the same one still where the arm rests.
+  // The position is new, or still the same one where the arm rests.
   const double since = measured - time_;
   const Vec3 step = hand.position - position_;
   if (step.norm() > std::max(kLeastJump, kJumpSpeed * since)) return Fault::kJump;

@@ -1,5 +1,5 @@
 /// What may go wrong between an engine and a hand: causes, their remedies, and the checks of the
-/// hand's position. Each cause cuts the force and is latched: ProxyState::clearFault lets it out
+/// hand's position. Each cause cuts the force and is latched: ProxyState::clearFault lets force out
 /// again, by an engagement (limit_force.h).
 #pragma once
 
@@ -17,8 +17,8 @@ enum class Fault : std::uint8_t {
   kLate,        ///< A tick came later than WatchLimits::late: give the loop a core, real-time
                 ///< priority or a lower rate.
   kStale,       ///< The device's position is older than WatchLimits::stale, or something else that
-                ///< it has to say is older than it may be: see to its cable, or to the program that
-                ///< shares it.
+                ///< the device reports is older than it may be: see to its cable, or to the program
+                ///< that shares it.
   kJump,        ///< The position stepped faster than a hand can: an encoder lost count; home the
                 ///< device.
   kOverSpeed,   ///< The device was faster than it may be, and stayed so although it was braked:
@@ -32,89 +32,89 @@ enum class Fault : std::uint8_t {
   kSwitch,       ///< The device's safety switch is open: close it.
   kHeartbeat,    ///< The application has not called HapticThread::beat in time: it hangs.
   kUnguarded,    ///< The guardian process shows no life: start the program again.
-  kStopped,      ///< Somebody asked for it, by a key, a signal or HapticThread::cut.
+  kStopped,      ///< Somebody asked for the cut, by a key, a signal or HapticThread::cut.
 };
 inline constexpr std::size_t kFaults = 15;
 
-/// What happened, for messages: "the device's reports are too old".
+/// What happened at a fault, for messages: "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;
-/// What to do about it: "see to its cable".
+/// What to do about a fault: "see to its cable".
 [[nodiscard]] const char* remedyFor(Fault fault) noexcept;
-/// A word for traces and JSON: "stale".
+/// A fault's word for traces and JSON: "stale".
 [[nodiscard]] const char* wordFor(Fault fault) noexcept;
 
 /// One reading of the hand.
 struct HandState {
   Vec3 position = Vec3::Zero();  ///< The probe in W [m].
-  double age = 0.0;    ///< Of that position [s]: an arm that is slower than the loop gives
-                       ///< the same one again, older,
-  bool fresh = true;   ///< and says here that it is none that was read since. Whatever is
-                       ///< counted by ways and times (the energy tank) relies on it.
-  bool ready = true;   ///< Homed, and its dead-man switch held, where it has them. Else no
-                       ///< force, and an engagement when it is.
-  double still = 0.0;  ///< So long have its counters stood still, to the last count [s]; 0 where
-                       ///< the device does not look. See StillFade.
-  Fault fault = Fault::kNone;  ///< What the device reports.
-  /// Projects a force onto those that its motors can give where it is: a planar arm gives none
-  /// across its plane. What is counted and limited is what is left.
+  double age = 0.0;    ///< Age of `position` [s]: an arm that is slower than the loop gives
+                       ///< the same position again, older.
+  bool fresh = true;   ///< The position was read since the last HandState. Whatever is
+                       ///< counted by paths and times (the energy tank) relies on this.
+  bool ready = true;   ///< The arm is homed, and its dead-man switch held, where it has them. Else
+                       ///< no force goes out, and an engagement begins when it is ready.
+  double still = 0.0;  ///< How long its counters have stood still, to the last count [s]; 0 where
+                       ///< the device does not measure this. See StillFade.
+  Fault fault = Fault::kNone;  ///< Fault that the device reports.
+  /// Projects a force onto those that the motors can give at this position: a planar arm gives none
+  /// across its plane. The projected force is the one that is counted and limited.
   Mat3 drives = Mat3::Identity();
-  /// Filled in by HandWatch.
-  Vec3 velocity = Vec3::Zero();  ///< [m/s]
-  bool too_fast = false;         ///< To be braked: faster than
-  double max_speed = 0.0;        ///< [m/s].
+  /// The members from here on are filled in by HandWatch.
+  Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
+  bool too_fast = false;         ///< The hand is faster than `max_speed` and to be braked.
+  double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
 };
 
-/// What a hand may do. Defaults: SAFETY of any desktop arm.
+/// What a hand may do. The defaults are safe for any desktop arm.
 struct WatchLimits {
-  double stale = 0.05;     ///< [s], by the device's profile.
-  double max_speed = 3.0;  ///< [m/s]; braked above, cut after kBraked.
-  double late = 0.005;     ///< [s], or three ticks where they are longer.
+  double stale = 0.05;     ///< Largest age of a position [s], set by the device's profile.
+  double max_speed = 3.0;  ///< Largest speed [m/s]: braked above it, cut after kBraked.
+  double late = 0.005;     ///< Largest delay of a tick [s], or three ticks where they are longer.
 };
 
-/// Looks at positions as they come in.
+/// Checks positions as they come in.
 class HandWatch {
  public:
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
-  /// Fills in velocity and too_fast.
+  /// Fills in velocity, max_speed and too_fast.
   ///
-  /// @param now   [s], of any clock that does not go back.
-  /// @return      Why the force is to be cut; kNone: it is not.
+  /// @param now   Time [s], of any clock that does not go back.
+  /// @return      Why the force is to be cut; kNone: the force need not be cut.
   /// RT: no allocation.
   [[nodiscard]] Fault look(HandState& hand, double now) noexcept PALPATE_NONBLOCKING;
-  /// As after a fault: the next position is the first.
+  /// Forgets all positions, as after a fault: the next position is the first.
   void forget() noexcept {
     known_ = false;
     fast_since_ = -1.0;
   }
 
  private:
-  static constexpr double kJumpSpeed = 5.0;   ///< [m/s]: no hand steps faster.
+  static constexpr double kJumpSpeed = 5.0;   ///< [m/s]: a hand does not step faster.
   static constexpr double kLeastJump = 1e-3;  ///< [m]: less hurts nobody; covers uneven stamps.
-  static constexpr double kSmooth = 0.005;    ///< [s], time constant of the velocity.
-  static constexpr double kBraked = 0.05;     ///< [s] too fast although braked: cut.
+  static constexpr double kSmooth = 0.005;    ///< [s]: time constant of the velocity.
+  static constexpr double kBraked = 0.05;     ///< [s]: too fast for longer although braked is cut.
 
   WatchLimits limits_;
   bool known_ = false;
-  double time_ = 0.0;  ///< Of the last new position [s].
+  double time_ = 0.0;  ///< Time of the last new position [s].
   Vec3 position_ = Vec3::Zero();
   Vec3 velocity_ = Vec3::Zero();
-  double fast_since_ = -1.0;  ///< [s]; below 0: is not.
+  double fast_since_ = -1.0;  ///< Since when the hand is too fast [s]; below 0: it is not.
 };
 
-/// Takes the force off an arm that does not move under it. Firmware that sends its last counters
-/// again and again would keep whatever force was right when it stopped to look.
+/// Takes the force off an arm that does not move under the force. Firmware that sends its last
+/// counters again and again would keep whatever force was right when it stopped to read them.
 ///
-/// Nothing tells such an arm from one that is held still but that it stays so: where no counter has
-/// moved for kStill while more force goes out than friction can hold, the force fades, in kFade to
-/// nothing. A hand that lives is moved by that long before, by a count, and the force comes back at
-/// the same pace. Meanwhile friction has held the arm: of what the motors did not give a hand feels
-/// no more than that friction and its own stiffness times a count.
+/// Nothing tells such an arm from one that is held still but the time that it stays so. Where no
+/// counter has moved for kStill while more force goes out than friction can hold, the force fades
+/// to nothing in kFade. A living hand is moved by a count long before that, and the force comes
+/// back at the same pace. Meanwhile friction has held the arm: of the force that the motors did not
+/// give, a hand feels no more than that friction and its own stiffness times a count.
 class StillFade {
  public:
-  /// What is left of the force, 0 to 1.
+  /// The share of the force that is left, 0 to 1.
   ///
-  /// @param force     That goes out [N].
+  /// @param force     Magnitude of the force that goes out [N].
   /// @param still     HandState::still [s].
   /// @param friction  Less force than this may leave the arm where it is [N].
   /// RT: no allocation.
@@ -128,8 +128,8 @@ class StillFade {
   double left_ = 1.0;
 };
 
-/// The force on a hand that is too fast: nothing that drives it, and against its motion
-/// kBrake (|v| - max_speed).
+/// The force on a hand that is too fast [N]: `force` without what drives the hand, and against the
+/// motion kBrake (|v| - max_speed).
 [[nodiscard]] Vec3 brake(const Vec3& force, const Vec3& velocity,
                          double max_speed) noexcept PALPATE_NONBLOCKING;
 inline constexpr double kBrake = 2.0;  ///< [N s/m]: half of what common arms render (Touch: 4).

@@ -15,7 +15,7 @@ const Body* bodyOf(int motion, std::span<const Body> bodies) noexcept {
   return motion < 0 || bodies.empty() ? nullptr : &bodies[static_cast<std::size_t>(motion)];
 }
 
-/// FNV-1a, from another graph's on.
+/// FNV-1a of a graph's fields, modes and motions, continued from the hash `shape`.
 std::uint64_t shapeOf(const Graph& graph, std::uint64_t shape) {
   const auto add = [&](std::uint64_t x) { shape = (shape ^ x) * 1099511628211ULL; };
   for (const auto& field : graph.scalar_fields) add(field->id());
@@ -139,8 +139,8 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
   const auto vector = [&](int index, const Vec3& value, bool inside, const Mat3& jacobian) {
     if (index >= 0) out.vectors[static_cast<std::size_t>(index)] = {value, inside, jacobian};
   };
-  const Vec3 level = Vec3::Zero();     // a slope that nobody wants or knows,
-  const Mat3 straight = Mat3::Zero();  // and a Jacobian
+  const Vec3 level = Vec3::Zero();     // a slope that nobody asks for or that is unknown
+  const Mat3 straight = Mat3::Zero();  // a Jacobian that nobody asks for or that is unknown
 
   const FieldSet wanted = fieldsAt(*graph, p_W, bodies);
   int count = 0;

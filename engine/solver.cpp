@@ -41,7 +41,7 @@ constexpr double kOnKink = 1.0 - 1e-12;
 /// directions. Field by field, so that the loops below run several terms at a time.
 ///
 /// b = P a, a the anchor: where on its line or plane a primitive stands does not matter, and b is
-/// small wherever the kink is near the origin. So distances to near kinks keep their digits.
+/// small wherever the kink is near the origin, so that distances to near kinks keep their digits.
 struct Terms {
   std::size_t count = 0;
   double* sigma;
@@ -51,13 +51,13 @@ struct Terms {
   std::array<double*, 3> b;
   std::array<double*, 3> z;  ///< multiplier: the force is -sigma z, |z| <= 1, in the range of P
   std::array<double*, 3>
-      u;                ///< scratch: u of the last envelopeGradient, then Line's fields; Pivots'
+      u;                ///< scratch: u of the last envelopeGradient, then Line's fields; or Pivots'
   std::size_t* source;  ///< index of the primitive
 
   /// b <- P (scale (b - origin)).
   void placeFeet(const Vec3& origin, double scale) noexcept;
-  /// Multipliers of a tick ago into the range of P, turned with their line or plane. Their length
-  /// says whether the primitive held the proxy, and is kept, to 1 at most.
+  /// Projects the multipliers of a tick ago into the range of P, turned with their line or plane.
+  /// Their length says whether the primitive held the proxy, and is kept, to 1 at most.
   void turnMultipliers() noexcept;
 
   static constexpr std::size_t kFields = 15;
@@ -143,7 +143,7 @@ void Terms::placeFeet(const Vec3& origin, double scale) noexcept {
   const double oz = origin.z();
 #pragma omp simd
   for (std::size_t i = 0; i < count; ++i) {
-    // Twice: what rounding leaves outside the range of P is not small beside a near foot.
+    // Projected twice: what rounding leaves outside the range of P is not small beside a near foot.
     const auto [ax, ay, az] = constrained(*this, i, scale * (b[0][i] - ox), scale * (b[1][i] - oy),
                                           scale * (b[2][i] - oz));
     const auto [bx, by, bz] = constrained(*this, i, ax, ay, az);
@@ -170,7 +170,7 @@ void Terms::turnMultipliers() noexcept {
   }
 }
 
-/// What is to be minimised, and what restores metres.
+/// The potential that is to be minimised, and the numbers that restore metres.
 struct Problem {
   Vec3 w = Vec3::Zero();  ///< the spring's end, relative to the probe [m]: directed forces only
                           ///< move it
@@ -303,7 +303,7 @@ class Line {
     }
   }
 
-  /// d/dt of the envelope. Rises with t, and unlike energies does not drown in rounding.
+  /// The envelope's derivative by t. It rises with t, and unlike energies is not lost in rounding.
   [[nodiscard]] double slope(double at) const noexcept {
     const Terms& t = terms_;
     double sum = 0.0;
@@ -346,7 +346,7 @@ class Line {
       if (shortest > 0.5) break;
       const double xi = (a - b) / (c - b);
       const double phi = (at_a - at_b) / (at_c - at_b);
-      double share = 0.0;  // of the way from a to b
+      double share = 0.0;  // share of the interval from a to b
       if (phi * phi < xi && (1.0 - phi) * (1.0 - phi) < 1.0 - xi) {
         share = at_a / (at_b - at_a) * at_c / (at_b - at_c) +
                 (c - a) / (b - a) * at_a / (at_c - at_a) * at_b / (at_c - at_b);
@@ -367,7 +367,7 @@ class Line {
   double curvature_;
 };
 
-/// The multipliers become u, or its nearest point of the unit ball.
+/// Sets the multipliers to u, or to its nearest point of the unit ball.
 template <Pieces pieces>
 void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept {
   Terms& t = problem.terms;
@@ -387,7 +387,7 @@ void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept 
     double ny = shrink * uy;
     double nz = shrink * uz;
     if constexpr (pieces == Pieces::kBelieved) {
-      // Believed off its kink and come out on the other side: then it is on it.
+      // A term believed off its kink that comes out on the other side is on its kink.
       const bool crossed = ux * zx + uy * zy + uz * zz < 0.0;
       nx = crossed ? 0.9 * zx : nx;
       ny = crossed ? 0.9 * zy : ny;
@@ -401,7 +401,7 @@ void updateMultipliers(Problem& problem, double gamma, const Vec3& at) noexcept 
 
 /// Upper bound on |y - y*| by the duality gap, written without cancellation: every term is >= 0.
 /// Two dual points are tried: the multipliers; and d/|d| instead for those primitives whose
-/// multiplier points along d = P y - b. Says which was the better.
+/// multiplier points along d = P y - b. `by_multipliers` says whether the first was the better.
 double certify(const Problem& problem, const Vec3& at, bool& by_multipliers) noexcept {
   constexpr double kLastDigits = 4.0 * kEpsilon;
   const Terms& t = problem.terms;
@@ -503,11 +503,11 @@ class Search {
     constexpr double kFirstGamma = 0.3;
     constexpr double kTighten = 0.03;
     constexpr double kLastGamma = 1e-13;
-    constexpr double kNear = 1e-3;  // from here on the origin follows
+    constexpr double kNear = 1e-3;  // below this gamma the origin follows the iterate
     // Each envelope is minimised loosely, to some hundred gamma: the multipliers make up for it.
     constexpr double kLoose = 1e5;
-    // A round that takes longer than this was tightened too fast: back, and then with care. (By
-    // the same factor once more, rounds can go in a circle.)
+    // A round that takes longer than this was tightened too fast: gamma is relaxed, and tightened
+    // with care from then on. (By the same factor once more, rounds can go in a circle.)
     constexpr int kMostOfRound = 8;
     constexpr double kRelax = 12.0;
     constexpr double kCareful = 0.35;
@@ -547,7 +547,7 @@ class Search {
     return true;
   }
 
-  /// The best guess so far, its bound, and what it cost.
+  /// The best guess so far, its bound [m], and the linear solves that it took.
   [[nodiscard]] Vec3 offset() const noexcept { return problem_.offset(best_); }
   [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
   [[nodiscard]] int solves() const noexcept { return solves_; }
@@ -567,11 +567,11 @@ class Search {
   double best_bound_ = 1.0;  // all terms together pull with at most T: |y* - spring| <= 1
 };
 
-/// The balance of planes alone, by pivots: the potential is quadratic in each cell that they part
-/// space into, so it falls along a straight line to a plane that holds or to a cell's own lowest
-/// place, and what is held there is let go of where that takes more than its strength. No plane is
-/// rounded off. In three dimensions at most three hold at once; a few pivots are enough, however
-/// many planes there are, unless many kinks are one point that the proxy stays in.
+/// The balance of planes alone, by pivots: the potential is quadratic in each cell that the planes
+/// divide space into, so it falls along a straight line to a plane that holds or to a cell's own
+/// minimum, and a plane in the active set that would take more than its strength is released. No
+/// plane is rounded off. In three dimensions at most three hold at once; a few pivots are enough,
+/// however many planes there are, unless many kinks are one point that the proxy stays in.
 class Pivots {
  public:
   explicit Pivots(Problem& problem) noexcept : problem_(problem), terms_(problem.terms) {}
@@ -581,7 +581,7 @@ class Pivots {
     return std::all_of(terms.alpha, terms.alpha + terms.count, [](double a) { return a == 0.0; });
   }
 
-  /// From y towards the balance, and the multipliers there; false where it was not reached.
+  /// Moves y towards the balance and sets the multipliers there; false where it was not reached.
   bool solve(Vec3& y) noexcept {
     place(y);
     while (pivots_ < kMostPivots) {
@@ -603,7 +603,7 @@ class Pivots {
 
  private:
   static double square(double x) noexcept { return x * x; }
-  /// Of term i: q y - q b; how fast it grows along the way; its side, 0 where it holds.
+  /// Term i's height q.y - q.b; its rate along the step; its side, 0 where the plane holds.
   [[nodiscard]] double& height(std::size_t i) const noexcept { return terms_.u[0][i]; }
   [[nodiscard]] double& rate(std::size_t i) const noexcept { return terms_.u[1][i]; }
   [[nodiscard]] double& side(std::size_t i) const noexcept { return terms_.u[2][i]; }
@@ -616,7 +616,7 @@ class Pivots {
     }
   }
 
-  /// Of what is smooth here.
+  /// The gradient at y of the potential without the planes that hold.
   [[nodiscard]] Vec3 gradient(const Vec3& y) const noexcept {
     const Terms& t = terms_;
     double gx = y.x() - problem_.spring.x();
@@ -632,7 +632,7 @@ class Pivots {
     return {gx, gy, gz};
   }
 
-  /// What of v is across the normals that hold. Twice, as Gram and Schmidt need.
+  /// The component of v across the normals that hold. Projected twice, as Gram and Schmidt need.
   [[nodiscard]] Vec3 across(Vec3 v) const noexcept {
     for (int twice = 0; twice < 2; ++twice) {
       for (std::size_t k = 0; k < held_; ++k) v -= basis_[k].dot(v) * basis_[k];
@@ -648,8 +648,8 @@ class Pivots {
     ++held_;
   }
 
-  /// To the lowest place along d, as a share of it: past planes, to one that stops it, or to where
-  /// the slope ends by itself.
+  /// The share of the step d that leads to the lowest place along it: past planes, to one that
+  /// stops it, or to where the slope vanishes by itself.
   double fall(const Vec3& d, double slope) noexcept {
     const Terms& t = terms_;
     const double dx = d.x();
@@ -659,7 +659,7 @@ class Pivots {
     for (std::size_t i = 0; i < t.count; ++i) {
       t.u[1][i] = t.q[0][i] * dx + t.q[1][i] * dy + t.q[2][i] * dz;
     }
-    // The planes on the way, and which of them it gets past: a weighted median, found by parting
+    // The planes on the step, and which of them it gets past: a weighted median, found by parting
     // them about one of them again and again.
     std::size_t count = 0;
     for (std::size_t i = 0; i < t.count; ++i) {
@@ -670,7 +670,7 @@ class Pivots {
     const auto less = [&](const Met& met) {
       return 2.0 * t.sigma[met.plane] * std::abs(rate(met.plane)) / slope;
     };
-    double way = 1.0;  // where the slope would end
+    double way = 1.0;  // the share of d at which the slope would vanish
     std::size_t stop = t.count;
     Met* first = met_.data();
     Met* last = first + count;
@@ -682,7 +682,7 @@ class Pivots {
       double before = 0.0;
       for (const Met* m = first; m != here; ++m) before += less(*m);
       if (way - before <= at) {
-        last = here;  // it does not come as far
+        last = here;  // the step does not come as far
         continue;
       }
       for (const Met* m = first; m != here; ++m) side(m->plane) = -side(m->plane);
@@ -704,7 +704,7 @@ class Pivots {
     return way;
   }
 
-  /// What those that hold exert: sum of push_k q_k = -g, from the last on.
+  /// The forces of the planes that hold: sum of push_k q_k = -g, solved from the last plane on.
   [[nodiscard]] std::array<double, 3> pushes(const Vec3& g) const noexcept {
     std::array<double, 3> push{};
     Vec3 left = -g;
@@ -716,8 +716,8 @@ class Pivots {
     return push;
   }
 
-  /// Lets go of the plane that would have to exert most beyond its strength; false where none
-  /// would.
+  /// Releases the plane of the active set that would have to exert most beyond its strength; false
+  /// where none would.
   bool letGo(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     double worst = 64.0 * kEpsilon;
@@ -739,7 +739,7 @@ class Pivots {
     return true;
   }
 
-  /// The multipliers of where it is.
+  /// Sets the multipliers of the present place, by sides and, where planes hold, by their forces.
   void speak(const Vec3& g) noexcept {
     const std::array<double, 3> push = pushes(g);
     for (std::size_t i = 0; i < terms_.count; ++i) set(terms_.z, i, side(i) * get(terms_.q, i));
@@ -753,14 +753,14 @@ class Pivots {
 
   Problem& problem_;
   const Terms& terms_;
-  /// A plane on the way, and where that meets it.
+  /// A plane on the step, and the share of the step at which the step reaches it.
   struct Met {
     double way;
     std::size_t plane;
   };
   std::array<Met, kMaxPrimitives> met_;  ///< Scratch.
   std::array<std::size_t, 3> holder_{};
-  std::array<Vec3, 3> basis_;  ///< Of the normals that hold, each across those before it.
+  std::array<Vec3, 3> basis_;  ///< The normals that hold, each made orthogonal to those before it.
   std::size_t held_ = 0;
   int pivots_ = 0;
 };
@@ -788,7 +788,7 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
   for (std::size_t i = 0; i < terms.count; ++i) {
     const Vec3 d = project(terms, i, problem.spring) - get(terms.b, i);
     const double r = d.norm();
-    // On the kink all of d, else as far as the strength goes.
+    // On its kink a primitive takes all of d, off it as much as its strength.
     pull += r > terms.sigma[i] ? Vec3((terms.sigma[i] / r) * d) : d;
     set(terms.z, i, d / std::max(r, terms.sigma[i]));
   }
@@ -800,7 +800,7 @@ Vec3 balanceOrthogonal(const Problem& problem) noexcept {
 /// spring's end for the other, whose balance is the soft threshold; the plane's own condition (y
 /// before it: zeta = 1; on it: between; behind it: zeta = -1) is monotone in that force.
 ///
-/// With e = P q, d the other's distance from its kink before its own force acts, and s = q.d, so
+/// With e = P q, d the other's displacement from its kink before its own force acts, s = q.d, so
 /// that a = (s_0 - s)/|e|^2 and |d|^2 = s^2/|e|^2 + aside^2, the height over the plane is
 ///
 ///     h(s) = h_0 - (1/|e|^2 - 1) (s_0 - s) + max(0, 1 - sigma/|d|) s,
@@ -835,7 +835,7 @@ class Pair {
       ++evaluations;
       s = high;
       if (height(high) > 0.0) {
-        // From -edge to edge the other holds.
+        // The other primitive holds for s from -edge to edge.
         const double room = sigma_ * sigma_ - aside2_;
         const double edge = room > 0.0 ? std::sqrt(room * e2_) : 0.0;
         const double left = std::clamp(-edge, low, high);
@@ -862,14 +862,14 @@ class Pair {
     return r > sigma_ ? Vec3(kink + ((r - sigma_) / r) * d) : kink;
   }
 
-  /// The multipliers: of the plane, and of the other.
+  /// The multipliers of the plane and of the other primitive.
   [[nodiscard]] Vec3 planeMultiplier() const noexcept { return (force_ / most_) * q_; }
   [[nodiscard]] Vec3 otherMultiplier() const noexcept {
     const Vec3 d = d_ - force_ * e_;
     return d / std::max(d.norm(), sigma_);
   }
 
-  /// Upper bound on |y - y*|: of the duality gap the other's part and the imbalance vanish. What
+  /// Upper bound on |y - y*|: in the duality gap the other's term and the imbalance vanish. What
   /// rounding can hide in h counts: a point's kink is exact and q - e = 0, a line's or plane's not.
   [[nodiscard]] double bound(const Vec3& y) const noexcept {
     const double h = q_.dot(y) - foot_;
@@ -911,9 +911,9 @@ class Pair {
   Vec3 q_;
   double foot_;   ///< q.b of the plane
   double most_;   ///< sigma of the plane
-  double sigma_;  ///< of the other
+  double sigma_;  ///< sigma of the other
   Vec3 e_;
-  Vec3 d_;     ///< at no force of the plane
+  Vec3 d_;     ///< d at zero force of the plane
   Vec3 kink_;  ///< the other's kink nearest to the spring's end, at no force of the plane
   double e2_;
   double slope_;
@@ -923,7 +923,7 @@ class Pair {
   double force_ = 0.0;  ///< a
 };
 
-/// False where neither is a plane, where they are all but orthogonal, or where the bound fails.
+/// Tries Pair; false where neither is a plane, both are all but orthogonal, or the bound fails.
 bool trySolvePair(const Problem& problem, const SolverParams& params,
                   SolveResult& result) noexcept {
   const std::size_t plane = problem.terms.alpha[0] == 0.0 ? 0 : 1;
@@ -950,8 +950,8 @@ bool valid(const Primitive& primitive) noexcept {
   return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
 }
 
-/// Nearly unit (valid() saw to that) to unit: two Newton steps, of which the first is exact to
-/// 1e-12.
+/// Normalises a nearly unit vector (valid() saw to that) by two Newton steps, of which the first is
+/// exact to 1e-12.
 Vec3 unit(const Vec3& q) noexcept {
   const double once = 1.5 - 0.5 * q.squaredNorm();
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
@@ -967,7 +967,7 @@ bool slab(std::span<const Primitive> primitives, std::size_t i) noexcept {
          a.strength == b.strength && a.position == b.position && a.direction == -b.direction;
 }
 
-/// What a primitive is worth as a norm: max(0, t) = (t + |t|)/2, so a plane is half a directed
+/// A primitive's strength as a norm [N]: max(0, t) = (t + |t|)/2, so a plane is half a directed
 /// force and half a norm.
 double share(const Primitive& primitive) noexcept {
   switch (primitive.kind) {
@@ -982,9 +982,9 @@ double share(const Primitive& primitive) noexcept {
   return 0.0;
 }
 
-/// What makeProblem leaves besides the problem.
+/// What makeProblem returns besides the problem.
 struct Remainder {
-  Vec3 origin = Vec3::Zero();  ///< from the probe [m]
+  Vec3 origin = Vec3::Zero();  ///< origin of the terms, from the probe [m]
   double bound = 0.0;          ///< what rounding and primitives left out can move the answer by [m]
 };
 
@@ -994,8 +994,8 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   Problem problem;
   problem.terms = storage;
 
-  // Sizes that enter, for the rounding: the largest distance, and what forces add up to before they
-  // cancel.
+  // Sizes that enter the bound on rounding [m]: the largest distance, and the sum of the directed
+  // forces before they cancel, divided by k.
   const double per_stiffness = 1.0 / stiffness;
   double sum = 0.0;
   double reach = 0.0;
@@ -1019,14 +1019,14 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   problem.length = sum * per_stiffness;
   remainder.bound = 8.0 * kEpsilon * (reach + problem.length) + (8.0 + pushes) * kEpsilon * pushed;
 
-  // Strengths that cannot move the proxy beyond rounding.
+  // Strengths that cannot move the proxy beyond rounding enter the bound only.
   if (problem.length <= remainder.bound || problem.length < std::numeric_limits<double>::min()) {
     remainder.bound += problem.length;
     return problem;
   }
 
-  // The origin at the nearest anchor where the proxy can get there, so that kinks that meet in one
-  // anchor meet to the last digit. Where all are farther off than T/k, at the spring's end.
+  // The origin is the nearest anchor that the proxy can reach, so that kinks that share an anchor
+  // do so to the last digit; where all are farther than T/k, it is the spring's end.
   // Primitives may be too weak to matter beside the rest: what they can move goes into the bound.
   constexpr double kNothing = 1e-20;
   Terms& terms = problem.terms;
@@ -1066,7 +1066,7 @@ Problem makeProblem(const Vec3& probe, double stiffness, std::span<const Primiti
   return problem;
 }
 
-/// Two and more primitives that are not orthogonal, nor a plane and one other: pivots, or Newton.
+/// Balances two or more primitives that are not orthogonal, nor a plane and one other.
 void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
                     const SolverParams& params, WarmStart* warm, SolveResult& result) noexcept {
   result.solver = SolverKind::kGeneral;
@@ -1115,7 +1115,7 @@ void writeForces(const Terms& terms, std::span<const Primitive> primitives,
     const Primitive& p = primitives[source];
     const Vec3 z = get(terms.z, i);
     if (slab(primitives, source)) {
-      // The side that the proxy is pressed against carries it.
+      // The plane that the proxy is pressed against carries the load.
       forces[source] = forces[source + 1] = Vec3::Zero();
       forces[p.direction.dot(z) > 0.0 ? source + 1 : source] = -p.strength * z;
     } else {
@@ -1124,7 +1124,7 @@ void writeForces(const Terms& terms, std::span<const Primitive> primitives,
   }
 }
 
-/// The balance, by the first way that fits.
+/// The balance, by the first method that fits.
 template <std::size_t Capacity>
 void balance(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
              const Vec3& start, const SolverParams& params, WarmStart* warm, std::span<Vec3> forces,
@@ -1133,7 +1133,7 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   Remainder remainder;
   Problem problem = makeProblem(probe, stiffness, primitives, storage.view(), remainder);
   const std::size_t count = problem.terms.count;
-  // No more is wanted than the input's own rounding allows.
+  // No tighter tolerance is asked for than the input's own rounding allows.
   SolverParams wanted = params;
   const double least = remainder.bound / problem.length;
   wanted.tolerance = params.tolerance > least ? params.tolerance : least;

@@ -20,19 +20,19 @@ enum class SolveStatus : std::uint8_t {
                     ///< means nothing, so send no force; error_bound is infinite.
 };
 
-/// What answered.
+/// Which method gave the answer.
 enum class SolverKind : std::uint8_t {
   kClosedForm,  ///< Orthogonal primitives, among them any one alone, and directed forces.
-  kPair,        ///< A plane and one other: a scalar equation.
-  kGeneral,     ///< Several: pivots between planes; else Newton on 3x3 systems, warm or by the
-                ///< method of multipliers.
+  kPair,        ///< A plane and one other primitive: a scalar equation.
+  kGeneral,     ///< Several primitives: pivots between planes; else Newton on 3x3 systems,
+                ///< warm or by the method of multipliers.
 };
 
 struct SolverParams {
   /// Wanted error_bound as a share of T/k, T the strengths of points and lines and half of the
-  /// planes': how far they can pull the proxy from where directed forces and half of each plane's
-  /// put it. At most S/k, S the sum of strengths. Rounding lets it come to 1e-8 nearly always, to
-  /// less seldom; <= 0 or NaN: as far as it can.
+  /// planes': T/k is how far these can pull the proxy from where directed forces and half of each
+  /// plane's put it, at most S/k, S the sum of strengths. Rounding lets it come to 1e-8 nearly
+  /// always, to less seldom; <= 0 or NaN: as small as rounding lets it.
   double tolerance = 1e-6;
   /// Most 3x3 linear solves, >= 1, after up to 40 pivots between planes. Of ten million random
   /// balances none took more than 50, of 286 that a search for hard ones had made none more
@@ -44,29 +44,29 @@ struct SolveResult {
   Vec3 proxy = Vec3::Zero();   ///< [m]
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], not rounded to the probe's magnitude: the
                                ///< spring's force is k times this.
-  double error_bound = 0.0;    ///< [m], at least the distance of probe + offset to the exact
-                               ///< balance; of the primitives as given, to the last digit of their
-                               ///< directions and of their positions from the probe.
-  int iterations = 0;  ///< Of the methods that were tried: pivots and 3x3 linear solves; for a
-                       ///< plane and one other primitive, evaluations of their scalar equation;
-                       ///< 0 for the closed form.
+  double error_bound = 0.0;    ///< [m], at least the distance of probe + offset from the exact
+                               ///< balance of the primitives as given, to the last digit of their
+                               ///< directions and of their positions relative to the probe.
+  int iterations = 0;  ///< Pivots and 3x3 linear solves of all methods that were tried; for a plane
+                       ///< and one other primitive, evaluations of their scalar equation; 0 for the
+                       ///< closed form.
   SolverKind solver = SolverKind::kClosedForm;
   SolveStatus status = SolveStatus::kConverged;
 };
 
 /// What the last balance found, for the next one: from tick to tick the same primitives hold the
-/// proxy. Primitives must come in the same order; another number of them starts cold, and so does
-/// what follows a balance that needed no Newton. Wrong memory costs solves, a few more than a cold
-/// start, never truth. Its own memory is taken when it is made, none afterwards.
+/// proxy. Primitives must come in the same order; another number of them starts cold, and so does a
+/// balance after one that needed no Newton. Wrong memory costs a few more solves than a cold start,
+/// never truth. Its own memory is taken when it is made, none afterwards.
 struct WarmStart {
   WarmStart() : multipliers(kMaxPrimitives, Vec3::Zero()) {}
   /// The next balance starts cold.
   void forget() noexcept { count = 0; }
 
-  std::vector<Vec3> multipliers;  ///< Of each primitive: -f/s of points and lines, and of planes
+  std::vector<Vec3> multipliers;  ///< One for each primitive: -f/s for points and lines, for planes
                                   ///< -(f - s q/2)/(s/2), their force without its constant half.
   Vec3 motion = Vec3::Zero();     ///< proxy - start of the last balance [m].
-  std::size_t count = 0;          ///< Primitives of that balance; 0: nothing remembered.
+  std::size_t count = 0;          ///< Primitives of the last balance; 0: nothing remembered.
 };
 
 /// Finds the proxy position at which the primitives balance the coupling spring.
@@ -80,21 +80,21 @@ struct WarmStart {
 /// convex, so the answer is unique, and within error_bound it does not depend on `start` and
 /// `warm`. Departures from the paper: at a kink (proxy exactly on a plane, line or point) eq. (14)
 /// takes the primitive's force as zero; we take any force of its set, because the balance usually
-/// lies on a kink. And the smallest |f_res|, which section 4.2 searches, is not always the balance
+/// lies on a kink. The smallest |f_res|, which section 4.2 searches, is not always the balance
 /// (tests/engine/paper_test.cpp has a case), so we stop by the duality gap:
 /// |x - x*| <= sqrt(2 gap / k).
 ///
 /// @param probe       Hand position [m].
 /// @param stiffness   Coupling stiffness k of eq. (3) [N/m], > 0.
-/// @param primitives  Balanced together; at most kMaxPrimitives.
+/// @param primitives  The primitives to balance; at most kMaxPrimitives.
 /// @param start       Where the proxy was [m]: returned as the proxy when the input is bad.
-/// @param warm        What the last balance left, and what this one leaves: one to three solves
-///                    where a cold start takes two to nine. Null: a cold start. Never believed
-///                    unproved.
+/// @param warm        Memory of the last balance, replaced by that of this one: one to three solves
+///                    where a cold start takes two to nine. Null: a cold start. What it says is
+///                    never believed unproved.
 /// @param forces      Where not empty, at least as many as primitives: what each does to the proxy
 ///                    [N]. They and k (probe - proxy) add up to zero, up to k error_bound, unless
 ///                    the status is kIterationLimit. Where primitives share a load (parallel
-///                    planes) it is one way to share it. Means nothing after kBadInput.
+///                    planes) the forces are one way to share it; void after kBadInput.
 ///
 /// RT: no allocation, no lock, no system call; about 150 KB of stack, touched only as far as there
 /// are primitives. Cost: O(primitives) per iteration. Deterministic:

@@ -10,14 +10,14 @@
 namespace palpate {
 namespace {
 
-/// A place where a hand can be [m]; false for NaN as well.
+/// True if a hand can be at p [m]; false for NaN as well.
 bool isHand(const Vec3& p) noexcept {
   constexpr double kFarthest = 1e6;
   return p.cwiseAbs().maxCoeff() < kFarthest && p.allFinite();
 }
 
-/// A force that drives a hand too fast is braked along what its motors can push along: what drives
-/// it is all in there.
+/// Brakes the force on a hand that is too fast, along the directions in which its motors can push:
+/// all that drives the hand is in these.
 Vec3 braked(const Vec3& force, const HandState& hand) noexcept {
   const Vec3 along = hand.drives * hand.velocity;
   if (!hand.too_fast || !hand.ready || !(along.norm() > 0.0)) return force;
@@ -32,7 +32,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
   if (swapped) {
     const bool edit = met_.shape == scene.shape;
     met_ = {scene.id, scene.shape, 0.0};
-    // A new scene engages; where only numbers have changed, soon.
+    // A new scene begins an engagement; where only numbers have changed, the force grows gently.
     if (edit && gate_.limits.engage > 0.0) {
       gate_.limiter.gentle = kEngageEdit;
     } else {
@@ -47,7 +47,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
     around_.near.forget();
     balance_.warm.forget();
     balance_.friction.forget();
-    // A stiffness that a swapped scene does not vary is that scene's; one that it does goes on.
+    // A constant stiffness is the new scene's; one that the new scene varies goes on as it was.
     const bool varies = !scene.graph.stiffness.factors.empty();
     if (!varies || !proxy_.placed) stiffness_ = {scene.coupling.stiffness, 0.0};
   }
@@ -80,15 +80,15 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     Tick tick{scene, reader, proxy, state.around_, state.balance_, report, trace, hand.position};
     good = moveProxy(tick, state.met_.time);
 
-    // Step 3, eq. (3). The proxy's motion may not add energy to the spring; what it adds is
-    // counted. Several moves give less than all at once would: docs/tick.md, Energy.
+    // Step 3, eq. (3). Energy that the proxy's motion adds to the spring is counted [J]; several
+    // moves may sum up to less than the tick as a whole: docs/tick.md, Energy.
     const Vec3& offset = proxy.offset;
     const double rate = state.length_rate_.next(offset.norm(), dt);
     const double at_once = k * (offset.dot(offset - before) - 0.5 * (offset - last).squaredNorm());
     report.injected = std::max(report.injected, at_once);
     if (good) {
       report.wanted = hand.drives * couplingForce({k, scene.coupling.damping}, offset, rate);
-      assert(report.primitives > 0 || report.wanted.isZero(0.0));  // nothing there, nothing felt
+      assert(report.primitives > 0 || report.wanted.isZero(0.0));  // without primitives no force
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =
@@ -102,7 +102,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
   return report;
 }
 
-/// The last gate: from the force that is wanted to that which leaves.
+/// The last gate: turns the wanted force into the force that leaves.
 void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport& report) noexcept {
   LimiterState& limiter = gate_.limiter;
   if (!good) {
@@ -116,9 +116,9 @@ void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport
   if (dt > 0.0 && report.injected > 0.0) {
     limiter.tank.refill(std::min(report.injected, gate_.limits.tank.refill * dt));
   }
-  // A position that is no hand's, or not yet the arm's, is none to count energy by.
+  // Energy cannot be counted by a position that is no hand's, or not yet that of a homed arm.
   if (!good || !hand.ready) limiter.tank.forget();
-  // Nothing below changes the force.
+  // limitForce is the last gate: nothing after it changes the force.
   const LimitedForce out =
       limitForce(report.wanted, hand.position, dt, gate_.limits, limiter, hand.fresh);
   if (!out.finite) {

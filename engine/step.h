@@ -23,8 +23,8 @@ namespace palpate {
 /// What the proxy remembers from tick to tick, and the memory that the tick works in.
 class ProxyState {
  public:
-  /// `limits`: of the device that the force goes to. Allocates; the tick does not. What the device
-  /// did before nobody knows: it begins as hot as it may be.
+  /// `limits`: those of the device that the force goes to. Allocates; the tick does not. Nobody
+  /// knows what the device did before: its motors begin as hot as they may be.
   explicit ProxyState(const ForceLimits& limits = {}) : gate_(limits) {}
 
   /// Cuts the force at the next tick, for the first cause that is given.
@@ -38,14 +38,14 @@ class ProxyState {
     proxy_.placed = false;
     engage();
   }
-  /// Nothing is felt: what was sent is forgotten, the proxy starts anew at the hand, and the next
-  /// force is an engagement's.
+  /// To be called where no force goes out: what was sent is forgotten, the proxy starts anew at the
+  /// hand, and the next force is an engagement's.
   void release() noexcept {
     gate_.limiter.forget();
     proxy_.placed = false;
     engage();
   }
-  /// Of the last force the motors could give no more than this share.
+  /// Tells the tank that the motors could give no more than this share of the last force, 0 to 1.
   void weaken(double share) noexcept PALPATE_NONBLOCKING {
     const TankParams& tank = gate_.limits.tank;
     if (tank.use != TankUse::kOff) gate_.limiter.tank.weaken(share, tank.arm);
@@ -54,18 +54,18 @@ class ProxyState {
   void engage() noexcept { gate_.engage(); }
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
   [[nodiscard]] Fault fault() const noexcept { return gate_.fault; }
-  /// Of the device.
+  /// Limits of the device.
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
   /// What the last gate remembers.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
-  /// Since this proxy met the scene, by the ticks' dt [s]: moving volumes are where they are then.
+  /// Time since this proxy entered the scene, by the ticks' dt [s]; volumes move by this time.
   [[nodiscard]] double time() const noexcept { return met_.time; }
   [[nodiscard]] const Properties& properties() const noexcept { return around_.properties; }
-  /// Of the last sub-step, in the order of the modes; ModeMemory::emitted says how many each.
+  /// The last sub-step's, in the order of the modes; each mode has ModeMemory::emitted of them.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return balance_.primitives; }
-  /// What each of these did to the proxy [N]; with the spring's pull they add up to zero. Means
-  /// nothing after a fault.
+  /// What each of primitives() did to the proxy [N]; with the spring's pull they add up to zero.
+  /// They mean nothing after a fault.
   [[nodiscard]] std::span<const Vec3> forces() const noexcept {
     return {balance_.forces.data(), balance_.primitives.size()};
   }
@@ -75,7 +75,7 @@ class ProxyState {
   [[nodiscard]] const ModeMemory& memory(std::size_t i) const noexcept {
     return around_.memories[i];
   }
-  /// The parts that are felt.
+  /// The parts that the last tick sampled and balanced.
   [[nodiscard]] const NearParts& near() const noexcept { return around_.near; }
 
  private:
@@ -93,11 +93,11 @@ class ProxyState {
     StillFade still;
     Fault fault = Fault::kNone;
   };
-  /// Which scene it is in.
+  /// The scene that the proxy is in.
   struct Met {
     std::uint64_t id = 0;
     std::uint64_t shape = 0;
-    double time = 0.0;  ///< [s]
+    double time = 0.0;  ///< Time since the proxy entered it [s].
   };
 
   friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&, double,
@@ -112,7 +112,7 @@ class ProxyState {
   Surroundings around_;
   BalanceMemory balance_;
   VaryingStiffness stiffness_;
-  LengthRate length_rate_;  ///< Of Proxy::offset.
+  LengthRate length_rate_;  ///< Rate of the length of Proxy::offset.
 };
 
 /// One tick of the engine: steps 1 to 3 of the paper's figure 1.
@@ -122,13 +122,13 @@ class ProxyState {
 /// where it is, forgets contacts and begins at time zero.
 ///
 /// A moving volume carries along what is in it before the balance: its own fields are read at, and
-/// its own modes' primitives stand at, the old proxy as the volume saw it last. One that comes
+/// its own modes' primitives stand at, the old proxy as the volume saw it last. A volume that moves
 /// farther than half a voxel in a tick does so in several sub-steps.
 ///
-/// @param reader  This thread's; bound to the scene as needed.
+/// @param reader  This thread's reader; bound to the scene as needed.
 /// @param hand    Position [m]; NaN or farther than 1e6 m is a fault: zero force, latched.
 /// @param dt      Time since the last tick [s], > 0; else the force may not grow and volumes stand.
-/// @param trace   Where not null, told what the tick did.
+/// @param trace   Where not null, filled with what the tick did.
 /// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or
 /// so for a few primitives without friction; every sub-step, at most 64, takes up to a balance
 /// (solver.h), or several where frictions meet (friction.h).

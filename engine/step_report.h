@@ -1,4 +1,4 @@
-/// What a tick tells of itself.
+/// The report of a tick: what it did, and how it ended.
 #pragma once
 
 #include <cstddef>
@@ -12,16 +12,16 @@ namespace palpate {
 /// How a tick ended, in the order of severity, the best first. Each is safe to send.
 enum class StepStatus : std::uint8_t {
   kConverged,     ///< All is well.
-  kHairpin,       ///< A stream turns about a place that is nearer than the hand: which place on it
-                  ///< is nearest is not one, and the proxy may jump, by no more force than the
+  kHairpin,       ///< A stream turns about a place that is nearer than the hand: its place nearest
+                  ///< to the hand is not unique, and the proxy may jump, by no more force than the
                   ///< mode's strength beside what the hand's own move stretches. Use a mode of less
                   ///< strength or a hand nearer the stream.
   kSubstepLimit,  ///< The readings, or 16 steps along a stream for each, were used up before the
                   ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or
                   ///< frictions that take turns. The rest waits where something holds the proxy;
-                  ///< where nothing does it is at the hand, and what is farther off than the
-                  ///< fields' firstFall looks can have been passed unfelt, as by a volume that
-                  ///< moved so far. Raise max_substeps or the rate if it happens often.
+                  ///< where nothing does the proxy is at the hand, and a surface farther off than
+                  ///< the fields' firstFall looks can have been passed unfelt, as by a volume
+                  ///< that moved so far. Raise max_substeps or the rate if it happens often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 341 of the richest, a wall with friction and a drag, fit.
@@ -30,42 +30,42 @@ enum class StepStatus : std::uint8_t {
 };
 inline constexpr std::size_t kStepStatuses = 6;
 
-/// The word for traces.
+/// The word for a status in traces.
 [[nodiscard]] const char* wordFor(StepStatus status) noexcept;
 
 /// What one tick did.
 struct StepReport {
-  Vec3 force = Vec3::Zero();    ///< For the device, after limitForce [N].
-  Vec3 wanted = Vec3::Zero();   ///< Before it [N].
-  Vec3 proxy = Vec3::Zero();    ///< [m]
+  Vec3 force = Vec3::Zero();    ///< Force for the device, after limitForce [N].
+  Vec3 wanted = Vec3::Zero();   ///< Force before limitForce [N].
+  Vec3 proxy = Vec3::Zero();    ///< Position of the proxy [m].
   double stiffness = 0.0;       ///< k of this tick's balance and force [N/m].
-  double error_bound = 0.0;     ///< Of the last balance [m].
+  double error_bound = 0.0;     ///< SolveResult::error_bound of the last balance [m].
   Vec3 waiting = Vec3::Zero();  ///< What the balance leaves for the next tick [m]: a proxy that
                                 ///< went along a curved stream is off the balance on its tangent by
-                                ///< this; with the probe so much farther on it is the balance.
+                                ///< this; with the probe this much farther on it is at the balance.
   double injected = 0.0;  ///< Work that primitives did on the proxy [J], the sum over its moves
-                          ///< of max(0, -k (h - p_new).(p_new - p_old)), h where the hand then
-                          ///< was: at least what bounds the work on the hand (docs/tick.md,
+                          ///< of max(0, -k (h - p_new).(p_new - p_old)), h the hand in that
+                          ///< move: at least what bounds the work on the hand (docs/tick.md,
                           ///< Energy).
-  int iterations = 0;     ///< Of the solver (SolveResult), all sub-steps.
+  int iterations = 0;     ///< Iterations of the solver (SolveResult), all sub-steps.
   int substeps = 0;
   int samples = 0;     ///< Field reads, all sub-steps.
   int traced = 0;      ///< Reads of vectors along streams.
-  int walked = 0;      ///< Cells looked at for a surface on the way.
-  int primitives = 0;  ///< Balanced in the last sub-step.
-  int parts = 0;       ///< Of the scene's, that were asked: their data are near, or were when they
-                       ///< were chosen.
-  int left_out = 0;    ///< Parts that were there and for which there was no room: the weakest.
-  double missing = 0.0;  ///< By so much at most the force is off for that [N].
-  SolverKind solver = SolverKind::kClosedForm;  ///< Of the last sub-step.
+  int walked = 0;      ///< Cells searched for a surface on the path.
+  int primitives = 0;  ///< Primitives balanced in the last sub-step.
+  int parts = 0;       ///< Parts of the scene that were sampled: their data are near, or were when
+                       ///< the parts were chosen.
+  int left_out = 0;    ///< Near parts for which there was no room: the weakest.
+  double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
+  SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
   StepStatus status = StepStatus::kConverged;
   bool limited = false;  ///< limitForce changed the force.
-  double moving = 1.0;   ///< Of the force, that is left since the arm does not move (StillFade).
-  double share = 1.0;    ///< Of the force, that the energy tank can pay for (passivity.h),
-  double energy = 0.0;   ///< and what is in it [J].
+  double moving = 1.0;   ///< Share of the force that StillFade leaves, since the arm does not move.
+  double share = 1.0;    ///< Share of the force that the energy tank can pay for (passivity.h).
+  double energy = 0.0;   ///< Energy in the tank [J].
 };
 
-/// The worse of the two is told.
+/// Reports the status, unless a worse one is reported already.
 inline void worsen(StepReport& report, StepStatus status) noexcept {
   if (status > report.status) report.status = status;
 }

@@ -6,15 +6,15 @@
 namespace palpate {
 namespace {
 
-/// Pushed this far through its surface, a proxy has left it [voxels].
+/// A proxy pushed farther than this through its surface makes the surface yield [voxels].
 constexpr double kYield = 0.05;
-/// A proxy that is farther before its plane has left it [voxels].
+/// A proxy farther than this before its plane has left the surface [voxels].
 constexpr double kLeft = 1e-4;
-/// A plane that is remembered holds so far from there, in voxels: as far on both ways as a surface
-/// is seen.
+/// How far from its anchor a remembered plane holds [voxels]: twice the distance from which a
+/// surface is placed.
 constexpr double kNear = 4.0;
 
-/// Paper: through the proxy. Once it has held the proxy, on the surface of that place.
+/// Puts the plane through the proxy, as in the paper; once it has held, on V = Va of that place.
 void see(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
   contact.seen = false;
@@ -41,36 +41,36 @@ void see(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noe
   contact.placed = true;
 }
 
-/// Outside, of the surface itself: also where V was read beside it.
+/// The strength [N]; outside that of the surface itself, also where V was read beside it.
 double strengthOf(const IsosurfaceMode& mode, const Place& place, Side side) noexcept {
   if (side != Side::kOutside) return mode.strength(place.at);
   return mode.strength.at(place.at, mode.skin.value, mode.level);
 }
 
-/// And how that changes with the place, of one that was pushed through [N/m]: before that its
-/// strength matters in the last tick only. That it fades is left out: it snaps, and what it comes
-/// to is the same.
+/// How the strength of a surface that was pushed through changes with the place [N/m]: before, its
+/// strength matters in the last tick only. The change of `share` is left out: a fading surface
+/// snaps, and where it comes to is the same.
 Vec3 slopeOf(const IsosurfaceMode& mode, const Place& place,
              const IsosurfaceMemory& memory) noexcept {
   if (memory.side == Side::kOutside) return Vec3::Zero();
   return memory.share * mode.strength.slope(place.at);
 }
 
-/// On which side is the proxy of what it reads?
+/// The side of the surface that the proxy is on, by what was read.
 Side nextSide(const IsosurfaceMode& mode, const Place& place, const Sight& sight, bool free,
               IsosurfaceMemory& memory) noexcept {
   const Contact& contact = memory.contact;
   switch (memory.side) {
     case Side::kUnknown: {
-      // On the surface, to rounding or a light press, is outside.
+      // A proxy on the surface, to rounding or a light press, is outside.
       const bool resting = sight.clear && sight.height > -kYield;
       return free || resting ? Side::kOutside : Side::kInside;
     }
     case Side::kInside:
       return free ? Side::kOutside : Side::kInside;
     case Side::kOutside: {
-      // Nothing holds where there are no data or no strength, nor where no plane is known. Read too
-      // far behind its surface for that to be seen, the plane that is remembered holds.
+      // A surface does not hold where there are no data, no strength or no plane that is known.
+      // Where a reading is too far behind the surface to see it, the remembered plane holds.
       if (free && !contact.touched) return Side::kOutside;
       const bool near =
           contact.placed && (place.stand.read - contact.anchor).norm() <= kNear * mode.skin.voxel;
@@ -89,7 +89,7 @@ Side nextSide(const IsosurfaceMode& mode, const Place& place, const Sight& sight
   return memory.side;
 }
 
-/// Where is the plane?
+/// Places the plane on the surface, or ends the contact.
 void see(const IsosurfaceMode& mode, bool free, const Place& place,
          IsosurfaceMemory& memory) noexcept {
   Contact& contact = memory.contact;
@@ -105,7 +105,7 @@ void see(const IsosurfaceMode& mode, bool free, const Place& place,
     contact.touched = false;
     return;
   }
-  // In contact, or found behind the surface.
+  // The plane is placed in contact, or where the proxy was found behind the surface.
   const bool meets = contact.placed || contact.touched || !free;
   if (memory.side == Side::kInside || !meets || !sight.clear) {
     leave(contact);

@@ -3,10 +3,10 @@
 namespace palpate {
 namespace {
 
-/// A shorter way along a surface is seen from where properties were read [voxels].
+/// A path along a surface below this length is not swept: the reading sees the surface [voxels].
 constexpr double kSeen = 0.1;
 
-/// Where a way first falls through a surface, both in the resting frame of its volume.
+/// Where a path first falls through a surface, both in the resting frame of its volume.
 Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from, const Vec3& to,
                    StepReport& report) noexcept {
   const Graph& graph = felt.graph();
@@ -15,7 +15,7 @@ Crossing firstFall(const SurfaceAhead& ahead, const Felt& felt, const Vec3& from
   if (!meets({from.cwiseMin(to), from.cwiseMax(to)}, graph.scalar_frames[field])) return {};
   const double length = (to - from).norm();
   if (length > skin.voxel && graph.scalar_fields[field]->freeWithin(from) > length) return {};
-  // Where it has no strength there is nothing to meet.
+  // A surface without strength stops no path.
   if (!(ahead.strength->at(*felt.properties, skin.value, ahead.level) > 0.0)) return {};
   const Crossing crossing = felt.bound.firstFall(skin, ahead.level, from, to);
   report.walked += crossing.cells;
@@ -36,7 +36,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     const auto field = static_cast<std::size_t>(ahead.skin->field);
     const Body* body = tick.around.bodies.of(felt.graph().scalar_motions[field]);
     const Vec3 lift = liftOff(*ahead.contact, ahead.skin->voxel, length);
-    // What led to the last reading is known to be free.
+    // The path to the last reading is known to be free.
     Vec3 from = start + lift;
     Vec3 to = trial.end + lift;
     if (ahead.contact->placed && (to - from).norm() < kSeen * ahead.skin->voxel && now.read) return;
@@ -46,7 +46,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
       to = body->pose.toRest(to);
     }
     const Crossing crossing = firstFall(ahead, felt, from, to, tick.report);
-    // A way that is all behind it begins behind another of its walls: that is met at once.
+    // A path that is all behind the surface begins behind another of its walls, and ends there.
     if (!crossing.found && !crossing.behind) {
       trial.swept = trial.swept && crossing.share >= 1.0;
       return;
@@ -64,7 +64,7 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
   trial.end = end;
   trial.complete = trial.trusted = false;
   trial.swept = trial.met = true;
-  // Where nothing of it held the proxy before, there it has come to.
+  // A surface that did not hold the proxy before is new: the proxy has come to it.
   trial.cut = !met->placed;
 }
 

@@ -1,4 +1,4 @@
-/// The sweep: a proxy never passes a surface that it has not met.
+/// The sweep: a proxy never passes a surface without having reached it.
 #pragma once
 
 #include "palpate/engine/iteration.h"
@@ -7,10 +7,10 @@
 
 namespace palpate {
 
-/// Ends a trial step where it first falls through a surface from the free side. Swept is the way in
-/// the resting frame of each surface's volume, as far above a surface that the proxy is on as a
-/// quarter of its length; a shorter one than a tenth of a voxel is seen from where was read, and a
-/// surface that yields is not met. RT: no allocation. Cost: ScalarField::firstFall.
+/// Ends a trial step where it first falls through a surface from the free side. Its path is swept
+/// in the resting frame of each surface's volume: above a surface in contact, by a quarter of its
+/// length. There a path below a tenth of a voxel is not swept but judged by the last reading. A
+/// surface that yields does not end the step. RT: no allocation. Cost: ScalarField::firstFall.
 void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept PALPATE_NONBLOCKING;
 
 }  // namespace palpate

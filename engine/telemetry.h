@@ -1,4 +1,4 @@
-/// What comes up from the tick: plain data, one tick. The log of the loop.
+/// The log of the loop: what comes up from one tick, as plain data.
 #pragma once
 
 #include <cstdint>
@@ -8,16 +8,16 @@
 
 namespace palpate {
 
-/// One row of a trace. The fields of StepReport are those of that tick.
+/// One row of a trace. `report` is that of the same tick.
 struct Telemetry {
-  std::int64_t tick = 0;        ///< From 1; 0: there has been none.
-  double time = 0.0;            ///< [s] since the start.
-  Vec3 probe = Vec3::Zero();    ///< [m]
-  std::int64_t tick_ns = 0;     ///< What hapticStep took [ns].
+  std::int64_t tick = 0;        ///< Number of the tick, from 1; 0: there has been none.
+  double time = 0.0;            ///< Time since the start [s].
+  Vec3 probe = Vec3::Zero();    ///< Position of the probe [m].
+  std::int64_t tick_ns = 0;     ///< Time that hapticStep took [ns].
   std::int64_t wake_ns = 0;     ///< How long after its time the tick began [ns]; 0 in virtual time.
-  bool missed = false;          ///< After the next one's time.
-  std::int64_t late_ticks = 0;  ///< Such ticks so far.
-  Fault fault = Fault::kNone;   ///< Why the force is cut.
+  bool missed = false;          ///< The tick began after the next one's time.
+  std::int64_t late_ticks = 0;  ///< Number of missed ticks so far.
+  Fault fault = Fault::kNone;   ///< Why the force is cut; kNone: it is not.
   std::uint64_t scene = 0;      ///< Scene::id; 0: none.
   StepReport report;
 };

@@ -1,4 +1,4 @@
-/// Along a stream: the curve whose direction is everywhere v / |v|. How: trace_cells.h.
+/// Tracing a stream: the curve whose direction is everywhere v / |v|. Method: trace_cells.h.
 #pragma once
 
 #include "palpate/engine/types.h"
@@ -7,24 +7,24 @@ namespace palpate {
 
 /// What to trace.
 struct TraceOrder {
-  Vec3 along = Vec3::UnitX();  ///< Which way is forward where v has no sign, as fibres' axes.
+  Vec3 along = Vec3::UnitX();  ///< Forward direction where v has no sign, as for fibres' axes.
   double length = 0.0;         ///< Arc length, negative backwards [m].
-  Vec3 hand = Vec3::Zero();    ///< From the start [m]: what `hairpin` and `shortened` are about.
-  double tolerance = 1e-4;     ///< Error of a step [voxels].
-  int max_steps = 16;  ///< >= 1; those that were too long are tried again, up to four times as many
-  double stride = 0.5;  ///< Step to try first [voxels]: what the last trace left.
+  Vec3 hand = Vec3::Zero();    ///< The hand from the start [m]; decides `hairpin` and `shortened`.
+  double tolerance = 1e-4;     ///< Largest error of a step [voxels].
+  int max_steps = 16;   ///< Most steps, >= 1; too long ones are repeated, up to four times as many
+  double stride = 0.5;  ///< Step to try first [voxels]: Trace::stride of the last trace.
 };
 
-/// Where a trace came to.
+/// The end of a trace.
 struct Trace {
-  Vec3 position = Vec3::Zero();    ///< [m]
-  Vec3 direction = Vec3::UnitX();  ///< v / |v| there, turned to where `along` points.
-  double length = 0.0;             ///< Gone of what was ordered, with its sign [m].
-  double stride = 0.5;             ///< For the next trace [voxels].
-  int samples = 0;                 ///< Values of v.
-  bool capped = false;             ///< Out of steps: the rest is still to go.
-  bool hairpin = false;            ///< It bends about a centre that is nearer than the hand.
-  bool shortened = false;          ///< It ends at the place that is nearest to the hand.
+  Vec3 position = Vec3::Zero();    ///< Where the trace ends [m].
+  Vec3 direction = Vec3::UnitX();  ///< v / |v| at the end, turned to where `along` points.
+  double length = 0.0;             ///< Arc length gone, with the sign of the one ordered [m].
+  double stride = 0.5;             ///< Step for the next trace to try first [voxels].
+  int samples = 0;                 ///< Values of v that were read.
+  bool capped = false;             ///< The steps were used up: the rest is still to go.
+  bool hairpin = false;            ///< The curve bends about a centre nearer than the hand.
+  bool shortened = false;          ///< The trace ends at the place nearest to the hand.
 };
 
 }  // namespace palpate

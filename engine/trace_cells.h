@@ -22,9 +22,9 @@ namespace palpate {
 ///     Vec3 value(const Vec3& u)         v by the cell's own polynomial, a little outside as well
 ///     Vec3 rate(const Vec3& v)          du / ds of a unit vector of W, s in voxels
 ///
-/// u and the direction of `enter` are in the cells' own coordinates. The result is in them, too;
-/// `length` in voxels, as order.length and order.hand are here. Where v has no direction the trace
-/// ends.
+/// u, the direction of `enter` and the result's position are in the cells' own coordinates, the
+/// result's direction in W; `length`, order.length and order.hand are in voxels. Where v has no
+/// direction the trace ends.
 template <class Flow>
 class CellTrace {
  public:
@@ -44,7 +44,7 @@ class CellTrace {
     if (flow_.enter(u_, flow_.rate(way_)) && direction(u_, way_, k1_)) {
       way_ = k1_;
       int steps = 0;
-      const int most = 4 * order_.max_steps;  // with those that were too long
+      const int most = 4 * order_.max_steps;  // steps that were too long included
       for (int tries = 0; left_ > kEnough; ++tries) {
         capped = steps >= order_.max_steps || tries >= most;
         if (capped) break;
@@ -59,17 +59,17 @@ class CellTrace {
 
  private:
   static constexpr double kLeast = 0.05;      // shortest step [voxels]
-  static constexpr double kLongest = 1.0;     // and longest
-  static constexpr double kPast = 1.03;       // a step that is to reach a face goes so much farther
-  static constexpr double kMostGrowth = 4.0;  // of a step beside the last
+  static constexpr double kLongest = 1.0;     // longest step [voxels]
+  static constexpr double kPast = 1.03;       // factor on the length of a step to reach a face
+  static constexpr double kMostGrowth = 4.0;  // largest ratio of a step to the last one
   static constexpr double kRough =
       1.0 / 75.0;                           // share of the rougher estimate that counts: measured
-  static constexpr double kEnough = 1e-12;  // [voxels] left: arrived
-  static constexpr double kPastNearest = 0.5;  // of the length: a rest that dies away by itself
-  static constexpr double kStuck = 1e-6;       // [voxels] between two faces that are one
+  static constexpr double kEnough = 1e-12;  // [voxels] left at which a trace has arrived
+  static constexpr double kPastNearest = 0.5;  // share of the length: less overshoot dies away
+  static constexpr double kStuck = 1e-6;       // [voxels]: two faces nearer than that are one
   enum class Tried : std::uint8_t { kMade, kTooLong, kEnds };
 
-  /// v/|v| turned the way of `like`; false where there is none.
+  /// Writes v/|v| to `d`, turned to the side of `like`; false where v has no direction.
   bool direction(const Vec3& u, const Vec3& like, Vec3& d) noexcept {
     ++samples_;
     const Vec3 v = flow_.value(u);
@@ -81,7 +81,7 @@ class CellTrace {
     return true;
   }
 
-  /// How far it is to the face ahead, on the parabola of the last bend [voxels].
+  /// Distance to the face ahead, on the parabola of the last bend [voxels].
   [[nodiscard]] double toFace() const noexcept {
     double face = 1e9;
     for (int a = 0; a < 3; ++a) {
@@ -99,7 +99,7 @@ class CellTrace {
     return face;
   }
 
-  /// The values of a step of RK4 of length h_, and at its end; false where there is no direction.
+  /// The stages of an RK4 step of length h_, and its end; false where v has no direction.
   [[nodiscard]] bool stages() noexcept {
     if (!direction(u_ + 0.5 * h_ * r1_, k1_, k2_)) return false;
     const Vec3 r2 = flow_.rate(k2_);
@@ -112,7 +112,7 @@ class CellTrace {
     return direction(end_, k1_, k5_);
   }
 
-  /// To the end, as far as the estimate allows, or to the face ahead.
+  /// Tries a step to the trace's end, as far as the error estimates allow, or to the face ahead.
   [[nodiscard]] Tried tryStep() noexcept {
     h_ = std::min(left_, stride_);
     bool to_face = false;
@@ -128,8 +128,8 @@ class CellTrace {
       stride_ = std::max(0.5 * std::min(h_, stride_), kLeast);
       return Tried::kTooLong;
     }
-    // By the derivative at the end, of fourth order in h, which now and then vanishes where the
-    // error does not; and by how far the trapezoidal and the midpoint rule are apart, of third.
+    // One estimate is the derivative at the end, of fourth order in h, which now and then vanishes
+    // where the error does not; the other the trapezoidal rule less the midpoint rule, of third.
     const double error = h_ / 6.0 * (k4_ - k5_).norm();
     const double rough = kRough * h_ / 2.0 * (k1_ - k2_ - k3_ + k4_).norm();
     double grow = kMostGrowth;
@@ -139,7 +139,7 @@ class CellTrace {
       stride_ = std::clamp(h_ * std::clamp(grow, 0.3, 0.9), kLeast, kLongest);
       return Tried::kTooLong;
     }
-    // A step cut short by a face tells of longer ones only that they may be as long as before.
+    // A step cut short by a face tells of longer steps only that they may be as long as before.
     const double next = h_ * std::clamp(grow, 0.5, 2.0);
     const bool cut = to_face || h_ >= left_;
     stride_ = std::clamp(cut && grow >= 1.0 ? std::max(stride_, next) : next, kLeast, kLongest);
@@ -166,14 +166,14 @@ class CellTrace {
 
   /// On the outer side of a bend a length that was taken from the tangent leads past the place that
   /// is nearest to the hand, by kappa d of it: beyond 1 the proxy would go to and fro for ever.
-  /// Where it leads farther past than kPastNearest the trace goes back and ends at that place. True
-  /// where it does.
+  /// Where the trace leads farther past that place than kPastNearest it goes back and ends there.
+  /// Returns true where it does.
   [[nodiscard]] bool overshoots() noexcept {
     if (shortened_) return false;
     const double before = k1_.dot(order_.hand - gone_);
     const double after = k5_.dot(order_.hand - gone_ - chord_);
     if ((towards_ || before > 0.0) && after < 0.0) {
-      // Directions without a sign turn at a face as well: there it begins beyond.
+      // Directions without a sign turn at a face as well: there the step begins beyond the place.
       const double ahead = before > 0.0 ? before / (before - after) * h_ : 0.0;
       nearest_ = {true, hairpin_, u_, k1_, gone_, wanted_ - left_, ahead};
     }
@@ -187,18 +187,18 @@ class CellTrace {
     left_ = nearest_.ahead;
     wanted_ = nearest_.length + left_;
     last_ = {};
-    if (!flow_.enter(u_, flow_.rate(k1_))) left_ = 0.0;  // it was entered before
+    if (!flow_.enter(u_, flow_.rate(k1_))) left_ = 0.0;  // the cell was entered before
     return true;
   }
 
   /// Where the step leaves its cell.
   struct Face {
-    int axis = -1;  ///< -1: it does not.
+    int axis = -1;  ///< Axis of the face; -1: the step stays in its cell.
     int side = 0;
-    double share = 2.0;  ///< Of the step.
+    double share = 2.0;  ///< Share of the step at which it leaves.
   };
 
-  /// The cubic through both ends of the step, in u.
+  /// Coordinate `a` at share t of the step, on the cubic through both of its ends, in u.
   [[nodiscard]] double cubic(double t, int a, const Vec3& r5) const noexcept {
     const double t2 = t * t;
     const double t3 = t2 * t;
@@ -254,9 +254,9 @@ class CellTrace {
   const TraceOrder& order_;
   double sense_;
   Vec3 u_;
-  Vec3 way_;  ///< Unit, in W: the way we go.
+  Vec3 way_;  ///< Unit direction in which the trace goes, in W.
   double left_;
-  double wanted_;  ///< Length, in all.
+  double wanted_;  ///< Length ordered, in all [voxels].
   double stride_;
   int samples_ = 0;
   bool hairpin_ = false;
@@ -268,18 +268,18 @@ class CellTrace {
     Vec3 u = Vec3::Zero();
     Vec3 way = Vec3::Zero();
     Vec3 gone = Vec3::Zero();
-    double length = 0.0;  ///< So far from the start,
-    double ahead = 0.0;   ///< and the place so far on.
+    double length = 0.0;  ///< Arc length from the trace's start to the step's [voxels].
+    double ahead = 0.0;   ///< Arc length from the step's start to the place [voxels].
   };
   bool towards_;  ///< The last step still came nearer to the hand at its end.
   Nearest nearest_;
-  Vec3 gone_ = Vec3::Zero();  ///< From the start, in W [voxels].
+  Vec3 gone_ = Vec3::Zero();  ///< Displacement from the trace's start, in W [voxels].
   Vec3 bend_ = Vec3::Zero();  ///< The derivative of du/ds over the last step.
-  Face last_;                 ///< Crossed last.
-  // Of the step that is tried: k directions in W, r the same in u.
+  Face last_;                 ///< The face that was crossed last.
+  // The step that is tried: k are directions in W, r the same in u.
   double h_ = 0.0;
   Vec3 k1_, k2_, k3_, k4_, k5_, r1_;
-  Vec3 end_, chord_;  ///< In u; in W, from where the step begins.
+  Vec3 end_, chord_;  ///< The step's end in u; its chord in W.
 };
 
 template <class Flow>

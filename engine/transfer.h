@@ -12,7 +12,7 @@ class TransferFunction {
  public:
   using Knot = std::pair<double, double>;  ///< input, output
 
-  /// The number itself, >= 0, for every input. Throws SceneError, as the makers below.
+  /// A constant >= 0 for every input. Throws SceneError, as window() and piecewise() do.
   TransferFunction(double constant = 0.0);  // NOLINT(google-explicit-constructor): a number is one
   /// Rises linearly from 0 at level - width/2 to max at level + width/2. width > 0, max >= 0.
   [[nodiscard]] static TransferFunction window(double level, double width, double max);
@@ -24,18 +24,18 @@ class TransferFunction {
   [[nodiscard]] bool isConstant() const noexcept { return knots_.size() == 1; }
   [[nodiscard]] const std::vector<Knot>& knots() const noexcept { return knots_; }
 
-  /// Its largest and its smallest output.
+  /// The curve's largest output; lowest() is its smallest.
   [[nodiscard]] double highest() const noexcept;
   [[nodiscard]] double lowest() const noexcept;
 
   /// The curve at x; 0 for NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double operator()(double x) const noexcept;
-  /// How steep it is just above x; 0 for NaN. RT: no allocation. Cost: O(log knots).
+  /// The curve's slope just above x; 0 for NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double slope(double x) const noexcept;
 
  private:
   explicit TransferFunction(std::vector<Knot> knots) : knots_(std::move(knots)) {}
-  /// The first knot above x, and x no number has none.
+  /// The first knot above x; the end where there is none, as for NaN.
   [[nodiscard]] std::vector<Knot>::const_iterator above(double x) const noexcept;
 
   std::vector<Knot> knots_;

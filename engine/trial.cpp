@@ -10,12 +10,12 @@
 namespace palpate {
 namespace {
 
-/// What is read holds so far from there, as a share of how far the proxy may go.
+/// A reading holds within this share of the distance that the proxy may go from it.
 constexpr double kNearShare = 0.25;
 
-/// How far the proxy may go from a before properties are read again: a voxel of the finest volume
-/// that the way to b can meet, any distance where there is none or where it is empty. A volume
-/// that has carried the place of its reading away from a counts from there.
+/// How far the proxy may go from a before properties are read again [m]: a voxel of the finest
+/// volume that the path to b can reach, any distance where there is none or where it is empty. For
+/// a volume that has carried the place of its reading away from a, it counts from that place.
 double reachFrom(const Tick& tick, const Iteration& now, const Vec3& a, const Vec3& b) noexcept {
   const Bodies& bodies = tick.around.bodies;
   if (!bodies.empty()) return bodies.reachFrom(tick.felt(), a, b, now.read);
@@ -50,8 +50,8 @@ void stayNear(Tick& tick, const Vec3& from, Trial& trial) noexcept {
   ++tick.strayed;
 }
 
-/// Nearest to p on the way from a to b. A part of the way to a balance makes no energy where that
-/// makes none.
+/// The point nearest to p on the path from a to b [m]. A share of the path to a balance makes no
+/// energy where the whole path makes none.
 Vec3 onWay(const Vec3& a, const Vec3& b, const Vec3& p) noexcept {
   const Vec3 way = b - a;
   const double length = way.squaredNorm();

@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 
 /// Marks a function of the tick: no allocation, no lock, no system call. RealtimeSanitizer checks
-/// it where the compiler has one (clang 20); elsewhere the tests count.
+/// it where the compiler has one (clang 20); elsewhere the tests count allocations.
 #if defined(__has_cpp_attribute)
 #if __has_cpp_attribute(clang::nonblocking)
 #define PALPATE_NONBLOCKING [[clang::nonblocking]]
@@ -26,7 +26,7 @@ struct Box {
   Vec3 upper = Vec3::Constant(-1.0);
 
   [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
-  /// Makes it hold p as well.
+  /// Grows the box to hold p [m] as well.
   void extend(const Vec3& p) noexcept {
     const bool first = empty();
     lower = first ? p : Vec3(lower.cwiseMin(p));

@@ -7,7 +7,7 @@
 
 namespace palpate {
 
-/// v/|v| if that is a direction; else false, and nothing written. RT: no allocation.
+/// Writes v/|v| to `direction`; false, and nothing written, where v has none. RT: no allocation.
 [[nodiscard]] inline bool unit(const Vec3& v, Vec3& direction) noexcept {
   const double length = v.norm();
   if (!(length > 1e-300) || !std::isfinite(length)) return false;
