@@ -142,10 +142,11 @@ JsonType<FileJoint> jointType() {
   constexpr const char* kMotor = "a motor and its torque constant belong together";
   constexpr const char* kHeat = "what a motor holds for ever and its heating time belong together";
   constexpr const char* kBoth = "give both or none";
-  const JsonType<double> heating = jsonPositiveUpTo(kMostHeating, "seconds")
-                                       .where([](double value) { return value >= kLeastHeating; },
-                                              "less than 0.1 s: no winding heats as fast", "write it in seconds")
-                                       .also({{"minimum", kLeastHeating}});
+  const JsonType<double> heating =
+      jsonPositiveUpTo(kMostHeating, "seconds")
+          .where([](double value) { return value >= kLeastHeating; },
+                 "less than 0.1 s: no winding heats as fast", "write it in seconds")
+          .also({{"minimum", kLeastHeating}});
   return JsonObject<FileJoint>()
       .need("from", jsonName(), &FileJoint::from)
       .may("ratio",

@@ -61,7 +61,7 @@ class CellTrace {
   static constexpr double kLeast = 0.05;      // shortest step [voxels]
   static constexpr double kLongest = 1.0;     // longest step [voxels]
   static constexpr double kPast = 1.03;       // factor on the length of a step to reach a face
-  static constexpr double kMostGrowth = 4.0;  // largest ratio of a step to the last one
+  static constexpr double kMostGrowth = 4.0;  // growth of a step without error, before the clamps
   static constexpr double kRough =
       1.0 / 75.0;                           // share of the rougher estimate that counts: measured
   static constexpr double kEnough = 1e-12;  // [voxels] left at which a trace has arrived
