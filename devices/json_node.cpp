@@ -35,10 +35,12 @@ JsonNode JsonNode::element(std::size_t i) const {
   return {json_->at(i), source_, path_ + "/" + std::to_string(i), raise_};
 }
 
-const JsonNode& JsonNode::object(const std::vector<std::string>& keys) const {
+const JsonNode& JsonNode::object(const std::vector<std::string>& keys,
+                                 const std::vector<std::string>& also) const {
   if (!json_->is_object()) fail("it is not an object", "write { ... }");
   for (const auto& [key, value] : json_->items()) {
     if (std::find(keys.begin(), keys.end(), key) != keys.end()) continue;
+    if (std::find(also.begin(), also.end(), key) != also.end()) continue;
     const std::string near = nearestName(key, keys);
     child(key).fail("unknown key",
                     near.empty() ? "known are " + listed(keys) : "did you mean \"" + near + "\"?");

@@ -41,8 +41,10 @@ class JsonNode {
   [[nodiscard]] JsonNode need(const std::string& key) const;
   [[nodiscard]] JsonNode element(std::size_t i) const;
 
-  /// An object with no other keys than these.
-  const JsonNode& object(const std::vector<std::string>& keys) const;
+  /// An object with no other keys than these; `also` are no strangers either, but nobody is told of
+  /// them.
+  const JsonNode& object(const std::vector<std::string>& keys,
+                         const std::vector<std::string>& also = {}) const;
   [[nodiscard]] double number() const;
   [[nodiscard]] double positive() const;
   [[nodiscard]] double notNegative() const;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cstddef>
 #include <functional>
 #include <initializer_list>
@@ -78,7 +79,8 @@ struct JsonType {
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
 /// Of such a size, to either side.
 [[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
-/// A text that a regular expression of ECMAScript matches.
+/// A text that a regular expression of ECMAScript matches. Its repetitions have to have an end: the
+/// library matches them by recursion.
 [[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
                                                  const char* remedy);
 
@@ -232,9 +234,12 @@ class JsonObject {
     return *this;
   }
 
-  /// The rows of another.
+  /// All of another that has no choice.
   JsonObject& with(const JsonObject& other) {
+    assert(other.choices_.empty());
     rows_.insert(rows_.end(), other.rows_.begin(), other.rows_.end());
+    refusals_.insert(refusals_.end(), other.refusals_.begin(), other.refusals_.end());
+    set_.insert(set_.end(), other.set_.begin(), other.set_.end());
     relations_.insert(relations_.end(), other.relations_.begin(), other.relations_.end());
     return *this;
   }
@@ -242,7 +247,7 @@ class JsonObject {
   void read(const JsonNode& node, Spec& spec) const {
     std::vector<std::string> all;
     addKeys(all);
-    node.object(all);
+    node.object(all, refused());
     std::vector<const JsonObject*> chosen{this};
     std::string words;  // by which
     refuseKeys(node);
@@ -329,10 +334,22 @@ class JsonObject {
 
   /// Every key that this or a choice of its knows.
   void addKeys(std::vector<std::string>& all) const {
-    for (const Row& row : rows_) all.push_back(row.key);
-    for (const Refusal& refusal : refusals_) all.push_back(refusal.key);
-    if (!key_.empty()) all.push_back(key_);
+    const auto add = [&](const std::string& key) {
+      if (std::find(all.begin(), all.end(), key) == all.end()) all.push_back(key);
+    };
+    for (const Row& row : rows_) add(row.key);
+    if (!key_.empty()) add(key_);
     for (const Choice& choice : choices_) choice.object.addKeys(all);
+  }
+  /// Every key that this or a choice of its refuses with words of its own.
+  [[nodiscard]] std::vector<std::string> refused() const {
+    std::vector<std::string> keys;
+    for (const Refusal& refusal : refusals_) keys.push_back(refusal.key);
+    for (const Choice& choice : choices_) {
+      const std::vector<std::string> more = choice.object.refused();
+      keys.insert(keys.end(), more.begin(), more.end());
+    }
+    return keys;
   }
 
   /// None where there is nothing to choose.

@@ -21,9 +21,15 @@ constexpr double kLeastHeating = 0.1;   // [s]
 constexpr double kMostStale = 2.0;      // [s]: a switch that is believed for longer is none
 constexpr double kLongestStep = 600.0;  // [s]
 constexpr int kMostBytes = 1024;        // of a report
+constexpr std::size_t kMostFlags = 1024;
 constexpr std::size_t kMostReports = 16;
 constexpr std::size_t kMostSteps = 64;
 constexpr std::size_t kMostMasses = 16;
+
+/// That of a vector which has a direction, and whose square is a number.
+bool isLength(double norm) {
+  return norm > 1e-6 && norm < 1e6;
+}
 
 JsonType<double> lengthType() {
   return jsonPositiveUpTo(kMostLength, "metres");
@@ -287,7 +293,7 @@ Rows gravityRows() {
       .may("down",
            jsonNumbers<3>()
                .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
-               .where([](const Vec3& down) { return down.norm() > 1e-6; }, "it is no direction",
+               .where([](const Vec3& down) { return isLength(down.norm()); }, "it is no direction",
                       "write [0, 0, -1]")
                .says("Where masses fall to, in the arm's frame; [0, 0, -1] where nothing is "
                      "said."),
@@ -308,7 +314,7 @@ Rows mountRows() {
            [](ProfileFile& file, const Vec3& origin) { file.profile.origin_D = origin; })
       .may("rotation_wxyz",
            jsonNumbers<4>()
-               .where([](const auto& q) { return Eigen::Vector4d(q.data()).norm() > 1e-6; },
+               .where([](const auto& q) { return isLength(Eigen::Vector4d(q.data()).norm()); },
                       "it is no rotation", "give w, x, y, z, as [1, 0, 0, 0]")
                .says("A quaternion that turns the arm's frame into the world's."),
            &ProfileFile::rotation_wxyz);
@@ -402,8 +408,8 @@ const Table& table() {
     t.profile.remark("$schema")
         .version("palpate_arm", 1, "Version of this format.")
         .need("name",
-              jsonMatching("^[A-Za-z0-9_.-]+$", "it has other characters",
-                           "use letters, digits, - and _"),
+              jsonMatching("^[A-Za-z0-9_.-]{1,64}$", "it has other characters",
+                           "use letters, digits, - and _, at most 64"),
               [](ProfileFile& file, std::string name) { file.profile.name = std::move(name); })
         .may(
             "description", jsonText(),
@@ -431,10 +437,9 @@ const Table& table() {
               &ProfileFile::input)
         .may("output", reportRows(field).type().defined("output", t.definitions),
              &ProfileFile::output)
-        .may(
-            "flags",
-            jsonList(flagType(), 0, 8 * kMostBytes, "it is not a list", "write [{\"field\": ...}]"),
-            &ProfileFile::flags)
+        .may("flags",
+             jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
+             &ProfileFile::flags)
         .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
                   "From joints to the tip.")
         .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")

@@ -208,6 +208,7 @@ JsonType<VolumeSpec> volumeType() {
 
 JsonType<DerivedSpec> fieldType() {
   std::vector<JsonObject<DerivedSpec>> kinds;
+  kinds.reserve(kDerivations.size());
   for (const Derivation kind : kDerivations) {
     kinds.push_back(JsonObject<DerivedSpec>()
                         .need(wordFor(kind), jsonName(), &DerivedSpec::of)

@@ -94,6 +94,10 @@ struct Parts {
 /// By the names that modes give their members.
 template <class M>
 Parts partsOf(const Told& /*told*/, const M& m) {
+  static_assert(
+      std::is_same_v<M, UserMode> || requires { m.strength, m.scalar; } ||
+          requires { m.strength, m.vector; } || requires { m.strength, m.skin; },
+      "explain knows what a mode reads by these names");
   Parts parts;
   if constexpr (requires { m.scalar; }) parts.scalar = m.scalar;
   if constexpr (requires { m.vector; }) parts.vector = m.vector;

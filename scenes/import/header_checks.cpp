@@ -15,6 +15,12 @@ namespace {
 constexpr double kMostBytes = 1e15;
 constexpr const char* kMendHeader = "mend its header, or check what wrote it";
 
+/// As the header names it.
+std::string nameOf(const std::filesystem::path& data, const std::filesystem::path& header) {
+  const std::filesystem::path name = data.lexically_relative(header.parent_path());
+  return name.empty() ? data.string() : name.string();
+}
+
 }  // namespace
 
 double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
@@ -40,8 +46,8 @@ double sizeOfData(const std::filesystem::path& header, const std::filesystem::pa
   const auto size = std::filesystem::file_size(data, error);
   if (error || !std::filesystem::is_regular_file(data, error)) {
     throw VolumeError(header.string(),
-                      fmt::format("its data file {} cannot be read", data.filename().string()),
-                      "put it beside the header");
+                      fmt::format("its data file {} cannot be read", nameOf(data, header)),
+                      "put it where the header says");
   }
   return static_cast<double>(size);
 }
@@ -51,8 +57,8 @@ void checkHeld(const std::filesystem::path& header, const std::filesystem::path&
   if (held >= least) return;
   throw VolumeError(header.string(),
                     fmt::format("{} is truncated: {:.0f} bytes of {:.0f}",
-                                data == header ? "it" : data.filename().string(),
-                                std::max(held, 0.0), std::ceil(least)),
+                                data == header ? "it" : nameOf(data, header), std::max(held, 0.0),
+                                std::ceil(least)),
                     "copy or export it again");
 }
 

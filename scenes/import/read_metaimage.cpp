@@ -218,13 +218,14 @@ class Header {
     }
     const std::vector<double> sizes = numbers({"DimSize"}, 3);
     if (sizes.empty()) refuse("it has no DimSize", kMendHeader);
-    double bytes = bytesOf(file_, sizes, type().bytes);
+    double each = type().bytes;
     if (const auto channels = numbers({"ElementNumberOfChannels"}, 1); !channels.empty()) {
       if (!(channels[0] >= 1.0) || channels[0] > 1000.0 || channels[0] != std::floor(channels[0])) {
         refuse("its ElementNumberOfChannels is absurd", kMendHeader);
       }
-      bytes *= channels[0];
+      each *= channels[0];
     }
+    const double bytes = bytesOf(file_, sizes, each);
     for (const char* key :
          {"ElementSpacing", "ElementSize", "Offset", "Position", "Origin", "CenterOfRotation"}) {
       static_cast<void>(numbers({key}, 3));

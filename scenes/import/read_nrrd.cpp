@@ -455,6 +455,7 @@ class NrrdReader final : public Reader {
   /// Whether the files can hold what the header says, before memory is taken for it.
   void weigh() {
     std::vector<double> sizes;
+    sizes.reserve(nrrd_->dim);
     for (int a = 0; a < static_cast<int>(nrrd_->dim); ++a) {
       sizes.push_back(static_cast<double>(axisAt(a).size));
     }

@@ -133,6 +133,8 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/kinematics/home_at_open", true, "its user must know the pose", false},
       {"/kinematics/rate_control", 0.1, "takes no forces", false},
       {"/mount/rotation_wxyz", {0, 0, 0, 0}, "it is no rotation", false},
+      {"/mount/rotation_wxyz", {0, 1e200, 0, 0}, "it is no rotation", false},
+      {"/name", std::string(200000, 'a') + " ", "/name: it has other characters", true},
       {"/home/0/send/fa", 100, "a step drives a motor", false},
       {"/home/0/send", {{"fa", 0}}, "a step drives a motor", false},
       {"/output/fields/fb/bit", 56, "its bits are another field's as well", false},
