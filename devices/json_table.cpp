@@ -34,6 +34,15 @@ JsonType<double> jsonPositiveUpTo(double most, const char* unit) {
   return type;
 }
 
+JsonType<double> jsonNotNegativeUpTo(double most, const char* unit) {
+  JsonType<double> type{jsonNotNegative().schema, [most, unit](const JsonNode& node) {
+                          (void)node.notNegative();
+                          return node.sized(most, unit);
+                        }};
+  type.schema["maximum"] = most;
+  return type;
+}
+
 JsonType<double> jsonUpTo(double most, const char* unit) {
   return {{{"type", "number"}, {"minimum", -most}, {"maximum", most}},
           [most, unit](const JsonNode& node) { return node.sized(most, unit); }};
@@ -63,6 +72,16 @@ JsonType<std::string> jsonText() {
 
 JsonType<std::string> jsonName() {
   return {{{"type", "string"}, {"minLength", 1}}, [](const JsonNode& node) { return node.name(); }};
+}
+
+JsonSchema jsonFileSchema(const char* title, const char* description, const JsonSchema& object,
+                          const JsonSchema& definitions) {
+  JsonSchema schema{{"$schema", "http://json-schema.org/draft-07/schema#"},
+                    {"title", title},
+                    {"description", description}};
+  schema.update(object);
+  schema["definitions"] = definitions;
+  return schema;
 }
 
 }  // namespace palpate

@@ -77,6 +77,8 @@ struct JsonType {
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* remedy);
 /// > 0, and of a size that such a thing has: tells who wrote millimetres, or degrees.
 [[nodiscard]] JsonType<double> jsonPositiveUpTo(double most, const char* unit);
+/// >= 0, and of such a size.
+[[nodiscard]] JsonType<double> jsonNotNegativeUpTo(double most, const char* unit);
 /// Of such a size, to either side.
 [[nodiscard]] JsonType<double> jsonUpTo(double most, const char* unit);
 /// A text that a regular expression of ECMAScript matches. Its repetitions have to have an end: the
@@ -84,11 +86,28 @@ struct JsonType {
 [[nodiscard]] JsonType<std::string> jsonMatching(const char* pattern, const char* why,
                                                  const char* remedy);
 
-/// So many numbers.
+/// So many numbers, each of its own type.
 template <std::size_t N>
-[[nodiscard]] JsonType<std::array<double, N>> jsonNumbers() {
-  return {{{"type", "array"}, {"items", {{"type", "number"}}}, {"minItems", N}, {"maxItems", N}},
-          [](const JsonNode& node) { return node.numbers<N>(); }};
+[[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
+    const std::array<JsonType<double>, N>& each) {
+  JsonSchema items = JsonSchema::array();
+  for (const JsonType<double>& number : each) items.push_back(number.schema);
+  return {{{"type", "array"}, {"items", items}, {"minItems", N}, {"maxItems", N}},
+          [each](const JsonNode& node) {
+            std::array<double, N> values = node.numbers<N>();
+            for (std::size_t i = 0; i < N; ++i) values[i] = each[i].read(node.element(i));
+            return values;
+          }};
+}
+/// So many numbers of one type.
+template <std::size_t N>
+[[nodiscard]] JsonType<std::array<double, N>> jsonNumbers(
+    const JsonType<double>& number = jsonNumber()) {
+  std::array<JsonType<double>, N> each;
+  each.fill(number);
+  JsonType<std::array<double, N>> type = jsonNumbers(each);
+  type.schema["items"] = number.schema;
+  return type;
 }
 
 /// One of these words.
@@ -159,6 +178,10 @@ template <class T>
                       "write a number or { ... }");
           }};
 }
+
+/// The schema of a whole file, whose keys are `object`'s.
+[[nodiscard]] JsonSchema jsonFileSchema(const char* title, const char* description,
+                                        const JsonSchema& object, const JsonSchema& definitions);
 
 /// What an object may hold, row by row, and where in a Spec it goes. Rows are read in their order,
 /// those of a choice after those beside it.

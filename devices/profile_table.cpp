@@ -37,15 +37,9 @@ JsonType<double> lengthType() {
 
 /// In metres.
 JsonType<Vec3> placeType() {
-  JsonType<Vec3> type{jsonNumbers<3>().schema, [](const JsonNode& node) {
-                        const auto v = node.numbers<3>();
-                        for (std::size_t i = 0; i < 3; ++i) {
-                          (void)node.element(i).sized(kMostLength, "metres");
-                        }
-                        return Vec3(v[0], v[1], v[2]);
-                      }};
-  type.schema["items"] = jsonUpTo(kMostLength, "metres").schema;
-  return type;
+  return jsonNumbers<3>(jsonUpTo(kMostLength, "metres")).as<Vec3>([](const auto& v) {
+    return Vec3(v[0], v[1], v[2]);
+  });
 }
 
 /// Numbers that a device is named by are written as people write them: "16C0".
@@ -216,18 +210,6 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
   constexpr const char* kThree = "it is not a list of 3 joints";
   const JsonType<double> length = lengthType().says("[m]");
   using G = FileGeometry;
-  JsonType<std::array<double, 4>> bars{jsonNumbers<4>().schema, [length](const JsonNode& node) {
-                                         const auto values = node.numbers<4>();
-                                         for (std::size_t i = 0; i < values.size(); ++i)
-                                           (void)length.read(node.element(i));
-                                         return values;
-                                       }};
-  bars.schema["items"] = lengthType().schema;
-  JsonType<double> pantograph_base{jsonNotNegative().schema, [](const JsonNode& node) {
-                                     (void)node.notNegative();
-                                     return node.sized(kMostLength, "metres");
-                                   }};
-  pantograph_base.schema["maximum"] = kMostLength;
   return Rows()
       .choose(
           "model",
@@ -255,10 +237,12 @@ Rows kinematicsRows(const JsonType<FileJoint>& joint) {
                   "Five bars in a plane: motors at (0, 0) and (-base, 0).",
                   [](const G& g) { return makePantograph(g.lengths, g.base); })
                 .need("lengths",
-                      bars.says("[m], in turn from the motor at (0, 0) round to that at "
+                      jsonNumbers<4>(lengthType())
+                          .says("[m], in turn from the motor at (0, 0) round to that at "
                                 "(-base, 0)."),
                       to(&G::lengths))
-                .need("base", pantograph_base.says("[m]"), to(&G::base))},
+                .need("base", jsonNotNegativeUpTo(kMostLength, "metres").says("[m]"),
+                      to(&G::base))},
            {"delta", model(3, 3, kThree, "Clavel's: three motors on a circle, the tip below.",
                            [](const G& g) { return makeDelta(g.base, g.plate, g.upper, g.fore); })
                          .need("base", length, to(&G::base))
@@ -363,16 +347,12 @@ JsonType<FileStep> stepType() {
 JsonObject<HidLimits> limitsRows() {
   constexpr const char* kHeat = "a continuous force and its heating time belong together";
   constexpr const char* kBoth = "give both or none";
-  JsonType<double> damping{jsonNotNegative().schema, [](const JsonNode& node) {
-                             (void)node.notNegative();
-                             return node.sized(kMostDamping, "N s/m");
-                           }};
-  damping.schema["maximum"] = kMostDamping;
   return JsonObject<HidLimits>()
       .need("force", jsonPositiveUpTo(kMostForce, "newtons").says("[N]"), &HidLimits::force)
       .need("stiffness", jsonPositiveUpTo(kMostStiffness, "N/m").says("[N/m]"),
             &HidLimits::stiffness)
-      .need("damping", damping.says("[N s/m]"), &HidLimits::damping)
+      .need("damping", jsonNotNegativeUpTo(kMostDamping, "N s/m").says("[N s/m]"),
+            &HidLimits::damping)
       .need("workspace_radius",
             lengthType().says("[m], about the middle of the hand's world: scenes are fitted into "
                               "it."),
@@ -466,14 +446,10 @@ const JsonObject<ProfileFile>& profileTable() {
 }
 
 JsonSchema profileTableSchema() {
-  JsonSchema schema{{"$schema", "http://json-schema.org/draft-07/schema#"},
-                    {"title", "palpate arm, version 1"},
-                    {"description",
-                     "A force-feedback arm that speaks raw HID: how it is found, its reports, "
-                     "geometry and limits. docs/profiles.md."}};
-  schema.update(table().profile.schema());
-  schema["definitions"] = table().definitions;
-  return schema;
+  return jsonFileSchema("palpate arm, version 1",
+                        "A force-feedback arm that speaks raw HID: how it is found, its reports, "
+                        "geometry and limits. docs/profiles.md.",
+                        table().profile.schema(), table().definitions);
 }
 
 }  // namespace palpate

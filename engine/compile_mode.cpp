@@ -328,9 +328,9 @@ constexpr std::array<ModeCompiler::Kind, static_cast<std::size_t>(ModeKind::kUse
         {ModeKind::kFrontShape, "front_shape", &ModeCompiler::frontShape},
         {ModeKind::kVortexTube, "vortex_tube", &ModeCompiler::vortexTube},
         {ModeKind::kGuide, "guide", &ModeCompiler::guide},
-        {ModeKind::kUser, "user", &ModeCompiler::userMode},
+        {ModeKind::kUser, "user", &ModeCompiler::userMode},  // the last of ModeKind
     }};
-static_assert([] {
+static_assert([] {  // in ModeKind's order
   for (std::size_t i = 0; i < ModeCompiler::kKinds.size(); ++i) {
     if (ModeCompiler::kKinds[i].kind != static_cast<ModeKind>(i)) return false;
   }

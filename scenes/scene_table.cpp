@@ -33,16 +33,10 @@ JsonType<Curve> windowType() {
 }
 
 JsonType<Curve> piecewiseType() {
-  const JsonType<Curve::Knot> knot{
-      {{"type", "array"},
-       {"minItems", 2},
-       {"maxItems", 2},
-       {"items", JsonSchema::array({jsonNumber().schema, jsonNotNegative().schema})}},
-      [](const JsonNode& node) {
-        const auto point = node.numbers<2>();
-        (void)node.element(1).notNegative();
+  const JsonType<Curve::Knot> knot =
+      jsonNumbers<2>({jsonNumber(), jsonNotNegative()}).as<Curve::Knot>([](const auto& point) {
         return Curve::Knot(point[0], point[1]);
-      }};
+      });
   const auto ascend = [](const std::vector<Curve::Knot>& knots) {
     return std::is_sorted(knots.begin(), knots.end(),
                           [](const auto& a, const auto& b) { return a.first < b.first; });
@@ -402,14 +396,10 @@ const JsonObject<SceneSpec>& sceneTable() {
 }
 
 JsonSchema sceneTableSchema() {
-  JsonSchema schema{{"$schema", "http://json-schema.org/draft-07/schema#"},
-                    {"title", "palpate scene, version 1"},
-                    {"description",
-                     "Volumes placed in the hand's world (metres, newtons), fields derived from "
-                     "them, and the haptic modes that make them felt."}};
-  schema.update(table().scene.schema());
-  schema["definitions"] = table().definitions;
-  return schema;
+  return jsonFileSchema("palpate scene, version 1",
+                        "Volumes placed in the hand's world (metres, newtons), fields derived from "
+                        "them, and the haptic modes that make them felt.",
+                        table().scene.schema(), table().definitions);
 }
 
 }  // namespace palpate
