@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+"""palpate-import beside ITK (and GDCM, which reads DICOM for it): oracle_test.py BIN_DIR ITK_ORACLE.
+
+Files that ITK writes, files that are written here byte by byte, and heads of Debian's: at voxels and
+between them both have the same value at the same place."""
+import csv
+import io
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+import dicom_test  # noqa: E402
+import images_test  # noqa: E402
+
+ORACLE = Path(sys.argv[2])
+HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
+
+
+class BesideItk(images_test.Case):
+    def agrees(self, path, *, least=2000, within=1e-5):
+        """Every place that ITK was asked for has its value here; within: of the values' range."""
+        done = subprocess.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
+                              timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""), path)
+        theirs = list(csv.DictReader(io.StringIO(done.stdout)))
+        places = [tuple(float(row[k]) for k in "xyz") for row in theirs]
+        ours = self.sample(self.convert(path), "density", places)
+        values = [float(row["value"]) for row in theirs]
+        span = max(values) - min(values)
+        self.assertGreater(span, 0)
+        compared = 0
+        for place, value, row in zip(places, values, ours):
+            if row["inside"] == "1":
+                self.assertLessEqual(abs(float(row["value"]) - value), within * span,
+                                     (path.name, place))
+                compared += 1
+        self.assertGreaterEqual(compared, least, path)
+
+    def itk_writes(self, name):
+        path = self.dir / name
+        subprocess.run([str(ORACLE), "write", str(path)], check=True, timeout=120,
+                       capture_output=True)  # GDCM remarks what it fills in
+        return path
+
+    def test_files_that_itk_writes(self):
+        for name in ("a.nrrd", "a.nhdr", "a.mha", "a.mhd", "a.nii", "a.nii.gz", "dicom"):
+            with self.subTest(name):
+                self.agrees(self.itk_writes(name))
+
+    def test_files_written_here(self):
+        # ITK knows no shear.
+        straight = "space directions: (0,3,0) (-2,0,0) (0,0,4)"
+        for name, *contents in (
+                ("lps.nrrd", images_test.nrrd("space: left-posterior-superior", straight,
+                                              images_test.ORIGIN), "\n", images_test.SHORTS),
+                ("ras.nrrd", images_test.nrrd("space: right-anterior-superior", straight,
+                                              images_test.ORIGIN), "\n", images_test.SHORTS),
+                ("a.mha", images_test.meta(*images_test.MetaImage.PLACED,
+                                           "AnatomicalOrientation = RAI"), images_test.SHORTS),
+                ("q.nii", images_test.nifti(images_test.SIZE, *images_test.SHORT, qfac=-1.0,
+                                            pixdim=(1, 2, 3)), images_test.SHORTS),
+                ("s.nii", images_test.nifti(
+                    images_test.SIZE, *images_test.SHORT, pixdim=(3, 2, 4), slope=0.5, inter=3.0,
+                    sform=((0, -2, 0, 10), (3, 0, 0, -20), (0, 0, 4, 30))), images_test.SHORTS)):
+            with self.subTest(name):
+                self.agrees(self.write(name, *contents))
+
+    def test_dicom_series_written_here(self):
+        turn = dicom_test.turned(0.2, -0.15, 0.1)
+        axes = [[sum(turn[a][b] * v[b] for b in range(3)) for a in range(3)]
+                for v in ((0, 1, 0), (0, 0, -1))]
+        for name, volume in (("axial", dicom_test.Volume()),
+                             ("oblique", dicom_test.Volume(row=axes[0], column=axes[1]))):
+            with self.subTest(name):
+                self.agrees(volume.write(self.dir / name))
+
+    @unittest.skipUnless(HEAD.exists(), "mricron-data is not installed")
+    def test_a_head(self):
+        # What surrounds it is left out.
+        self.agrees(HEAD, least=500)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
