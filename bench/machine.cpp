@@ -4,7 +4,7 @@
 #include <cstdio>
 #include <fstream>
 
-#include "bench/commit.h"
+#include "palpate/engine/version.h"
 
 namespace palpate::bench {
 
@@ -41,7 +41,8 @@ Machine takeMachine(bool pin) {
   machine.compiler = std::string("g++ ") + __VERSION__;
 #endif
   machine.flags = PALPATE_FLAGS;
-  machine.commit = kCommit;
+  machine.commit = commit();
+  if (machine.commit.empty()) machine.commit = "unknown";
 
   machine.pinned = pin && stayHere();
 

@@ -11,8 +11,8 @@
 #include <openvdb/tools/SignedFloodFill.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
 #include "palpate/samplers/openvdb_grids.h"
-#include "palpate/scenes/version.h"
 
 namespace palpate {
 namespace made {

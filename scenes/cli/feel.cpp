@@ -14,13 +14,13 @@
 #include "palpate/devices/guardian.h"
 #include "palpate/devices/open_device.h"
 #include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/room.h"
 #include "palpate/scenes/cli/session.h"
 #include "palpate/scenes/cli/touch.h"
 #include "palpate/scenes/cli/watcher.h"
 #include "palpate/scenes/scene_file.h"
-#include "palpate/scenes/version.h"
 
 namespace palpate::cli {
 namespace {

@@ -16,8 +16,8 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
 #include "palpate/scenes/cli/common.h"
-#include "palpate/scenes/version.h"
 
 namespace palpate::cli {
 

@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
 #include "palpate/scenes/cli/touch.h"
 #include "palpate/scenes/nearby.h"
-#include "palpate/scenes/version.h"
 
 namespace palpate::cli {
 namespace {

@@ -12,12 +12,12 @@
 #include <fmt/ranges.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/samplers/volume.h"
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
 #include "palpate/scenes/import/suggest.h"
-#include "palpate/scenes/version.h"
 
 namespace palpate::importer {
 namespace {
