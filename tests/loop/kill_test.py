@@ -27,7 +27,7 @@ SIGNALS = ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGSEGV", "SIGBUS", "SIGAB
 OWN = ["exception", "exit", "return", "hang"]
 TRIES = 3    # the machine that this one runs on may take its cores away: the best of so many
 SO_TIMESTAMP = 29   # Linux; Python has no name for it
-QUIET = 20.0       # [s] without any standing still, in which a hand is pressed
+QUIET = 120.0      # [s] without any standing still, in which a hand is pressed
 LONGEST = 600.0    # [s]
 TABLE = []
 try:
