@@ -57,17 +57,18 @@ log=$work/$wire.log
 # One core for both of its threads, and on it its main thread, which runs the machine's timers, is never
 # put aside for the other: the machine computes on while a timer is on its way to it, and where that
 # takes milliseconds of the host's, it takes as many of the machine's.
-pin=(taskset -c $(($$ % $(nproc))))
-"${pin[@]}" true 2>/dev/null || pin=()
+pin=(taskset -c $(($$ % $(nproc))))  # any one of them
+chrt -f 1 "${pin[@]}" true 2>/dev/null || pin=()
 identity=$work/pid.$wire
 rm -f "$identity"
 {
     for ((i = 0; i < 100; ++i)); do
-        [ ! -s "$identity" ] || break
+        # Not before the other thread is there (and a third that waits): it would be above as well.
+        [ "$(ls "/proc/$(cat "$identity")/task" | wc -l)" -lt 3 ] || break
         sleep 0.1
     done
     chrt -f -p 1 "$(cat "$identity")"
-} 2>/dev/null &
+} >/dev/null 2>&1 9>&- &
 nice -n -15 timeout 1200 "${pin[@]}" qemu-system-x86_64 -accel tcg -cpu max -smp 1 \
     -icount shift=1,sleep=off -rtc clock=vm -m 768 -pidfile "$identity" \
     -nodefaults -display none -serial stdio -no-reboot -kernel "$kernel"/boot/vmlinuz-* \
