@@ -3,6 +3,19 @@
 #include <regex>
 
 namespace palpate {
+namespace {
+
+/// `number`, and of a size that such a thing has.
+JsonType<double> sizedUpTo(const JsonType<double>& number, double most, const char* unit) {
+  JsonType<double> type{number.schema, [read = number.read, most, unit](const JsonNode& node) {
+                          (void)read(node);
+                          return node.sized(most, unit);
+                        }};
+  type.schema["maximum"] = most;
+  return type;
+}
+
+}  // namespace
 
 JsonType<double> jsonNumber() {
   return {{{"type", "number"}}, [](const JsonNode& node) { return node.number(); }};
@@ -26,21 +39,11 @@ JsonType<double> jsonPositiveUpTo(double most, const char* why, const char* reme
 }
 
 JsonType<double> jsonPositiveUpTo(double most, const char* unit) {
-  JsonType<double> type{jsonPositive().schema, [most, unit](const JsonNode& node) {
-                          (void)node.positive();
-                          return node.sized(most, unit);
-                        }};
-  type.schema["maximum"] = most;
-  return type;
+  return sizedUpTo(jsonPositive(), most, unit);
 }
 
 JsonType<double> jsonNotNegativeUpTo(double most, const char* unit) {
-  JsonType<double> type{jsonNotNegative().schema, [most, unit](const JsonNode& node) {
-                          (void)node.notNegative();
-                          return node.sized(most, unit);
-                        }};
-  type.schema["maximum"] = most;
-  return type;
+  return sizedUpTo(jsonNotNegative(), most, unit);
 }
 
 JsonType<double> jsonUpTo(double most, const char* unit) {
