@@ -1,20 +1,29 @@
 /// Errors of loading, building and opening. Nothing in the tick throws.
 #pragma once
 
+#include <cstddef>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 namespace palpate {
 
-/// One line for the user: what was being done, why it cannot be, what to do about it.
+/// One line for the user, `what()`: what was being done, why it cannot be, what to do about it.
 class Error : public std::runtime_error {
  public:
-  Error(const std::string& what, const std::string& why, const std::string& remedy)
-      : std::runtime_error(what + ": " + why + ": " + remedy) {}
+  Error(const std::string& subject, const std::string& reason, const std::string& remedy)
+      : std::runtime_error(subject + ": " + reason + ": " + remedy),
+        subject_(subject.size()),
+        reason_(reason.size()) {}
 
- protected:
-  explicit Error(const std::string& line) : std::runtime_error(line) {}
+  // The parts of the line.
+  [[nodiscard]] std::string subject() const { return std::string(what(), subject_); }
+  [[nodiscard]] std::string reason() const { return {what() + subject_ + 2, reason_}; }
+  [[nodiscard]] std::string remedy() const { return what() + subject_ + 2 + reason_ + 2; }
+
+ private:
+  std::size_t subject_;  ///< Length of that part; the next begins two characters later.
+  std::size_t reason_;
 };
 
 /// A file or grid that cannot be felt.
@@ -29,11 +38,8 @@ class SceneError : public Error {
   using Error::Error;
   /// The same error, prefixed by the file or path that it is in.
   [[nodiscard]] static SceneError within(const std::string& place, const Error& error) {
-    return SceneError(place + ": " + error.what());
+    return {place + ": " + error.subject(), error.reason(), error.remedy()};
   }
-
- private:
-  explicit SceneError(const std::string& line) : Error(line) {}
 };
 
 /// A device, or the description of a simulated one, that cannot be used.

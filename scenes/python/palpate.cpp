@@ -1,0 +1,734 @@
+/// The Python module `palpate`: volumes, fields, scenes and hands for scripts. docs/python.md says
+/// how to use it. No loop calls Python: `run` and `sample` let its lock go, `step` is one tick.
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <pybind11/eval.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "palpate/devices/path_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/solver.h"
+#include "palpate/engine/step.h"
+#include "palpate/engine/version.h"
+#include "palpate/samplers/array_volume.h"
+#include "palpate/samplers/vdb_field.h"
+#include "palpate/scenes/scene_file.h"
+
+namespace palpate::python {
+namespace {
+
+namespace py = pybind11;
+using namespace pybind11::literals;
+
+using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+constexpr double kSlowest = 10.0;  // [Hz], as palpate feel
+constexpr double kFastest = 1e5;   // [Hz]
+constexpr double kFarthest = 1e6;  // [m], as hapticStep
+
+// The module's errors are classes of Python's, so that a script can raise and pickle them.
+constexpr char kErrors[] = R"py(
+class Error(Exception):
+    """What was wrong, why, and what to do about it: one line as str()."""
+    def __init__(self, what, why, remedy):
+        super().__init__(what, why, remedy)
+        self.what, self.why, self.remedy = what, why, remedy
+    def __str__(self):
+        return f"{self.what}: {self.why}: {self.remedy}"
+
+class VolumeError(Error):
+    """A file, grid or array that cannot be felt."""
+
+class SceneError(Error):
+    """A scene that is wrong; `what` names the place in it, such as /modes/0/of."""
+
+class DeviceError(Error):
+    """A path that no hand can follow."""
+
+for each in (Error, VolumeError, SceneError, DeviceError):
+    each.__module__ = "palpate"
+)py";
+
+void raise(const char* kind, const Error& e) {
+  const py::object type = py::module_::import("palpate").attr(kind);
+  const py::object error = type(e.subject(), e.reason(), e.remedy());
+  PyErr_SetObject(type.ptr(), error.ptr());
+}
+
+void translate(std::exception_ptr thrown) {
+  try {
+    if (thrown) std::rethrow_exception(std::move(thrown));
+  } catch (const VolumeError& e) {
+    raise("VolumeError", e);
+  } catch (const SceneError& e) {
+    raise("SceneError", e);
+  } catch (const DeviceError& e) {
+    raise("DeviceError", e);
+  } catch (const Error& e) {
+    raise("Error", e);
+  }
+}
+
+py::tuple tupleOf(const Vec3& v) {
+  return py::make_tuple(v.x(), v.y(), v.z());
+}
+
+py::tuple tupleOf(const Box& box) {
+  return py::make_tuple(tupleOf(box.lower), tupleOf(box.upper));
+}
+
+Vec3 vectorOf(const Doubles& values, const char* what) {
+  if (values.ndim() != 1 || values.shape(0) != 3) {
+    throw Error(what, "it is not three numbers", "give (x, y, z)");
+  }
+  return {values.at(0), values.at(1), values.at(2)};
+}
+
+// Volumes.
+
+/// Floats and doubles as they are, other numbers as the smaller of these that holds them exactly.
+py::array numbersOf(const py::array& values, const std::string& name) {
+  const char kind = values.dtype().kind();
+  const py::ssize_t size = values.itemsize();
+  const bool is_float = kind == 'f' && (size == 4 || size == 8);
+  if (is_float && values.dtype().attr("isnative").cast<bool>()) return values;
+  if (kind != 'f' && kind != 'i' && kind != 'u' && kind != 'b') {
+    throw VolumeError(name, "its values are no real numbers",
+                      "give an array of floats or integers");
+  }
+  const bool small = kind == 'f' ? size <= 4 : size <= 2;
+  return values.attr("astype")(small ? "float32" : "float64").cast<py::array>();
+}
+
+std::shared_ptr<const Volume> volumeOf(const py::array& given, const py::object& spacing,
+                                       const Doubles& origin, const std::string& name,
+                                       bool level_set, std::optional<double> background, bool fill,
+                                       int smooth) {
+  const py::array values = numbersOf(given, name);
+  const bool vector = values.ndim() == 4 && values.shape(3) == 3;
+  if (values.ndim() != 3 && !vector) {
+    throw VolumeError(name, "it is an array neither of (nx, ny, nz) nor of (nx, ny, nz, 3)",
+                      "give values by x, y and z, a vector's components last");
+  }
+  VoxelArray array;
+  array.values = values.data();
+  array.type = values.itemsize() == 4 ? VoxelArray::Type::kFloat : VoxelArray::Type::kDouble;
+  array.vector = vector;
+  for (std::size_t a = 0; a < 3; ++a) {
+    array.size[a] = values.shape(static_cast<py::ssize_t>(a));
+    array.stride[a] = values.strides(static_cast<py::ssize_t>(a));
+  }
+  if (vector) array.component_stride = values.strides(3);
+  const auto steps = spacing.cast<Doubles>();
+  if (steps.ndim() == 0) {
+    array.axes = steps.data()[0] * Mat3::Identity();
+  } else if (steps.ndim() == 1 && steps.shape(0) == 3) {
+    array.axes = vectorOf(steps, "spacing").asDiagonal();
+  } else if (steps.ndim() == 2 && steps.shape(0) == 3 && steps.shape(1) == 3) {
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) array.axes(i, j) = steps.at(i, j);
+    }
+  } else {
+    throw VolumeError(name, "its spacing is not a number, three or 3 x 3",
+                      "give the steps along x, y and z, or as columns of a matrix");
+  }
+  array.origin = vectorOf(origin, "origin");
+  array.name = name;
+  array.level_set = level_set;
+  array.background = background;
+  LoadOptions options;
+  options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
+  options.smooth = smooth;
+  const py::gil_scoped_release released;
+  return makeVolume(array, options);
+}
+
+py::dict infoOf(const Volume& volume) {
+  const GridInfo& info = volume.info();
+  py::dict dict;
+  dict["name"] = info.name;
+  dict["type"] = info.type;
+  dict["class"] = wordFor(info.grid_class);
+  dict["vector"] = info.vector;
+  dict["voxel"] = tupleOf(info.voxel);
+  dict["active_voxels"] = info.active_voxels;
+  dict["bounds"] = tupleOf(info.bounds);
+  dict["memory"] = volume.memory();
+  dict["lowest"] = info.lowest;
+  dict["highest"] = info.highest;
+  dict["mean"] = info.mean;
+  dict["background"] = info.background;
+  dict["filled"] = info.filled;
+  return dict;
+}
+
+// Fields.
+
+/// A row of what Field.sample gives.
+struct ScalarRow {
+  bool inside;
+  double value;
+  std::array<double, 3> gradient;
+};
+struct VectorRow {
+  bool inside;
+  std::array<double, 3> value;
+  std::array<std::array<double, 3>, 3> jacobian;
+};
+
+ScalarRow rowOf(const ScalarSample& s) {
+  return {s.inside, s.value, {s.gradient.x(), s.gradient.y(), s.gradient.z()}};
+}
+
+VectorRow rowOf(const VectorSample& s) {
+  VectorRow row{s.inside, {s.value.x(), s.value.y(), s.value.z()}, {}};
+  for (std::size_t i = 0; i < 3; ++i) {
+    for (std::size_t j = 0; j < 3; ++j) {
+      row.jacobian[i][j] = s.jacobian(static_cast<int>(i), static_cast<int>(j));
+    }
+  }
+  return row;
+}
+
+template <class Row, class Field>
+py::array sampled(const Field& field, const Doubles& points) {
+  if (points.ndim() < 1 || points.shape(points.ndim() - 1) != 3) {
+    throw Error("points", "their last axis has not three numbers", "give an array of (n, 3)");
+  }
+  const std::vector<py::ssize_t> shape(points.shape(), points.shape() + points.ndim() - 1);
+  py::array_t<Row> rows(shape);
+  const auto count = static_cast<std::size_t>(rows.size());
+  Row* row = rows.mutable_data();
+  const double* p = points.data();
+  {
+    const py::gil_scoped_release released;
+    FieldCache cache;
+    field.reset(cache);
+    for (std::size_t i = 0; i < count; ++i, p += 3) {
+      row[i] = rowOf(field.sample(Vec3(p[0], p[1], p[2]), cache));
+    }
+  }
+  return rows;
+}
+
+/// A field and what it belongs to, for messages.
+struct NamedField {
+  FieldPtr field;
+  std::string name;
+
+  [[nodiscard]] const FieldFrame& frame() const {
+    return std::visit([](const auto& f) -> const FieldFrame& { return f->frame(); }, field);
+  }
+  [[nodiscard]] py::array sample(const Doubles& points) const {
+    if (const auto* scalar = std::get_if<0>(&field)) return sampled<ScalarRow>(**scalar, points);
+    return sampled<VectorRow>(*std::get<1>(field), points);
+  }
+};
+
+NamedField fieldOf(const std::shared_ptr<const Volume>& volume, const std::string& interpolation,
+                   bool axial) {
+  const auto known = interpolationNamed(interpolation);
+  if (!known) {
+    throw Error("interpolation", "\"" + interpolation + "\" is not known",
+                "use trilinear, nearest, quadratic or cubic");
+  }
+  const py::gil_scoped_release released;
+  return {makeVdbField(volume, Placement{}, {*known, axial}), volume->info().name};
+}
+
+/// On a lattice over the field's bounds, for VTK: `spacing` apart, by default half of what it is
+/// made of would be too fine for large ones, so a voxel, or what makes 256 along the longest side.
+py::object toVtk(const NamedField& field, std::optional<double> spacing) {
+  const FieldFrame& frame = field.frame();
+  const Vec3 size = frame.bounds.size();
+  const double step = spacing.value_or(std::max(frame.voxel, size.maxCoeff() / 256.0));
+  constexpr double kMost = 1e9;
+  const Vec3 counts = (size / step).array().floor() + 1.0;
+  if (!(step > 0.0) || !(counts.prod() <= kMost)) {
+    throw Error("spacing", "it is not above 0, or leads to more than 10^9 points",
+                "give metres, or the volume's own unit, from point to point");
+  }
+  const auto nx = static_cast<py::ssize_t>(counts.x());
+  const auto ny = static_cast<py::ssize_t>(counts.y());
+  const auto nz = static_cast<py::ssize_t>(counts.z());
+  // x runs fastest, as VTK has it.
+  Doubles points(std::vector<py::ssize_t>{nz, ny, nx, 3});
+  double* p = points.mutable_data();
+  for (py::ssize_t k = 0; k < nz; ++k) {
+    for (py::ssize_t j = 0; j < ny; ++j) {
+      for (py::ssize_t i = 0; i < nx; ++i, p += 3) {
+        p[0] = frame.bounds.lower.x() + step * static_cast<double>(i);
+        p[1] = frame.bounds.lower.y() + step * static_cast<double>(j);
+        p[2] = frame.bounds.lower.z() + step * static_cast<double>(k);
+      }
+    }
+  }
+  const py::object rows = field.sample(points).attr("reshape")(-1);
+  py::module_ model;
+  py::module_ support;
+  try {
+    model = py::module_::import("vtkmodules.vtkCommonDataModel");
+    support = py::module_::import("vtkmodules.util.numpy_support");
+  } catch (const py::error_already_set& e) {
+    if (!e.matches(PyExc_ImportError)) throw;
+    throw Error("to_vtk", "VTK's Python modules are not there", "install python3-vtk9");
+  }
+  py::object image = model.attr("vtkImageData")();
+  image.attr("SetDimensions")(nx, ny, nz);
+  image.attr("SetSpacing")(step, step, step);
+  image.attr("SetOrigin")(frame.bounds.lower.x(), frame.bounds.lower.y(), frame.bounds.lower.z());
+  const auto add = [&](const py::object& values, const std::string& name) {
+    py::object array = support.attr("numpy_to_vtk")(values, "deep"_a = true);
+    array.attr("SetName")(name);
+    image.attr("GetPointData")().attr("AddArray")(array);
+  };
+  const py::object numpy = py::module_::import("numpy");
+  add(numpy.attr("ascontiguousarray")(rows["value"]), field.name);
+  add(rows["inside"].attr("astype")("uint8"), "inside");
+  image.attr("GetPointData")().attr("SetActiveScalars")(field.name);
+  return image;
+}
+
+// Scenes and hands.
+
+/// A row of a run: the columns of `palpate feel --trace`.
+struct TraceRow {
+  double t;
+  std::array<double, 3> probe;
+  std::array<double, 3> proxy;
+  std::array<double, 3> force;
+  double error_bound;
+  std::int64_t iterations;
+  std::int64_t substeps;
+  std::int64_t primitives;
+  std::int64_t tick_ns;
+  std::array<char32_t, 16> status;
+  bool limited;
+};
+
+py::dtype traceType() {
+  py::list names;
+  py::list formats;
+  py::list offsets;
+  const auto add = [&](const std::string& name, const char* format, std::size_t offset) {
+    names.append(name);
+    formats.append(format);
+    offsets.append(offset);
+  };
+  const auto add3 = [&](const std::string& name, std::size_t offset) {
+    for (const char* axis : {"_x", "_y", "_z"}) {
+      add(name + axis, "f8", offset);
+      offset += sizeof(double);
+    }
+  };
+  add("t", "f8", offsetof(TraceRow, t));
+  add3("probe", offsetof(TraceRow, probe));
+  add3("proxy", offsetof(TraceRow, proxy));
+  add3("force", offsetof(TraceRow, force));
+  add("error_bound", "f8", offsetof(TraceRow, error_bound));
+  add("iterations", "i8", offsetof(TraceRow, iterations));
+  add("substeps", "i8", offsetof(TraceRow, substeps));
+  add("primitives", "i8", offsetof(TraceRow, primitives));
+  add("tick_ns", "i8", offsetof(TraceRow, tick_ns));
+  add("status", "U16", offsetof(TraceRow, status));
+  add("limited", "?", offsetof(TraceRow, limited));
+  return {names, formats, offsets, sizeof(TraceRow)};
+}
+
+TraceRow rowOf(const Telemetry& tick) {
+  const StepReport& r = tick.report;
+  TraceRow row{};
+  const auto put = [](std::array<double, 3>& to, const Vec3& v) { to = {v.x(), v.y(), v.z()}; };
+  row.t = tick.time;
+  put(row.probe, tick.probe);
+  put(row.proxy, r.proxy);
+  put(row.force, r.force);
+  row.error_bound = r.error_bound;
+  row.iterations = r.iterations;
+  row.substeps = r.substeps;
+  row.primitives = r.primitives;
+  row.tick_ns = tick.tick_ns;
+  const char* word = wordFor(r.status);
+  for (std::size_t i = 0; word[i] != '\0'; ++i) row.status[i] = static_cast<unsigned char>(word[i]);
+  row.limited = r.limited;
+  return row;
+}
+
+/// Rows in memory that was there before the first tick.
+class Rows final : public TickSink {
+ public:
+  explicit Rows(std::size_t most) { rows.reserve(most); }
+  void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
+    if (rows.size() < rows.capacity()) rows.push_back(rowOf(tick));
+  }
+  std::vector<TraceRow> rows;
+};
+
+void checkRate(double rate) {
+  if (rate >= kSlowest && rate <= kFastest) return;
+  throw Error("rate", std::to_string(rate) + " Hz is not 10 to 100000", "use 1000");
+}
+
+/// Positions, a tick each, or rows of t, x, y, z.
+std::vector<PathPoint> pathOf(const Doubles& given, double rate) {
+  const py::ssize_t width = given.ndim() == 2 ? given.shape(1) : 0;
+  if ((width != 3 && width != 4) || given.shape(0) == 0) {
+    throw DeviceError("path", "it is an array neither of (n, 3) nor of (n, 4)",
+                      "give positions x, y, z, a tick each, or rows of t, x, y, z");
+  }
+  std::vector<PathPoint> path;
+  const double* row = given.data();
+  for (py::ssize_t i = 0; i < given.shape(0); ++i, row += width) {
+    const double* p = row + (width - 3);
+    const double t = width == 4 ? row[0] : static_cast<double>(i) / rate;
+    const PathPoint point{t, {p[0], p[1], p[2]}};
+    if (!std::isfinite(t) || !point.p.allFinite() || point.p.cwiseAbs().maxCoeff() >= kFarthest) {
+      throw DeviceError("path row " + std::to_string(i), "it has a number that is no place or time",
+                        "give seconds, and metres within 1,000 km");
+    }
+    if (!path.empty() && !(t > path.back().t)) {
+      throw DeviceError("path row " + std::to_string(i), "the time does not rise",
+                        "sort the rows by t and drop equal times");
+    }
+    path.push_back(point);
+  }
+  return path;
+}
+
+DeviceInfo pathInfo() {
+  return PathDevice({PathPoint{}}, 1000.0).info();
+}
+
+/// A hand of a script's own in a scene: a tick at a time.
+class Hand {
+ public:
+  Hand(std::shared_ptr<const Scene> scene, double rate)
+      : scene_(std::move(scene)), dt_(1.0 / rate), state_(pathInfo().limits) {}
+
+  std::tuple<double, double, double> step(double x, double y, double z) {
+    report_ = hapticStep(*scene_, reader_, {{x, y, z}}, state_, dt_);
+    return {report_.force.x(), report_.force.y(), report_.force.z()};
+  }
+  void clear() { state_.clearFault(); }
+
+  [[nodiscard]] py::tuple proxy() const { return tupleOf(report_.proxy); }
+  [[nodiscard]] std::string fault() const {
+    return state_.faulted() ? wordsFor(state_.fault()) : std::string();
+  }
+  [[nodiscard]] py::dict report() const {
+    py::dict dict;
+    dict["force"] = tupleOf(report_.force);
+    dict["wanted"] = tupleOf(report_.wanted);
+    dict["proxy"] = tupleOf(report_.proxy);
+    dict["stiffness"] = report_.stiffness;
+    dict["error_bound"] = report_.error_bound;
+    dict["iterations"] = report_.iterations;
+    dict["substeps"] = report_.substeps;
+    dict["samples"] = report_.samples;
+    dict["primitives"] = report_.primitives;
+    dict["parts"] = report_.parts;
+    dict["status"] = wordFor(report_.status);
+    dict["limited"] = report_.limited;
+    return dict;
+  }
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  double dt_;
+  Reader reader_;
+  ProxyState state_;
+  StepReport report_;
+};
+
+/// A scene that can be felt, and a hand in it for Scene.step.
+class PyScene {
+ public:
+  explicit PyScene(SceneSpec spec) : spec_(std::move(spec)), built_(buildScene(spec_)) {
+    checkDevice(spec_, pathInfo());
+  }
+
+  [[nodiscard]] static PyScene load(const std::filesystem::path& path) {
+    const py::gil_scoped_release released;
+    return PyScene(openScene(path));
+  }
+
+  [[nodiscard]] static PyScene parse(
+      const py::object& text, const std::map<std::string, std::shared_ptr<const Volume>>& volumes,
+      const std::filesystem::path& folder) {
+    const py::module_ json = py::module_::import("json");
+    py::object scene = text;
+    if (py::isinstance<py::str>(text)) {
+      if (volumes.empty()) return built(parseScene(text.cast<std::string>(), "scene", folder), {});
+      try {
+        scene = json.attr("loads")(text);
+      } catch (const py::error_already_set& e) {
+        if (!e.matches(PyExc_ValueError)) throw;
+        throw SceneError("scene", "it is not valid JSON", py::str(e.value()).cast<std::string>());
+      }
+    } else {
+      scene = py::module_::import("copy").attr("deepcopy")(text);
+    }
+    // A volume of the script's own needs no file, and may need no words at all.
+    if (py::isinstance<py::dict>(scene)) {
+      const py::object listed = scene.attr("setdefault")("volumes", py::dict());
+      for (const auto& [name, volume] : volumes) {
+        if (!py::isinstance<py::dict>(listed)) break;
+        const py::object words = listed.attr("setdefault")(name, py::dict());
+        if (py::isinstance<py::dict>(words)) words.attr("setdefault")("file", name);
+      }
+    }
+    return built(parseScene(json.attr("dumps")(scene).cast<std::string>(), "scene", folder),
+                 volumes);
+  }
+
+  [[nodiscard]] py::array run(const Doubles& given, double rate) const {
+    checkRate(rate);
+    std::vector<PathPoint> path = pathOf(given, rate);
+    const double ticks = (path.back().t - path.front().t) * rate + 2.0;
+    constexpr double kMost = 1e8;
+    if (!(ticks <= kMost)) {
+      throw DeviceError("path", "it takes more than 10^8 ticks", "run it in pieces");
+    }
+    PathDevice device(std::move(path), rate);
+    Rows rows(static_cast<std::size_t>(ticks));
+    {
+      const py::gil_scoped_release released;
+      HapticLoop loop(device, rate, &rows);
+      loop.publish(built_.scene);
+      TickTime time;
+      time.dt = 1.0 / rate;
+      for (std::int64_t i = 0; !device.ended(); ++i) {
+        constexpr std::int64_t kAsk = 1 << 16;
+        if (i % kAsk == kAsk - 1) {
+          const py::gil_scoped_acquire acquired;
+          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+        }
+        time.now = static_cast<double>(i) / rate;
+        loop.tick(time);
+      }
+    }
+    // The array owns a copy of the rows.
+    return {traceType(), {rows.rows.size()}, {sizeof(TraceRow)}, rows.rows.data()};
+  }
+
+  [[nodiscard]] std::unique_ptr<Hand> hand(double rate) const {
+    checkRate(rate);
+    return std::make_unique<Hand>(built_.scene, rate);
+  }
+  std::tuple<double, double, double> step(double x, double y, double z) {
+    if (!own_) own_ = hand(1000.0);
+    return own_->step(x, y, z);
+  }
+
+  [[nodiscard]] const std::string& source() const { return spec_.source; }
+  [[nodiscard]] const Box& bounds() const { return built_.bounds; }
+  [[nodiscard]] std::vector<std::string> notes() const {
+    std::vector<std::string> all = spec_.notes;
+    all.insert(all.end(), built_.notes.begin(), built_.notes.end());
+    return all;
+  }
+  [[nodiscard]] std::map<std::string, NamedField> fields() const {
+    std::map<std::string, NamedField> named;
+    for (const auto& [name, field] : built_.fields) named[name] = {field, name};
+    return named;
+  }
+  [[nodiscard]] std::map<std::string, std::shared_ptr<const Volume>> volumes() const {
+    return built_.volumes;
+  }
+
+ private:
+  [[nodiscard]] static PyScene built(
+      SceneSpec spec, const std::map<std::string, std::shared_ptr<const Volume>>& volumes) {
+    for (const auto& [name, volume] : volumes) spec.volumes.at(name).volume = volume;
+    const py::gil_scoped_release released;
+    return PyScene(std::move(spec));
+  }
+
+  SceneSpec spec_;
+  BuiltScene built_;
+  std::unique_ptr<Hand> own_;
+};
+
+// The balance.
+
+Primitive primitiveOf(const std::string& kind, const Doubles& position, const Doubles& direction,
+                      double strength) {
+  Primitive primitive;
+  bool known = false;
+  for (const PrimitiveKind k : {PrimitiveKind::kForce, PrimitiveKind::kPoint, PrimitiveKind::kLine,
+                                PrimitiveKind::kPlane}) {
+    if (kind != wordFor(k)) continue;
+    primitive.kind = k;
+    known = true;
+  }
+  if (!known)
+    throw Error("kind", "\"" + kind + "\" is not known", "use force, point, line or plane");
+  if (!(strength >= 0.0) || !std::isfinite(strength)) {
+    throw Error("strength", "it is not a number of at least 0", "give newtons");
+  }
+  primitive.strength = strength;
+  primitive.position = vectorOf(position, "position");
+  if (primitive.kind != PrimitiveKind::kPoint) {
+    const Vec3 q = vectorOf(direction, "direction");
+    const double length = q.stableNorm();
+    if (!(length > 0.0) || !std::isfinite(length)) {
+      throw Error("direction", "it has no direction", "give a vector that is not zero");
+    }
+    primitive.direction = (q / length).normalized();
+  }
+  return primitive;
+}
+
+py::dict solve(double stiffness, const Doubles& probe, const std::vector<Primitive>& primitives,
+               const std::optional<Doubles>& start) {
+  const Vec3 from = vectorOf(probe, "probe");
+  const SolveResult result =
+      solveProxy(from, stiffness, primitives, start ? vectorOf(*start, "start") : from);
+  if (result.status == SolveStatus::kBadInput) {
+    throw Error("solve",
+                "a number is not finite or overflows, the stiffness is not above 0, or there are "
+                "more than " +
+                    std::to_string(kMaxPrimitives) + " primitives",
+                "give metres, newtons and N/m of a haptic scene");
+  }
+  py::dict dict;
+  dict["proxy"] = tupleOf(result.proxy);
+  dict["force"] = tupleOf(Vec3(stiffness * result.offset));
+  dict["error_bound"] = result.error_bound;
+  dict["iterations"] = result.iterations;
+  dict["solver"] = result.solver == SolverKind::kClosedForm ? "closed-form" : "general";
+  dict["status"] = result.status == SolveStatus::kConverged ? "converged" : "iteration-limit";
+  return dict;
+}
+
+}  // namespace
+}  // namespace palpate::python
+
+PYBIND11_MODULE(palpate, m) {
+  using namespace palpate;
+  using namespace palpate::python;
+
+  m.doc() = "palpate: feel a volume. Metres, newtons and seconds, in the right-handed world W.";
+  m.attr("__version__") = kVersion;
+  m.attr("__commit__") = commit();
+  py::exec(kErrors, m.attr("__dict__"));
+  if (py::hasattr(m, "each")) py::delattr(m, "each");
+  py::register_exception_translator(translate);
+  PYBIND11_NUMPY_DTYPE(ScalarRow, inside, value, gradient);
+  PYBIND11_NUMPY_DTYPE(VectorRow, inside, value, jacobian);
+
+  py::class_<NamedField>(m, "Field",
+                         "A scalar or vector field. In a scene it stands in W, in metres; of a "
+                         "volume by itself in the volume's own space. Derivatives are per unit of "
+                         "the volume's own space.")
+      .def("sample", &NamedField::sample, "points"_a,
+           "A structured array of a row a point: inside, value and gradient of a scalar; inside, "
+           "value and jacobian[i][j] = d v_i / d x_j of a vector. Points: (n, 3) or (3,).")
+      .def("to_vtk", &toVtk, "spacing"_a = py::none(),
+           "A vtkImageData of the field sampled over its bounds, `spacing` apart: by default a "
+           "voxel, but at most 257 points a side. pyvista.wrap() takes it.")
+      .def_readonly("name", &NamedField::name)
+      .def_property_readonly("vector", [](const NamedField& f) { return f.field.index() == 1; })
+      .def_property_readonly("voxel", [](const NamedField& f) { return f.frame().voxel; })
+      .def_property_readonly("bounds",
+                             [](const NamedField& f) { return tupleOf(f.frame().bounds); });
+
+  py::class_<Volume, std::shared_ptr<Volume>>(m, "Volume", "One grid in memory; never changes.")
+      .def_static(
+          "load",
+          [](const std::filesystem::path& file, const std::string& grid, bool fill, int smooth) {
+            const py::gil_scoped_release released;
+            LoadOptions options;
+            options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
+            options.smooth = smooth;
+            return std::const_pointer_cast<Volume>(loadVolume(file, grid, options));
+          },
+          "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = 0,
+          "A grid of a .vdb; its name may be left out where there is one. `fill`: values that are "
+          "no numbers become the background. `smooth`: width of a Gaussian, in voxels.")
+      .def(
+          "field",
+          [](const std::shared_ptr<Volume>& volume, const std::string& interpolation, bool axial) {
+            return fieldOf(volume, interpolation, axial);
+          },
+          "interpolation"_a = "trilinear", "axial"_a = false,
+          "The field over it, in its own space: trilinear, nearest, quadratic or cubic.")
+      .def_property_readonly("name", [](const Volume& v) { return v.info().name; })
+      .def_property_readonly("info", &infoOf, "What `palpate info` prints, as a dict.");
+
+  m.def(
+      "volume",
+      [](const py::array& values, const py::object& spacing, const Doubles& origin,
+         const std::string& name, bool level_set, std::optional<double> background, bool fill,
+         int smooth) {
+        return std::const_pointer_cast<Volume>(
+            volumeOf(values, spacing, origin, name, level_set, background, fill, smooth));
+      },
+      "array"_a, "spacing"_a = 1.0, "origin"_a = std::array<double, 3>{0.0, 0.0, 0.0},
+      "name"_a = "values", py::kw_only(), "level_set"_a = false, "background"_a = py::none(),
+      "fill"_a = false, "smooth"_a = 0,
+      "An array of (nx, ny, nz) or, of vectors, (nx, ny, nz, 3) as a volume: array[i, j, k] stands "
+      "at origin + spacing (i, j, k). Spacing: one number, three, or a 3 x 3 matrix whose columns "
+      "are the steps. Values equal to the background are no data; by default it is the median of "
+      "the faces, of vectors zero. level_set: signed distances, negative within.");
+
+  py::class_<Hand>(m, "Hand", "A hand in a scene, from Scene.hand(rate).")
+      .def("step", &Hand::step, "x"_a, "y"_a, "z"_a,
+           "One tick with the probe at x, y, z [m]: the force (fx, fy, fz) [N].")
+      .def("clear", &Hand::clear, "Lets force out again after a fault.")
+      .def_property_readonly("proxy", &Hand::proxy, "The proxy after the last tick [m].")
+      .def_property_readonly("fault", &Hand::fault, "Why the force is cut; empty: it is not.")
+      .def_property_readonly("report", &Hand::report, "What the last tick did.");
+
+  py::class_<PyScene>(m, "Scene", "Volumes and what is felt of them.")
+      .def_static("load", &PyScene::load, "path"_a, "A scene file, a .vdb or a folder of .vdb.")
+      .def_static("parse", &PyScene::parse, "scene"_a,
+                  "volumes"_a = std::map<std::string, std::shared_ptr<Volume>>{}, "folder"_a = ".",
+                  "A scene from a dict or JSON as docs/scene.md has it. `volumes`: of the "
+                  "script's own, by the scene's names, in place of files. `folder`: where the "
+                  "paths of the others start.")
+      .def("run", &PyScene::run, "path"_a, "rate"_a = 1000.0,
+           "Feels along a path, as `palpate feel --device path:`: an array with the columns of its "
+           "trace, a row a tick. path: (n, 3) positions, a tick each, or (n, 4) rows of t, x, y, "
+           "z, linear between. Other threads of Python run meanwhile.")
+      .def("hand", &PyScene::hand, "rate"_a = 1000.0, "Another hand, `rate` ticks a second.")
+      .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a,
+           "One tick at 1 kHz of the scene's own hand: the force (fx, fy, fz) [N].")
+      .def_property_readonly("source", &PyScene::source)
+      .def_property_readonly("bounds", [](const PyScene& s) { return tupleOf(s.bounds()); })
+      .def_property_readonly("notes", &PyScene::notes, "What palpate would tell its user.")
+      .def_property_readonly("fields", &PyScene::fields, "By name, placed in W.")
+      .def_property_readonly("volumes", [](const PyScene& s) {
+        std::map<std::string, std::shared_ptr<Volume>> volumes;
+        for (const auto& [name, v] : s.volumes()) {
+          volumes[name] = std::const_pointer_cast<Volume>(v);
+        }
+        return volumes;
+      });
+
+  py::class_<Primitive>(m, "Primitive", "A haptic primitive of the paper, section 4.1.")
+      .def(py::init(&primitiveOf), "kind"_a, "position"_a = std::array<double, 3>{0.0, 0.0, 0.0},
+           "direction"_a = std::array<double, 3>{1.0, 0.0, 0.0}, "strength"_a = 1.0,
+           "kind: force, point, line or plane; position [m]; strength [N].")
+      .def_property_readonly("kind", [](const Primitive& p) { return wordFor(p.kind); })
+      .def_property_readonly("position", [](const Primitive& p) { return tupleOf(p.position); })
+      .def_property_readonly("direction", [](const Primitive& p) { return tupleOf(p.direction); })
+      .def_readonly("strength", &Primitive::strength);
+
+  m.def("solve", &solve, "stiffness"_a, "probe"_a, "primitives"_a, "start"_a = py::none(),
+        "Where the primitives balance a spring of this stiffness [N/m] to the probe [m]: a dict of "
+        "proxy, force on the hand, error_bound, iterations, solver and status.");
+}

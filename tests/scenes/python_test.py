@@ -1,0 +1,243 @@
+"""The Python module, by pytest: python_test.py is run with PYTHONPATH on the module and
+PALPATE_BIN the programs' folder."""
+
+import os
+import pickle
+import subprocess
+import threading
+import time
+
+import numpy as np
+import palpate
+import pytest
+
+BIN = os.environ["PALPATE_BIN"]
+SKIN = {"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "above", "strength": 4}
+SCENE = {"palpate": 1, "volumes": {"ball": {}}, "modes": [SKIN]}
+
+
+def program(*words, **more):
+    return subprocess.run([f"{BIN}/palpate", *map(str, words)], check=True, capture_output=True, text=True,
+                          **more).stdout
+
+
+def ball(n=49, dtype="f4"):
+    """Depth under the surface of a ball of radius 0.8, in a cube of edge 2."""
+    x = np.linspace(-1, 1, n)
+    r = np.sqrt(x[:, None, None]**2 + x[:, None]**2 + x**2)
+    return palpate.volume((0.8 - r).astype(dtype), spacing=2 / (n - 1), origin=(-1, -1, -1), name="ball")
+
+
+@pytest.fixture(scope="module")
+def bodies(tmp_path_factory):
+    """A scene of files: the made volume of two bodies."""
+    folder = tmp_path_factory.mktemp("bodies")
+    program("make", "two-bodies", folder / "bodies.vdb")
+    return folder / "bodies.vdb"
+
+
+def press(ticks=2000):
+    """A hand that comes from outside along z, and slides."""
+    path = np.zeros((ticks, 3))
+    path[:, 2] = np.interp(np.arange(ticks), [0, ticks / 2, ticks], [0.05, 0.0375, 0.036])
+    path[:, 0] = np.interp(np.arange(ticks), [0, ticks / 2, ticks], [0, 0, 0.01])
+    return path
+
+
+def test_an_array_stands_where_it_is_put():
+    values = np.arange(4 * 5 * 6, dtype="f8").reshape(4, 5, 6)
+    for given in (values, np.asfortranarray(values), values[::-1][::-1], values.astype(">f8")):
+        field = palpate.volume(given, spacing=(1, 2, 3), origin=(10, 20, 30)).field()
+        rows = field.sample([(10 + i, 20 + 2 * j, 30 + 3 * k) for i, j, k in ((0, 1, 0), (3, 4, 5), (1, 2, 3))])
+        assert list(rows["value"]) == [values[0, 1, 0], values[3, 4, 5], values[1, 2, 3]]
+        assert rows["inside"].all()
+    inner = field.sample((11.5, 24.5, 37))
+    assert inner["gradient"].tolist() == pytest.approx([30, 3, 1 / 3])
+
+
+def test_integers_become_floats_that_hold_them():
+    counts = np.full((4, 4, 4), 7, "u2")
+    counts[2, 2, 2] = 60001
+    assert palpate.volume(counts).info["type"] == "float"
+    many = counts.astype("i4")
+    many[1, 1, 1] = 2**30 + 1
+    volume = palpate.volume(many)
+    assert volume.info["type"] == "double" and volume.info["highest"] == 2**30 + 1
+
+
+def test_the_matrix_of_a_nifti_turns_the_axes():
+    affine = np.array([[0, -2, 0], [1, 0, 0], [0, 0, 3]], float)
+    values = np.random.default_rng(2).normal(size=(5, 6, 7))
+    field = palpate.volume(values, spacing=affine, origin=(1, 2, 3)).field()
+    places = np.array([(4, 1, 2), (0, 5, 6)])
+    rows = field.sample(places @ affine.T + (1, 2, 3))
+    assert rows["value"] == pytest.approx([values[4, 1, 2], values[0, 5, 6]])
+
+
+def test_vectors_have_a_jacobian():
+    x = np.linspace(-1, 1, 9)
+    X, Y, Z = np.meshgrid(x, x, x, indexing="ij")
+    field = palpate.volume(np.stack([-Y, X, 0 * Z + 1], axis=-1), spacing=0.25, origin=(-1, -1, -1)).field()
+    assert field.vector
+    row = field.sample((0.1, 0.2, 0.3))
+    assert row["value"].tolist() == pytest.approx([-0.2, 0.1, 1])
+    assert row["jacobian"].ravel().tolist() == pytest.approx([0, -1, 0, 1, 0, 0, 0, 0, 0], abs=1e-9)
+
+
+def test_samples_are_the_programs(bodies, tmp_path):
+    volume = palpate.Volume.load(bodies, "cloud")
+    low, high = np.array(volume.info["bounds"])
+    points = np.random.default_rng(3).uniform(low, high, (500, 3))
+    np.savetxt(tmp_path / "p.csv", points, "%.17g", ",", header="x,y,z", comments="")
+    for how in ("trilinear", "cubic"):
+        text = program("sample", bodies, "--grid", "cloud", "--points", tmp_path / "p.csv", "--interpolation", how)
+        table = np.array([line.split(",") for line in text.splitlines()[1:]], float)
+        rows = volume.field(how).sample(points)
+        assert (rows["inside"] == table[:, 3]).all()
+        assert (rows["value"] == table[:, 4]).all()
+        assert (rows["gradient"] == table[:, 5:8]).all()
+    assert rows.shape == (500,) and volume.field().sample(points.reshape(50, 10, 3)).shape == (50, 10)
+
+
+def test_a_run_is_the_programs(bodies, tmp_path):
+    scene = palpate.Scene.load(bodies)
+    path = np.array([(0, 0, 0, 0.06), (0.5, 0.01, 0, 0.02), (1.5, -0.02, 0.01, -0.01), (1.6, 0, 0, 0.05)])
+    np.savetxt(tmp_path / "path.csv", path, "%.17g", ",", header="t,x,y,z", comments="")
+    program("feel", bodies, "--device", f"path:{tmp_path}/path.csv", "--rate", 2000, "--trace", tmp_path / "t.csv")
+    told = [line.split(",") for line in (tmp_path / "t.csv").read_text().splitlines()]
+    rows = scene.run(path, 2000)
+    assert list(rows.dtype.names) == told[0]
+    assert len(rows) == len(told) - 1 == 3201
+    for column, name in enumerate(told[0]):
+        texts = [row[column] for row in told[1:]]
+        if name == "status":
+            assert rows[name].tolist() == texts
+        elif name != "tick_ns":
+            assert (rows[name] == np.array(texts, float)).all(), name
+    assert np.abs(rows["force_z"]).max() > 0.5
+
+
+def test_steps_are_a_run():
+    scene = palpate.Scene.parse(SCENE, {"ball": ball()})
+    path = press()
+    rows = scene.run(path)
+    hand = scene.hand()
+    forces = np.array([hand.step(*p) for p in path])
+    told = np.stack([rows["force_x"], rows["force_y"], rows["force_z"]], axis=-1)
+    assert forces == pytest.approx(told, abs=1e-9)
+    assert forces[-1, 2] > 0.5
+    assert hand.report["status"] == "converged" and hand.fault == ""
+    assert hand.proxy == hand.report["proxy"]
+    # The scene's own hand, at 1 kHz.
+    assert np.array([scene.step(*p) for p in path]) == pytest.approx(forces, abs=0)
+
+
+def test_a_fault_stays_until_it_is_cleared():
+    hand = palpate.Scene.parse(SCENE, {"ball": ball()}).hand()
+    assert hand.step(0, 0, 0.05) == (0, 0, 0) and hand.fault == ""
+    assert hand.step(float("nan"), 0, 0.05) == (0, 0, 0) and hand.fault != ""
+    assert hand.step(0, 0, 0.05) == (0, 0, 0) and hand.report["status"] == "fault"
+    hand.clear()
+    hand.step(0, 0, 0.05)
+    assert hand.fault == "" and hand.report["status"] == "converged"
+
+
+def test_other_threads_run_during_a_run():
+    scene = palpate.Scene.parse(SCENE, {"ball": ball()})
+    path = np.repeat(press(), 150, axis=0)
+    done = threading.Event()
+    counted = []
+
+    def count():
+        n = 0
+        while not done.is_set():
+            n += 1
+            time.sleep(0)
+        counted.append(n)
+
+    other = threading.Thread(target=count)
+    other.start()
+    scene.run(path)
+    done.set()
+    other.join()
+    assert counted[0] > 100
+
+
+def test_scenes_name_their_parts():
+    volume = ball()
+    scene = palpate.Scene.parse({**SCENE, "volumes": {"ball": {"place": {"fit": 0.2}}}}, {"ball": volume})
+    assert list(scene.fields) == ["ball"] and scene.volumes["ball"].info == volume.info
+    low, high = np.array(scene.bounds)
+    assert high - low == pytest.approx(0.2, rel=0.05)
+    field = scene.fields["ball"]
+    assert field.sample((0.0, 0.0, 0.0))["value"] == pytest.approx(0.8, abs=1e-6)
+    assert scene.notes == [] and scene.source == "scene"
+
+
+def test_to_vtk_has_the_fields_values():
+    pytest.importorskip("vtkmodules.vtkCommonDataModel")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    field = ball().field()
+    image = field.to_vtk(0.125)
+    values = vtk_to_numpy(image.GetPointData().GetArray("ball"))
+    points = np.array([image.GetPoint(i) for i in range(image.GetNumberOfPoints())])
+    assert (values == field.sample(points)["value"]).all()
+    assert image.GetPointData().GetScalars().GetName() == "ball"
+    with pytest.raises(palpate.Error, match="10\\^9 points"):
+        field.to_vtk(1e-5)
+
+
+def test_solve_is_the_papers_balance():
+    planes = [palpate.Primitive("plane", direction=d, strength=2) for d in ((0, 0, 1), (1, 0, 1))]
+    answer = palpate.solve(500, (0, 0, -1e-3), planes)
+    line = ('{"stiffness":500,"probe":[0,0,-0.001],"primitives":['
+            '{"kind":"plane","position":[0,0,0],"direction":[0,0,1],"strength":2},'
+            '{"kind":"plane","position":[0,0,0],"direction":[1,0,1],"strength":2}]}')
+    import json
+    told = json.loads(program("solve", input=line))
+    assert list(answer["proxy"]) == told["proxy"] and list(answer["force"]) == told["force"]
+    assert answer["status"] == told["status"] == "converged"
+    assert planes[1].direction == pytest.approx((2**-0.5, 0, 2**-0.5))
+
+
+@pytest.mark.parametrize("wrong, kind, what", [
+    (lambda: palpate.Scene.load("/no/such.json"), palpate.SceneError, "/no/such.json"),
+    (lambda: palpate.Scene.parse("{"), palpate.SceneError, "scene"),
+    (lambda: palpate.Scene.parse("{", {"ball": ball()}), palpate.SceneError, "scene"),
+    (lambda: palpate.Scene.parse([], {"ball": ball()}), palpate.SceneError, "scene"),
+    (lambda: palpate.Scene.parse({"palpate": 1, "volumes": 3, "modes": []}, {"ball": ball()}), palpate.SceneError,
+     "scene"),
+    (lambda: palpate.Scene.parse({**SCENE, "modes": [{**SKIN, "strenght": 1}]}, {"ball": ball()}),
+     palpate.SceneError, "scene: /modes/0/strenght"),
+    (lambda: palpate.Volume.load("/no/such.vdb"), palpate.VolumeError, "/no/such.vdb"),
+    (lambda: palpate.volume(np.zeros((3, 3))), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.zeros((3, 3, 3)), name="flat"), palpate.VolumeError, "flat"),
+    (lambda: palpate.volume(np.zeros((3, 3, 3), complex)), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.full((3, 3, 3), np.nan), name="holes"), palpate.VolumeError, "holes"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), spacing=0), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), spacing=(1, 2)), palpate.VolumeError, "values"),
+    (lambda: ball(9).field("linear"), palpate.Error, "interpolation"),
+    (lambda: ball(9).field().sample(np.zeros((3, 2))), palpate.Error, "points"),
+    (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).run(np.zeros((3, 5))), palpate.DeviceError, "path"),
+    (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).run([(0, 0, np.nan)]), palpate.DeviceError, "path row 0"),
+    (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).run([(0, 0, 0, 0), (0, 0, 0, 1)]), palpate.DeviceError,
+     "path row 1"),
+    (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).run(press(), 1), palpate.Error, "rate"),
+    (lambda: palpate.solve(0, (0, 0, 0), []), palpate.Error, "solve"),
+    (lambda: palpate.Primitive("wall"), palpate.Error, "kind"),
+    (lambda: palpate.Primitive("plane", direction=(0, 0, 0)), palpate.Error, "direction"),
+    (lambda: palpate.Primitive("plane", strength=-1), palpate.Error, "strength"),
+])
+def test_what_is_wrong_is_said(wrong, kind, what):
+    with pytest.raises(palpate.Error) as caught:
+        wrong()
+    error = caught.value
+    assert type(error) is kind and what in error.what
+    assert str(error) == f"{error.what}: {error.why}: {error.remedy}" and "\n" not in str(error)
+    assert error.why and error.remedy
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is kind and again.args == error.args
+
+
+def test_the_version_is_the_programs():
+    assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
