@@ -3,12 +3,13 @@
 # with AddressSanitizer and UndefinedBehaviorSanitizer, over a tenth of the random cases; the loop with
 # ThreadSanitizer, likewise. Ends with what its time went to, ctest's summary and its exit status.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
-#   --long       random tests over 300,000 cases each, of the balance over ten million
+#   --long       random tests over 300,000 cases each, of the balance over ten million; the packages on
+#                an empty Debian
 #   --install    only install the packages
 set -euo pipefail
 cd "$(dirname "$0")"
 
-usage() { sed -n '2,8s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,9s/^# \{0,1\}//p' "$0"; }
 install_only=
 long=
 while [ $# -gt 0 ]; do
@@ -57,6 +58,9 @@ if [ -n "$long" ]; then
     echo "== ten million balances"
     PALPATE_CASES=10000000 build/release/tests/palpate_engine_tests "[balance]" || exit $?
     export PALPATE_CASES=300000
+    echo "== the packages on an empty Debian"
+    .ci/install long
+    tests/scenes/packages_test.sh build/release || [ $? -eq 77 ]
 fi
 for preset in "${presets[@]}"; do
     echo "== testing $preset"

@@ -24,8 +24,8 @@ void addImport(CLI::App& app, std::function<int()>& body) {
       argv.push_back(nullptr);
       execv(program.c_str(), argv.data());
       if (errno == ENOENT) {
-        throw Error("import", "palpate-import is not there: this palpate was built without VTK",
-                    "install libvtk9-dev and build again");
+        throw Error("import", "palpate-import is not there: it comes apart, for VTK is large",
+                    "install the package palpate-import, or build with libvtk9-dev");
       }
       throw Error(program, std::strerror(errno), "check the installation");
       return kInternal;

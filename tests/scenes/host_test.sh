@@ -1,25 +1,42 @@
 #!/usr/bin/env bash
-# A project outside uses the libraries, with headers of its own that are called as palpate's are:
-# installed, and as a folder of its own. host_test.sh BUILD SOURCE COMPILER
+# Projects outside use the libraries: one with headers of its own that are called as palpate's are,
+# installed, and as a folder of its own; one with the engine alone, where OpenVDB is not found.
+# host_test.sh BUILD SOURCE COMPILER
 set -euo pipefail
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
-host=$2/tests/scenes/host
-configure() { cmake -S "$host" -B "$@" -G Ninja -DCMAKE_CXX_COMPILER="$compiler" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }; }
-compiler=$3
+hosts=$2/tests/scenes
+quietly() { "$@" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }; }
+# configure PROJECT FOLDER COMPILER OPTION...
+configure() {
+    quietly cmake -S "$hosts/$1" -B "$place/$2" -G Ninja -DCMAKE_CXX_COMPILER="$3" "${@:4}"
+}
+# says PROJECT FOLDER COMPILER WORDS OPTION...: it is built against what is installed, and says this.
+says() {
+    configure "$1" "$2" "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_BUILD_TYPE=Release "${@:5}"
+    quietly cmake --build "$place/$2"
+    local said
+    said=$("$place/$2/host")
+    echo "$1, $(basename "$3"): $said"
+    [ "$said" = "$4" ]
+}
 
 cmake --install "$1" --prefix "$place/usr" >/dev/null
 # Nothing private is in the way of a host, and OpenVDB in one header only.
 ! grep -rl "Private to" "$place/usr/include" || exit 1
 [ "$(cd "$place/usr/include" && grep -rl "include.*openvdb" .)" = ./palpate/samplers/make_volume.h ]
-configure "$place/installed" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_BUILD_TYPE=Release
-cmake --build "$place/installed" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
-said=$("$place/installed/host")
-echo "$said"
-[ "$said" = "simulated: force 2.00 N, proxy 40.0 mm" ]
+compilers=("$3")
+other=$(command -v clang++ || true)
+[ -z "$other" ] || compilers+=("$other")
+for compiler in "${compilers[@]}"; do
+    name=$(basename "$compiler")
+    says host "$name" "$compiler" "simulated: force 2.00 N, proxy 40.0 mm"
+    says host_engine "$name.engine" "$compiler" "force 2.00 N, proxy 40.0 mm" \
+        -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON -DCMAKE_DISABLE_FIND_PACKAGE_TBB=ON
+done
 
 # As a folder: it builds what it links and nothing else. What that is, is not compiled once more here.
-configure "$place/folder" -DPALPATE="$2"
+configure host folder "$3" -DPALPATE="$2"
 grep -q "CMAKE_BUILD_TYPE:STRING=$" "$place/folder/CMakeCache.txt"
 sources=$(ninja -C "$place/folder" -t commands all | grep -o -- ' -c [^ ]*' | sed "s| -c $2/||")
 echo "$sources" | wc -l

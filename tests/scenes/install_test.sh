@@ -1,12 +1,57 @@
 #!/usr/bin/env bash
-# What cmake --install puts in place works there: install_test.sh BUILD
+# What cmake --install puts in place works there, verb by verb: install_test.sh BUILD [PYTHON]
 set -euo pipefail
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
-cmake --install "$1" --prefix "$place" >/dev/null
-"$place/bin/palpate" devices | grep -q polhem
-"$place/bin/palpate" make two-bodies "$place/bodies.vdb" >/dev/null
-"$place/bin/palpate" info "$place/bodies.vdb" | grep -q voxels
-grep -q uaccess "$place/lib/udev/rules.d/70-palpate-arms.rules"
-test -f "$place/share/palpate/scene.schema.json"
-"$place/bin/palpate" devices "$place/share/palpate/profiles/teensy-arm.json" | grep -q current_a
+cmake --install "$1" --prefix "$place/usr" >/dev/null
+cd "$place"
+palpate=$place/usr/bin/palpate
+echo '{"stiffness":500,"probe":[0,0,-0.001],"primitives":[]}' >balance.jsonl
+printf 'x,y,z\n0,0,0\n' >points.csv
+"$palpate" make two-bodies bodies.vdb >/dev/null
+# A verb each, and what only it says. Those that none is here for are found out below.
+declare -A says=(
+    [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
+    [feel]=ticks [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
+    [make]=voxels [import]=voxels)
+run() {
+    case $1 in
+        info) "$palpate" info bodies.vdb ;;
+        sample) "$palpate" sample bodies.vdb --grid cloud --points points.csv ;;
+        solve) "$palpate" solve balance.jsonl ;;
+        check) "$palpate" check bodies.vdb ;;
+        explain) "$palpate" explain bodies.vdb --at 0,0,0.02 --push 0,0,-0.001 ;;
+        press) "$palpate" press bodies.vdb --at 0,0,0.06 --along 0,0,-0.02 ;;
+        feel) "$palpate" feel bodies.vdb --seconds 1 ;;
+        stability) "$palpate" stability --size 9 --map map.json ;;
+        devices) "$palpate" devices ;;
+        schema) "$palpate" schema scene ;;
+        shatter) "$palpate" shatter bodies.vdb pieces --grid cloud --value 0.5 --pieces 4 --count 8 ;;
+        make) "$palpate" make fibres fibres.vdb ;;
+        import)
+            head -c 4096 "$palpate" >block.raw
+            "$palpate" import block.raw block.vdb --raw '{"size":[16,16,16],"type":"uint8"}' ;;
+        *) echo "install: nobody tries the verb $1" >&2; return 1 ;;
+    esac
+}
+for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*/\1/p'); do
+    if [ "$verb" = import ] && [ ! -x "$place/usr/bin/palpate-import" ]; then continue; fi
+    run "$verb" >"said.$verb" 2>&1 || { echo "install: $verb:"; cat "said.$verb"; exit 1; }
+    grep -qF -- "${says[$verb]}" "said.$verb" || { echo "install: $verb says:"; head "said.$verb"; exit 1; }
+done
+
+grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
+"$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep -q current_a
+test -f usr/share/palpate/scene.schema.json
+if [ -d usr/share/man/man1 ]; then
+    for verb in said.*; do grep -q "^.TH" "usr/share/man/man1/palpate-${verb#said.}.1"; done
+fi
+# Completion knows the verbs, and a verb's options.
+PATH=$place/usr/bin:$PATH bash -ec '
+    . usr/share/bash-completion/completions/palpate
+    COMP_WORDS=(palpate fe) COMP_CWORD=1; _palpate; [ "${COMPREPLY[*]}" = feel ]
+    COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]'
+module=$(find usr -name 'palpate*.so')
+if [ -n "$module" ]; then
+    PYTHONPATH=$(dirname "$module") "$2" -c 'import palpate; palpate.Scene.load("bodies.vdb").step(0, 0, 0)'
+fi

@@ -1,0 +1,140 @@
+# What cmake --install puts in place, by component, and the .debs that cpack makes of it:
+#
+#   programs  palpate          what a person with an arm needs
+#   import    palpate-import   the importer, and VTK with it
+#   library   libpalpate-dev   for find_package(palpate)
+#   python    python3-palpate  for import palpate
+include(GNUInstallDirs)
+set(here ${PROJECT_SOURCE_DIR}/scenes/package)
+
+if(NOT PALPATE_ENGINE_ONLY)
+  install(TARGETS palpate RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/feel_picture.py
+                   ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
+    DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
+  install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
+    DESTINATION lib/udev/rules.d COMPONENT programs)
+  install(FILES ${PROJECT_SOURCE_DIR}/scenes/scene.schema.json
+                ${PROJECT_SOURCE_DIR}/devices/hid_profile.schema.json
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  # Patterns for profiles of one's own; they find their schema one folder up.
+  install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  install(FILES ${here}/completion.bash RENAME palpate
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT programs)
+  install(FILES ${here}/palpate-limits.conf
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  if(PALPATE_VTK)
+    install(TARGETS palpate-import
+      RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT import)
+  endif()
+  if(PALPATE_PYTHON)
+    # Debian's folder for what packages bring, where the prefix is the system's.
+    set(PALPATE_PYTHON_FOLDER lib/python3/dist-packages
+        CACHE STRING "Where the Python module goes, below the prefix")
+    install(TARGETS palpate_python
+      LIBRARY DESTINATION ${PALPATE_PYTHON_FOLDER} COMPONENT python)
+  endif()
+
+  # A page a verb, out of what each says of itself.
+  find_program(PALPATE_HELP2MAN help2man)
+  if(PALPATE_HELP2MAN AND NOT PALPATE_SANITIZE)
+    set(pages ${PROJECT_BINARY_DIR}/man)
+    set(stamp ${pages}/stamp)
+    add_custom_command(OUTPUT ${stamp}
+      COMMAND ${here}/man_pages.sh $<TARGET_FILE:palpate> ${pages} ${PALPATE_HELP2MAN}
+      COMMAND ${CMAKE_COMMAND} -E touch ${stamp}
+      DEPENDS palpate ${here}/man_pages.sh
+      COMMENT "Manual pages")
+    add_custom_target(palpate_man ALL DEPENDS ${stamp})
+    install(DIRECTORY ${pages}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT programs
+      FILES_MATCHING PATTERN "*.1")
+  endif()
+endif()
+
+# The libraries that there are: of the engine alone those that need Eigen only.
+set(libraries "")
+foreach(library analytic devices engine guardian hid json openvdb options samplers scenes)
+  if(TARGET palpate_${library})
+    set_target_properties(palpate_${library} PROPERTIES EXPORT_NAME ${library})
+    list(APPEND libraries palpate_${library})
+  endif()
+endforeach()
+set(config ${CMAKE_INSTALL_LIBDIR}/cmake/palpate)
+install(TARGETS ${libraries} EXPORT palpate
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library)
+install(EXPORT palpate NAMESPACE palpate:: FILE palpate-targets.cmake
+  DESTINATION ${config} COMPONENT library)
+include(CMakePackageConfigHelpers)
+configure_file(${here}/palpate-config.cmake.in ${PALPATE_GENERATED}/palpate-config.cmake @ONLY)
+write_basic_package_version_file(${PALPATE_GENERATED}/palpate-config-version.cmake
+  COMPATIBILITY SameMinorVersion)
+install(FILES ${PALPATE_GENERATED}/palpate-config.cmake
+              ${PALPATE_GENERATED}/palpate-config-version.cmake
+  DESTINATION ${config} COMPONENT library)
+# Public headers: those that do not begin with "Private to". Of the engine alone those that do not
+# name the rest.
+foreach(room engine samplers devices scenes)
+  file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
+  if(PALPATE_ENGINE_ONLY AND room STREQUAL samplers)
+    set(headers ${PROJECT_SOURCE_DIR}/samplers/analytic_field.h)
+  elseif(PALPATE_ENGINE_ONLY AND room STREQUAL scenes)
+    set(headers "")
+  endif()
+  foreach(header ${headers})
+    file(STRINGS ${header} first LIMIT_COUNT 1)
+    if(NOT first MATCHES "^/// Private to")
+      install(FILES ${header} DESTINATION include/palpate/${room} COMPONENT library)
+    endif()
+  endforeach()
+endforeach()
+
+if(PALPATE_ENGINE_ONLY)
+  return()
+endif()
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_CONTACT "the palpate authors <palpate@localhost>")
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "Haptics engine for sparse volumes: feel a CT, an MRI, a flow")
+set(CPACK_RESOURCE_FILE_LICENSE ${PROJECT_SOURCE_DIR}/LICENSE)
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_COMPONENTS_ALL programs library)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, python3-matplotlib")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA ${here}/postinst ${here}/postrm)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")
+# For palpate::samplers, ::hid and ::scenes; the engine is content with Eigen.
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libopenvdb-dev, libtbb-dev, libfmt-dev, \
+nlohmann-json3-dev, libhidapi-dev, libboost-iostreams-dev, zlib1g-dev")
+if(PALPATE_VTK)
+  list(APPEND CPACK_COMPONENTS_ALL import)
+  set(CPACK_DEBIAN_IMPORT_PACKAGE_NAME palpate-import)
+  set(CPACK_DEBIAN_IMPORT_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
+endif()
+if(PALPATE_PYTHON)
+  list(APPEND CPACK_COMPONENTS_ALL python)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-palpate)
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+  # The module is of one version of Python's binary interface.
+  math(EXPR next "${Python_VERSION_MINOR} + 1")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "python3 (>= 3.${Python_VERSION_MINOR}), \
+python3 (<< 3.${next}), python3-numpy")
+  set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS python3-vtk9)
+endif()
+set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
+Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its manual, the \
+rules that let a user open an arm.")
+set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
+Turns NIfTI, DICOM, NRRD, MetaImage, VTK and CFD files into .vdb, for palpate import.")
+set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\
+Static libraries and headers for find_package(palpate).")
+set(CPACK_COMPONENT_PYTHON_DESCRIPTION "\
+Volumes of numpy arrays, scenes and hands for scripts.")
+include(CPack)

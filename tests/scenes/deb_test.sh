@@ -1,0 +1,33 @@
+#!/usr/bin/env bash
+# The .debs that cpack makes: what each holds and asks for. deb_test.sh BUILD
+set -euo pipefail
+command -v dpkg-shlibdeps >/dev/null || { echo "debs: needs dpkg-dev"; exit 77; }
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+cd "$1"
+cpack -G DEB -B "$place" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
+cd "$place"
+wants() { dpkg-deb -f "$1"_*.deb Depends; }
+holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -qx "$2" || { echo "$1 lacks $2"; exit 1; }; }
+fail() { echo "debs: $*"; exit 1; }
+
+holds palpate ./usr/bin/palpate
+holds palpate ./usr/lib/udev/rules.d/70-palpate-arms.rules
+holds palpate ./usr/share/man/man1/palpate-feel.1
+holds palpate ./usr/share/palpate/palpate-limits.conf
+holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
+for each in palpate*.deb python3*.deb; do
+    ! dpkg-deb -f "$each" Depends | grep -- -dev || fail "$each asks for a -dev package"
+done
+[ "$(wants libpalpate-dev)" = "libeigen3-dev (>= 3.4)" ] || fail "the engine asks for more than Eigen"
+! wants palpate | grep -q vtk || fail "palpate asks for VTK"
+if ls palpate-import_*.deb >/dev/null 2>&1; then
+    wants palpate-import | grep -q vtk || fail "palpate-import asks for no VTK"
+fi
+# A member of the group gets what the loop asks for, and an administrator's own file stays.
+dpkg-deb -e palpate_*.deb control
+sh -n control/postinst && sh -n control/postrm
+grep -q "addgroup --system --quiet realtime" control/postinst
+for each in *.deb; do
+    echo "$each: $(($(dpkg-deb -f "$each" Installed-Size) / 1024)) MB, $(($(stat -c %s "$each") / 1024)) KB to get"
+done

@@ -1,0 +1,63 @@
+#!/usr/bin/env bash
+# The .debs on an empty Debian of the same release, by debootstrap: packages_test.sh BUILD
+# Installs them with apt, imports and feels a head, steps it from Python; says the minutes and the
+# megabytes. Needs root, debootstrap and the network: skipped (77) without. For ./test.sh --long.
+set -euo pipefail
+[ "$(id -u)" -eq 0 ] && command -v debootstrap >/dev/null || { echo "packages: needs root and debootstrap"; exit 77; }
+image=/usr/share/mricron/templates/ch2.nii.gz
+[ -f $image ] || { echo "packages: needs mricron-data"; exit 77; }
+place=$(mktemp -d)
+root=$place/root
+debs=$place/debs
+# Nothing is mounted below it that could be lost.
+cleanup() {
+    umount "$root/proc" 2>/dev/null || true
+    rm -rf --one-file-system "$place"
+}
+trap cleanup EXIT
+megabytes() { du -sm --one-file-system "$root" | cut -f1; }
+quietly() { "$@" >>"$place/log" 2>&1 || { tail -40 "$place/log"; exit 1; }; }
+
+(cd "$1" && quietly cpack -G DEB -B "$debs")
+. /etc/os-release
+# Whence this machine gets its packages.
+from=$(apt-get indextargets --format '$(SITE) $(RELEASE)' 'Created-By: Packages' |
+    awk -v r="$VERSION_CODENAME" '$2 == r { print $1; exit }')
+since=$SECONDS
+quietly debootstrap --variant=minbase "$VERSION_CODENAME" "$root" "$from"
+cp -rL /etc/apt/. "$root/etc/apt/"
+cp -L /etc/resolv.conf "$root/etc/" 2>/dev/null || true
+quietly chroot "$root" apt-get clean
+rm -rf "$root"/var/lib/apt/lists/*
+echo "empty $PRETTY_NAME: $(megabytes) MB, $((SECONDS - since)) s"
+
+mount -t proc proc "$root/proc"
+quietly chroot "$root" apt-get -qq update
+install() {
+    local before since=$SECONDS
+    before=$(megabytes)
+    cp "$debs/$1"_*.deb "$root/"
+    quietly chroot "$root" env DEBIAN_FRONTEND=noninteractive \
+        apt-get -qq install -y --no-install-recommends "./$(basename "$debs/$1"_*.deb)"
+    quietly chroot "$root" apt-get clean
+    echo "$1: $(($(megabytes) - before)) MB with what it needs, $((SECONDS - since)) s"
+}
+install palpate
+[ -n "$(chroot "$root" getent group realtime)" ]
+grep -q rtprio "$root/etc/security/limits.d/palpate.conf"
+chroot "$root" palpate make two-bodies /bodies.vdb >/dev/null
+chroot "$root" palpate feel /bodies.vdb --seconds 2 | head -1
+chroot "$root" palpate import /a /b.vdb >"$place/said" 2>&1 || true
+grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
+install palpate-import
+cp $image "$root/head.nii.gz"
+chroot "$root" palpate import /head.nii.gz /head.vdb --smooth 1 | head -1
+chroot "$root" palpate feel /head.vdb --seconds 5 | head -1
+install python3-palpate
+chroot "$root" python3 -c '
+import palpate
+hand = palpate.Scene.load("/head.vdb").hand()
+forces = [hand.step(0, 0, 0.06 - 2e-5 * i) for i in range(2000)]
+print("python: at most", round(max(f[2] for f in forces), 2), "N")
+assert max(f[2] for f in forces) > 0.1'
+echo "packages: installed, imported, felt, stepped"
