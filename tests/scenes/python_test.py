@@ -1,8 +1,11 @@
 """The Python module, by pytest: python_test.py is run with PYTHONPATH on the module and
 PALPATE_BIN the programs' folder."""
 
+import json
 import os
+import pathlib
 import pickle
+import re
 import subprocess
 import threading
 import time
@@ -12,6 +15,7 @@ import palpate
 import pytest
 
 BIN = os.environ["PALPATE_BIN"]
+PAGE = pathlib.Path(__file__).parents[2] / "docs" / "python.md"
 SKIN = {"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "above", "strength": 4}
 SCENE = {"palpate": 1, "volumes": {"ball": {}}, "modes": [SKIN]}
 
@@ -193,7 +197,6 @@ def test_solve_is_the_papers_balance():
     line = ('{"stiffness":500,"probe":[0,0,-0.001],"primitives":['
             '{"kind":"plane","position":[0,0,0],"direction":[0,0,1],"strength":2},'
             '{"kind":"plane","position":[0,0,0],"direction":[1,0,1],"strength":2}]}')
-    import json
     told = json.loads(program("solve", input=line))
     assert list(answer["proxy"]) == told["proxy"] and list(answer["force"]) == told["force"]
     assert answer["status"] == told["status"] == "converged"
@@ -241,3 +244,17 @@ def test_what_is_wrong_is_said(wrong, kind, what):
 
 def test_the_version_is_the_programs():
     assert f"palpate {palpate.__version__} ({palpate.__commit__})" in program("--version")
+
+
+def test_the_page_says_what_is_there(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    assert len(blocks) == 6
+    names = {}
+    for block in blocks:
+        exec(compile(block, PAGE.name, "exec"), names)
+    said = capsys.readouterr().out
+    touched, force = map(float, re.search(r"touched at ([0-9.]+) m, then ([0-9.]+) N", said).groups())
+    assert 0.018 < touched < 0.022 and 0.5 < force < 3.01
+    assert "converged no fault" in said
+    assert (tmp_path / "press.png").stat().st_size > 5000
