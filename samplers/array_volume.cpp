@@ -114,17 +114,17 @@ std::shared_ptr<const Volume> volumeOf(const VoxelArray& array, const LoadOption
     background = static_cast<typename GridT::ValueType>(array.background ? *array.background
                                                                          : medianOfFaces(values));
   }
-  const auto leavesAlong = [&](std::size_t a) {
+  const auto leaves_along = [&](std::size_t a) {
     return static_cast<std::size_t>((array.size[a] + Leaf::DIM - 1) / Leaf::DIM);
   };
   // A column of leaves along z a task.
-  const std::size_t columns = leavesAlong(0) * leavesAlong(1);
+  const std::size_t columns = leaves_along(0) * leaves_along(1);
   std::vector<std::vector<std::unique_ptr<Leaf>>> made(columns);
   inParallel(columns, [&](std::size_t column) {
     const auto edge = static_cast<std::size_t>(Leaf::DIM);
-    const std::size_t x = column / leavesAlong(1) * edge;
-    const std::size_t y = column % leavesAlong(1) * edge;
-    for (std::size_t z = 0; z < leavesAlong(2); ++z) {
+    const std::size_t x = column / leaves_along(1) * edge;
+    const std::size_t y = column % leaves_along(1) * edge;
+    for (std::size_t z = 0; z < leaves_along(2); ++z) {
       const openvdb::Coord origin(static_cast<std::int32_t>(x), static_cast<std::int32_t>(y),
                                   static_cast<std::int32_t>(z * edge));
       if (auto leaf = leafOf(values, origin, background)) made[column].push_back(std::move(leaf));

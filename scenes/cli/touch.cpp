@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -75,15 +76,26 @@ void checkRate(double rate) {
   throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
 }
 
+void complainOf(const std::string& line) {
+  complain(line);
+}
+
 Opened openFor(const std::string& scene, const Rehearsal& rehearse) {
+  return openFor(openScene(scene, showProgress("loading")), rehearse, showProgress("loading"),
+                 complainOf);
+}
+
+Opened openFor(SceneSpec spec, const Rehearsal& rehearse, const Progress& progress,
+               const Say& say) {
   Opened opened;
-  opened.spec = openScene(scene, showProgress("loading"));
-  for (const std::string& note : opened.spec.notes) complain(note);
+  opened.spec = std::move(spec);
+  const std::string& scene = opened.spec.source;
+  for (const std::string& note : opened.spec.notes) say(note);
   const DeviceInfo device = pathDevice();
   checkDevice(opened.spec, device);
   opened.told = opened.spec;
   SceneCache cache;
-  opened.built = buildScene(opened.told, showProgress("loading"), &cache);
+  opened.built = buildScene(opened.told, progress, &cache);
   if (const std::size_t all = opened.built.scene->parts.size(); all > 0) {
     const Near near = rehearse(opened.built);
     const std::vector<std::string> notes = opened.built.notes;
@@ -117,9 +129,9 @@ Opened openFor(const std::string& scene, const Rehearsal& rehearse) {
           "{} N",
           rounded(near.missing));
     }
-    complain(words);
+    say(words);
   }
-  for (const std::string& note : opened.built.notes) complain(note);
+  for (const std::string& note : opened.built.notes) say(note);
   return opened;
 }
 

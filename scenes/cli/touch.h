@@ -31,7 +31,7 @@ void checkReach(const std::string& option, const Vec3& p);
 /// Throws Error where ticks a second are not 10 to 100000.
 void checkRate(double rate);
 
-/// A scene with its notes told on stderr, refused where a `path` device would refuse it.
+/// A scene with its notes told, refused where a `path` device would refuse it.
 struct Opened {
   SceneSpec spec;    ///< As its file says it.
   SceneSpec told;    ///< Of one graph: where that has parts, those that the hand comes near.
@@ -47,6 +47,13 @@ struct Near {
 };
 /// The caller's hand in a scene of parts.
 using Rehearsal = std::function<Near(const BuiltScene&)>;
+/// Told of what the user should know, a line each.
+using Say = std::function<void(const std::string&)>;
+/// On stderr.
+void complainOf(const std::string& line);
+[[nodiscard]] Opened openFor(SceneSpec spec, const Rehearsal& rehearse, const Progress& progress,
+                             const Say& say);
+/// From a file, with its progress on a terminal.
 [[nodiscard]] Opened openFor(const std::string& scene, const Rehearsal& rehearse);
 
 /// Who reads a field, modes and the coupling: why it is sampled.

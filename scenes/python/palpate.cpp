@@ -25,6 +25,7 @@
 #include "palpate/engine/version.h"
 #include "palpate/samplers/array_volume.h"
 #include "palpate/samplers/vdb_field.h"
+#include "palpate/scenes/cli/explain_tick.h"
 #include "palpate/scenes/scene_file.h"
 
 namespace palpate::python {
@@ -533,6 +534,20 @@ class PyScene {
     return own_->step(x, y, z);
   }
 
+  [[nodiscard]] py::object explain(const Doubles& at, const Doubles& push, double rate) const {
+    const Vec3 from = vectorOf(at, "at");
+    const Vec3 by = vectorOf(push, "push");
+    checkRate(rate);
+    std::string text;
+    {
+      const py::gil_scoped_release released;
+      // What the scene would tell its user it has told already.
+      const auto silent = [](const std::string& /*line*/) {};
+      text = cli::explainTick(loaded(), from, by, rate, nullptr, silent).json.dump();
+    }
+    return py::module_::import("json").attr("loads")(text);
+  }
+
   [[nodiscard]] const std::string& source() const { return spec_.source; }
   [[nodiscard]] const Box& bounds() const { return built_.bounds; }
   [[nodiscard]] std::vector<std::string> notes() const {
@@ -555,6 +570,17 @@ class PyScene {
     for (const auto& [name, volume] : volumes) spec.volumes.at(name).volume = volume;
     const py::gil_scoped_release released;
     return PyScene(std::move(spec));
+  }
+
+  /// The scene with the volumes that are loaded already.
+  [[nodiscard]] SceneSpec loaded() const {
+    SceneSpec spec = spec_;
+    for (auto& [name, volume] : spec.volumes) {
+      if (const auto found = built_.volumes.find(name); found != built_.volumes.end()) {
+        volume.volume = found->second;
+      }
+    }
+    return spec;
   }
 
   SceneSpec spec_;
@@ -707,6 +733,9 @@ PYBIND11_MODULE(palpate, m) {
       .def("hand", &PyScene::hand, "rate"_a = 1000.0, "Another hand, `rate` ticks a second.")
       .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a,
            "One tick at 1 kHz of the scene's own hand: the force (fx, fy, fz) [N].")
+      .def("explain", &PyScene::explain, "at"_a, "push"_a, "rate"_a = 1000.0,
+           "Why one tick's force is what it is: a dict as `palpate explain --json` prints it. The "
+           "hand rests at `at` [m] first, then moves by `push` [m] within the tick.")
       .def_property_readonly("source", &PyScene::source)
       .def_property_readonly("bounds", [](const PyScene& s) { return tupleOf(s.bounds()); })
       .def_property_readonly("notes", &PyScene::notes, "What palpate would tell its user.")

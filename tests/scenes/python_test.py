@@ -121,6 +121,17 @@ def test_a_run_is_the_programs(bodies, tmp_path):
     assert np.abs(rows["force_z"]).max() > 0.5
 
 
+def test_explain_is_the_programs(bodies):
+    told = json.loads(program("explain", bodies, "--at", "0,0,0.04", "--push", "0.001,0,-0.002", "--json"))
+    answer = palpate.Scene.load(bodies).explain((0, 0, 0.04), (0.001, 0, -0.002))
+    assert answer == told
+    assert answer["modes"] and answer["because"]
+    mine = palpate.Scene.parse(SCENE, {"ball": ball()}).explain((0, 0, 0.041), (0, 0, -0.004))
+    assert mine["force"] and mine["modes"][0]["name"] == "skin"
+    with pytest.raises(palpate.Error, match="x, y, z|three numbers"):
+        palpate.Scene.load(bodies).explain(0, (0, 0, 1))
+
+
 def test_steps_are_a_run():
     scene = palpate.Scene.parse(SCENE, {"ball": ball()})
     path = press()
