@@ -81,7 +81,8 @@ class Stamps:
         if source not in self.files or source not in self.commands:
             return None
         parts = [self.common, *sorted(self.commands[source])]
-        parts += [f"{self.here(file)} {self.hash_of(file)}" for file in sorted(self.files[source])]
+        # By the names that are the same in every clone: one may lie before /usr, another behind it.
+        parts += sorted(f"{self.here(file)} {self.hash_of(file)}" for file in self.files[source])
         return CACHE / hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

@@ -79,5 +79,20 @@ class Unit(unittest.TestCase):
             self.assertEqual(tidy.together(sources), [sources[:2], sources[2:]])
 
 
+class Stamp(unittest.TestCase):
+    def test_a_stamp_is_the_same_wherever_the_clone_lies(self):
+        names = set()
+        # Before the system's headers by name, and behind them.
+        for root in ("/home/clone", "/work/clone"):
+            stamps = tidy.Stamps.__new__(tidy.Stamps)
+            stamps.here = lambda text, root=root: text.replace(root, ".")
+            stamps.files = {"x": [f"{root}/x.cpp", f"{root}/x.h", "/usr/include/stdio.h"]}
+            stamps.commands = {"x": ["c++ -c ./x.cpp"]}
+            stamps.common = ""
+            stamps.hashes = dict.fromkeys(stamps.files["x"], "0")
+            names.add(stamps.stamp("x"))
+        self.assertEqual(len(names), 1)
+
+
 if __name__ == "__main__":
     unittest.main(verbosity=0)
