@@ -152,6 +152,9 @@ void check(const VoxelArray& array) {
     throw VolumeError(array.name, "it has no value along an axis, or more than 2147483647",
                       "give an array of three axes that are not empty");
   }
+  if (array.background && !std::isfinite(*array.background)) {
+    throw VolumeError(array.name, "its background is no number", "give what stands for no data");
+  }
   const double volume = std::abs(array.axes.determinant());
   const double edges = array.axes.colwise().norm().prod();
   if (array.axes.allFinite() && array.origin.allFinite() && volume > 1e-9 * edges) return;

@@ -95,13 +95,31 @@ Vec3 vectorOf(const Doubles& values, const char* what) {
   if (values.ndim() != 1 || values.shape(0) != 3) {
     throw Error(what, "it is not three numbers", "give (x, y, z)");
   }
-  return {values.at(0), values.at(1), values.at(2)};
+  const Vec3 v(values.at(0), values.at(1), values.at(2));
+  if (!v.allFinite()) throw Error(what, "a number of it is not finite", "give (x, y, z)");
+  return v;
 }
 
 // Volumes.
 
+LoadOptions optionsOf(bool fill, int smooth) {
+  constexpr int kWidest = 16;  // as a scene file's
+  if (smooth < 0 || smooth > kWidest) {
+    throw Error("smooth", std::to_string(smooth) + " voxels are not 0 to 16", "use 1");
+  }
+  LoadOptions options;
+  options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
+  options.smooth = smooth;
+  return options;
+}
+
 /// Floats and doubles as they are, other numbers as the smaller of these that holds them exactly.
-py::array numbersOf(const py::array& values, const std::string& name) {
+py::array numbersOf(const py::object& given, const std::string& name) {
+  if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
+    throw VolumeError(name, "it is a masked array", "give array.filled(background)");
+  }
+  const py::array values = py::array::ensure(given);
+  if (!values) throw VolumeError(name, "it is no array", "give one of numpy's, or nested lists");
   const char kind = values.dtype().kind();
   const py::ssize_t size = values.itemsize();
   const bool is_float = kind == 'f' && (size == 4 || size == 8);
@@ -114,7 +132,7 @@ py::array numbersOf(const py::array& values, const std::string& name) {
   return values.attr("astype")(small ? "float32" : "float64").cast<py::array>();
 }
 
-std::shared_ptr<const Volume> volumeOf(const py::array& given, const py::object& spacing,
+std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object& spacing,
                                        const Doubles& origin, const std::string& name,
                                        bool level_set, std::optional<double> background, bool fill,
                                        int smooth) {
@@ -133,12 +151,12 @@ std::shared_ptr<const Volume> volumeOf(const py::array& given, const py::object&
     array.stride[a] = values.strides(static_cast<py::ssize_t>(a));
   }
   if (vector) array.component_stride = values.strides(3);
-  const auto steps = spacing.cast<Doubles>();
-  if (steps.ndim() == 0) {
+  const Doubles steps = Doubles::ensure(spacing);
+  if (steps && steps.ndim() == 0) {
     array.axes = steps.data()[0] * Mat3::Identity();
-  } else if (steps.ndim() == 1 && steps.shape(0) == 3) {
+  } else if (steps && steps.ndim() == 1 && steps.shape(0) == 3) {
     array.axes = vectorOf(steps, "spacing").asDiagonal();
-  } else if (steps.ndim() == 2 && steps.shape(0) == 3 && steps.shape(1) == 3) {
+  } else if (steps && steps.ndim() == 2 && steps.shape(0) == 3 && steps.shape(1) == 3) {
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) array.axes(i, j) = steps.at(i, j);
     }
@@ -150,9 +168,7 @@ std::shared_ptr<const Volume> volumeOf(const py::array& given, const py::object&
   array.name = name;
   array.level_set = level_set;
   array.background = background;
-  LoadOptions options;
-  options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
-  options.smooth = smooth;
+  const LoadOptions options = optionsOf(fill, smooth);
   const py::gil_scoped_release released;
   return makeVolume(array, options);
 }
@@ -677,10 +693,7 @@ PYBIND11_MODULE(palpate, m) {
           "load",
           [](const std::filesystem::path& file, const std::string& grid, bool fill, int smooth) {
             const py::gil_scoped_release released;
-            LoadOptions options;
-            options.non_finite = fill ? NonFinite::kFill : NonFinite::kRefuse;
-            options.smooth = smooth;
-            return std::const_pointer_cast<Volume>(loadVolume(file, grid, options));
+            return std::const_pointer_cast<Volume>(loadVolume(file, grid, optionsOf(fill, smooth)));
           },
           "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = 0,
           "A grid of a .vdb; its name may be left out where there is one. `fill`: values that are "
@@ -697,7 +710,7 @@ PYBIND11_MODULE(palpate, m) {
 
   m.def(
       "volume",
-      [](const py::array& values, const py::object& spacing, const Doubles& origin,
+      [](const py::object& values, const py::object& spacing, const Doubles& origin,
          const std::string& name, bool level_set, std::optional<double> background, bool fill,
          int smooth) {
         return std::const_pointer_cast<Volume>(

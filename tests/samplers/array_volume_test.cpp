@@ -163,6 +163,9 @@ TEST_CASE("an array that cannot be felt is refused by its name", "[volume]") {
   VoxelArray nowhere = array;
   nowhere.origin.x() = std::numeric_limits<double>::quiet_NaN();
   CHECK_THAT(refusal(nowhere), Contains("mri: its voxels have no volume, or its place"));
+  VoxelArray beside = array;
+  beside.background = std::numeric_limits<double>::quiet_NaN();
+  CHECK_THAT(refusal(beside), Contains("mri: its background is no number"));
   VoxelArray tiny = array;
   tiny.axes *= 1e-9;
   CHECK_THAT(refusal(tiny), Contains("mri: "));

@@ -55,6 +55,7 @@ def test_an_array_stands_where_it_is_put():
         rows = field.sample([(10 + i, 20 + 2 * j, 30 + 3 * k) for i, j, k in ((0, 1, 0), (3, 4, 5), (1, 2, 3))])
         assert list(rows["value"]) == [values[0, 1, 0], values[3, 4, 5], values[1, 2, 3]]
         assert rows["inside"].all()
+    assert palpate.volume(values.tolist()).field().sample((3, 4, 5))["value"] == values[3, 4, 5]
     inner = field.sample((11.5, 24.5, 37))
     assert inner["gradient"].tolist() == pytest.approx([30, 3, 1 / 3])
 
@@ -230,6 +231,12 @@ def test_solve_is_the_papers_balance():
     (lambda: palpate.volume(np.full((3, 3, 3), np.nan), name="holes"), palpate.VolumeError, "holes"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), spacing=0), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), spacing=(1, 2)), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.ma.masked_less(np.ones((3, 3, 3)), 2)), palpate.VolumeError, "values"),
+    (lambda: palpate.volume([1, [2]]), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), spacing="wide"), palpate.VolumeError, "values"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), origin=(0, 0, np.nan)), palpate.Error, "origin"),
+    (lambda: palpate.volume(np.ones((3, 3, 3)), smooth=17), palpate.Error, "smooth"),
+    (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).explain((0, 0, 0), (0, 0, np.nan)), palpate.Error, "push"),
     (lambda: ball(9).field("linear"), palpate.Error, "interpolation"),
     (lambda: ball(9).field().sample(np.zeros((3, 2))), palpate.Error, "points"),
     (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).run(np.zeros((3, 5))), palpate.DeviceError, "path"),
