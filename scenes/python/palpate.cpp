@@ -95,7 +95,7 @@ Vec3 vectorOf(const Doubles& values, const char* what) {
   if (values.ndim() != 1 || values.shape(0) != 3) {
     throw Error(what, "it is not three numbers", "give (x, y, z)");
   }
-  const Vec3 v(values.at(0), values.at(1), values.at(2));
+  Vec3 v(values.at(0), values.at(1), values.at(2));
   if (!v.allFinite()) throw Error(what, "a number of it is not finite", "give (x, y, z)");
   return v;
 }
@@ -118,7 +118,7 @@ py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
     throw VolumeError(name, "it is a masked array", "give array.filled(background)");
   }
-  const py::array values = py::array::ensure(given);
+  py::array values = py::array::ensure(given);
   if (!values) throw VolumeError(name, "it is no array", "give one of numpy's, or nested lists");
   const char kind = values.dtype().kind();
   const py::ssize_t size = values.itemsize();
