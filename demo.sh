@@ -1,20 +1,32 @@
 #!/usr/bin/env bash
 # From nothing to a felt head: installs what is missing, builds, imports an MRI that Debian ships
 # (mricron-data), feels its skin and then its brain, and says what it did. Output: out/.
+# demo.sh --all builds as well what few need: the importer with VTK (DICOM, meshes), import palpate.
 set -euo pipefail
 cd "$(dirname "$0")"
 
+groups=(build demo)
+targets=(palpate palpate-import-light)
+case "${1:-}" in
+    "") ;;
+    --all)
+        groups+=(vtk python)
+        targets+=(palpate-import palpate_python) ;;
+    *)
+        echo "demo: $1 is nothing it knows: use ./demo.sh, or ./demo.sh --all" >&2
+        exit 2 ;;
+esac
 log=build/demo.log
 echo "demo: imports an MRI of a head and has a simulated hand feel it, into out/: half a minute."
-echo "      Before it, once: missing packages and the program, up to 20 minutes on two cores."
+echo "      Before it, once: what is missing is installed, and the program built."
 echo "      Log: $log"
-.ci/install build demo
+.ci/install "${groups[@]}"
 . .ci/watched
 mkdir -p build
 : >$log
 echo "== building"
 watched "building" $log cmake --preset release || { cat $log; exit 1; }
-watched "building" $log cmake --build --preset release --target palpate palpate-import ||
+watched "building" $log cmake --build --preset release --target "${targets[@]}" ||
     { tail -40 $log; exit 1; }
 
 palpate=build/release/bin/palpate

@@ -31,7 +31,7 @@ if [ -z "$install_only" ]; then
     echo "test.sh: builds three presets and runs every test; with a compiler cache that knows them some 20"
     echo "         to 40 minutes on two cores, else up to two hours. Logs: build/PRESET/build.log, test.log"
 fi
-.ci/install build test
+.ci/install build vtk python test
 [ -z "$install_only" ] || exit 0
 . .ci/minutes
 . .ci/watched

@@ -1,4 +1,5 @@
-/// palpate import: hands over to palpate-import, so that nothing else loads VTK.
+/// palpate import: hands over to palpate-import, so that nothing else loads VTK; where that is not
+/// installed to palpate-import-light, which does without.
 #include <cerrno>
 #include <cstring>
 #include <unistd.h>
@@ -9,23 +10,20 @@
 namespace palpate::cli {
 
 void addImport(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb =
-      app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb, through VTK");
+  CLI::App* verb = app.add_subcommand("import", "Turns CT, MRI, CFD and the like into a .vdb");
   verb->prefix_command();
-  verb->set_help_flag();  // palpate-import has its own
+  verb->set_help_flag();  // they have their own
   verb->callback([verb, &body] {
     body = [verb] {
       std::vector<std::string> words = verb->remaining();
-      const std::string program = (programFolder() / "palpate-import").string();
-      std::vector<char*> argv;
-      std::string name = "palpate-import";
-      argv.push_back(name.data());
-      for (std::string& word : words) argv.push_back(word.data());
-      argv.push_back(nullptr);
-      execv(program.c_str(), argv.data());
-      if (errno == ENOENT) {
-        throw Error("import", "palpate-import is not there: it comes apart, for VTK is large",
-                    "install the package palpate-import, or build with libvtk9-dev");
+      std::string program;
+      for (std::string name : {"palpate-import", "palpate-import-light"}) {
+        program = (programFolder() / name).string();
+        std::vector<char*> argv{name.data()};
+        for (std::string& word : words) argv.push_back(word.data());
+        argv.push_back(nullptr);
+        execv(program.c_str(), argv.data());
+        if (errno != ENOENT) break;
       }
       throw Error(program, std::strerror(errno), "check the installation");
       return kInternal;

@@ -11,8 +11,6 @@
 #include <Eigen/LU>
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
-#include <vtkSetGet.h>
-#include <vtkUnsignedCharArray.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/quantile.h"
@@ -23,9 +21,9 @@ namespace {
 
 using openvdb::Coord;
 
-/// Native values of an image, C a point.
+/// An image's values as they are in memory, C a point.
 template <class T, int C>
-struct Values {
+struct Native {
   const T* data = nullptr;
 
   using Value = std::conditional_t<C == 1, float, openvdb::Vec3f>;
@@ -54,7 +52,7 @@ bool isNear(const openvdb::Vec3f& a, const openvdb::Vec3f& b, double tolerance) 
 }
 
 bool isHidden(const Piece& image, std::size_t point) {
-  return image.hidden != nullptr && image.hidden->GetValue(static_cast<vtkIdType>(point)) != 0;
+  return !image.hidden.none() && image.hidden.as<std::uint8_t>()[point] != 0;
 }
 
 std::size_t pointAt(const Piece& image, int i, int j, int k) {
@@ -71,7 +69,7 @@ struct Surroundings {
 };
 
 template <class T>
-Surroundings surroundingsOf(const Piece& image, const Values<T, 1>& values) {
+Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values) {
   std::vector<float> faces;
   const auto& n = image.size;
   for (int k = 0; k < n[2]; ++k) {
@@ -99,10 +97,10 @@ enum class Found : std::uint8_t { kValue, kHole, kOutside };
 template <class T, int C>
 struct OwnVoxels {
   const Piece& image;
-  Values<T, C> values;
+  Native<T, C> values;
   std::array<int, 3> size = image.size;
 
-  Found at(const Coord& c, typename Values<T, C>::Value& value) const {
+  Found at(const Coord& c, typename Native<T, C>::Value& value) const {
     const std::size_t point = pointAt(image, c.x(), c.y(), c.z());
     value = values[point];
     return isFinite(value) && !isHidden(image, point) ? Found::kValue : Found::kHole;
@@ -113,11 +111,11 @@ struct OwnVoxels {
 template <class T, int C>
 struct Cubes {
   const Piece& image;
-  Values<T, C> values;
+  Native<T, C> values;
   std::array<int, 3> size;
   Affine index_from_cube;  ///< Of the image.
 
-  Found at(const Coord& c, typename Values<T, C>::Value& value) const {
+  Found at(const Coord& c, typename Native<T, C>::Value& value) const {
     // An image's last voxels may lie a rounding error inside of the last cubes.
     constexpr double kRounding = 1e-9;
     const Vec3 p_I = index_from_cube.linear * Vec3(c.x(), c.y(), c.z()) + index_from_cube.origin;
@@ -265,8 +263,8 @@ template <class T, int C>
 Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
                 const Progress& progress) {
   using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
-  const Values<T, C> values{static_cast<const T*>(array.values->GetVoidPointer(0))};
-  typename Values<T, C>::Value background(0.0F);
+  const Native<T, C> values{array.values.as<T>()};
+  typename Native<T, C>::Value background(0.0F);
   Surroundings surroundings;
   if constexpr (C == 1) {
     surroundings = surroundingsOf(image, values);
@@ -283,16 +281,15 @@ Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, 
 template <int C>
 Gridded buildAny(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
                  const Progress& progress) {
-  switch (array.values->GetDataType()) {
-    vtkTemplateMacro(return (buildOn<VTK_TT, C>(lattice, image, array, tolerance, progress)));
-    default:
-      throw VolumeError(array.name, "its values are no numbers", "choose another with --field");
-  }
+  return visit(array.values, [&](const auto* data) {
+    using T = std::remove_cv_t<std::remove_pointer_t<decltype(data)>>;
+    return buildOn<T, C>(lattice, image, array, tolerance, progress);
+  });
 }
 
 Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& array,
                        double tolerance, const Progress& progress) {
-  Gridded out = array.values->GetNumberOfComponents() == 1
+  Gridded out = array.values.components() == 1
                     ? buildAny<1>(lattice, image, array, tolerance, progress)
                     : buildAny<3>(lattice, image, array, tolerance, progress);
   out.grid->setName(array.name);

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "palpate/samplers/openvdb_grids.h"
-#include "palpate/scenes/import/pieces.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

@@ -40,9 +40,10 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
     throw Error("--tolerance", "it works on images, and " + in + " is a mesh", "leave it out");
   }
   telling.stage("resampling");
-  const double voxel = options.voxel > 0.0 && !options.iso ? options.voxel : suggestVoxel(piece);
+  const double voxel =
+      options.voxel > 0.0 && !options.iso ? options.voxel : piece.mesh->suggestVoxel();
   std::vector<Imported> out;
-  std::vector<Resampled> all = resampleMesh(piece, voxel, in, telling.progress);
+  std::vector<Resampled> all = piece.mesh->resample(piece.arrays, voxel, in, telling.progress);
   for (std::size_t a = 0; a < all.size(); ++a) {
     Imported imported;
     imported.made = std::move(all[a].made);
@@ -58,24 +59,10 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
 /// What a float cannot hold of an array, or nothing.
 std::string floatLoss(const Array& array) {
   constexpr double kExact = 16777216.0;  // 2^24
-  switch (array.values->GetDataType()) {
-    case VTK_CHAR:
-    case VTK_SIGNED_CHAR:
-    case VTK_UNSIGNED_CHAR:
-    case VTK_SHORT:
-    case VTK_UNSIGNED_SHORT:
-    case VTK_FLOAT:
-      return "";
-    default:
-      break;
-  }
-  const bool whole = array.values->GetDataType() != VTK_DOUBLE;
-  double most = 0.0;
-  for (int c = 0; c < array.values->GetNumberOfComponents(); ++c) {
-    double range[2];
-    array.values->GetFiniteRange(range, c);
-    most = std::max({most, std::abs(range[0]), std::abs(range[1])});
-  }
+  const Type type = array.values.type();
+  if (type == Type::kFloat32 || array.values.bytesEach() < 4) return "";
+  const bool whole = type != Type::kFloat64;
+  const double most = greatest(array.values);
   if (most > static_cast<double>(std::numeric_limits<float>::max())) {
     return "values beyond 3.4e38 are no data";
   }
@@ -192,8 +179,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   out.notes = content.notes;
   const std::vector<double> times = reader.times();
   if (step < times.size()) out.time = times[step];
-  std::vector<Piece> pieces = takeApart(content, in, out.notes);
-  content.data = nullptr;  // from here on an array's memory is its own
+  std::vector<Piece> pieces = makeReady(content, in, out.notes);
   select(pieces, options.request.fields, in);
 
   for (Piece& piece : pieces) {

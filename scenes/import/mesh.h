@@ -1,11 +1,14 @@
 /// A solver's mesh, made fit to be resampled.
 #pragma once
 
+#include <memory>
 #include <string>
 #include <vector>
 
 #include <vtkDataSet.h>
 #include <vtkSmartPointer.h>
+
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 
@@ -20,5 +23,8 @@ namespace palpate::importer {
 /// @param type       Of the cell, one that solidCells leaves.
 /// @param tolerance  So far outside, in coordinates of 0 to 1, still counts as inside.
 [[nodiscard]] bool isInsideCell(int type, const double parametric[3], double tolerance);
+
+/// To be resampled: of the cell that holds a place, VTK's own interpolation.
+[[nodiscard]] std::shared_ptr<const Mesh> meshOf(vtkDataSet* solid);
 
 }  // namespace palpate::importer

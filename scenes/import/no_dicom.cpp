@@ -1,12 +1,12 @@
-/// In place of read_dicom.cpp where vtk-dicom is missing.
+/// In place of read_dicom.cpp where vtk-dicom is missing, as in the program without VTK.
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 
 std::unique_ptr<Reader> openDicom(const Request& request) {
-  throw VolumeError(request.file.string(), "this palpate was built without vtk-dicom",
-                    "install libvtk-dicom-dev and build again");
+  throw VolumeError(request.file.string(), "this importer is one without vtk-dicom, which reads it",
+                    "install the package palpate-import, or libvtk-dicom-dev and build again");
 }
 
 }  // namespace palpate::importer

@@ -14,19 +14,16 @@
 #include <fmt/format.h>
 #include <vtkDICOMReader.h>
 #include <vtkDICOMSliceSorter.h>
-#include <vtkDataSetAttributes.h>
-#include <vtkFloatArray.h>
 #include <vtkImageData.h>
 #include <vtkIntArray.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
-#include <vtkShortArray.h>
 #include <vtkStringArray.h>
-#include <vtkUnsignedCharArray.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/dicom_stack.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/vtk_pieces.h"
 #include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -78,44 +75,36 @@ class Order final : public vtkDICOMSliceSorter {
   std::vector<int> frames_;
 };
 
-/// Where stored values are padding; null if nowhere.
-vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataArray* stored,
-                                               const std::vector<Slice>& slices) {
+/// Where stored values are padding; none if nowhere.
+Values hiddenOf(const Values& stored, const std::vector<Slice>& slices) {
   const bool any = std::any_of(slices.begin(), slices.end(),
                                [](const Slice& s) { return !std::isnan(s.padding[0]); });
-  if (!any) return nullptr;
-  auto hidden = vtkSmartPointer<vtkUnsignedCharArray>::New();
-  hidden->SetName(vtkDataSetAttributes::GhostArrayName());
-  hidden->SetNumberOfValues(stored->GetNumberOfTuples());
-  const auto plane = static_cast<std::size_t>(stored->GetNumberOfTuples()) / slices.size();
-  const auto mark = [&](const auto* values) {
-    bool found = false;
-    unsigned char* out = hidden->GetPointer(0);
+  if (!any) return {};
+  Values hidden(Type::kUint8, 1, stored.tuples());
+  const std::size_t plane = stored.tuples() / slices.size();
+  const bool found = visit(stored, [&](const auto* values) {
+    bool padded = false;
+    auto* out = hidden.as<std::uint8_t>();
     for (const Slice& slice : slices) {
       const auto [low, high] = slice.padding;
       for (std::size_t i = 0; i < plane; ++i, ++values, ++out) {
         const auto value = static_cast<double>(*values);
         const bool here = value >= low && value <= high;
-        *out = here ? vtkDataSetAttributes::HIDDENPOINT : 0;
-        found = found || here;
+        *out = here ? 1 : 0;
+        padded = padded || here;
       }
     }
-    return found;
-  };
-  bool found = false;
-  switch (stored->GetDataType()) {
-    vtkTemplateMacro(found = mark(static_cast<const VTK_TT*>(stored->GetVoidPointer(0))));
-    default:
-      break;
-  }
-  return found ? hidden : nullptr;
+    return padded;
+  });
+  return found ? hidden : Values();
 }
 
 /// slope * stored + intercept, slice by slice: 16 bits where that is exact, else floats. Not
 /// vtkDICOMReader's own: it reckons with all values that the bits could hold, and so clips or
 /// doubles the memory of what most scanners write.
-vtkSmartPointer<vtkDataArray> slicesRescaled(vtkDataArray* stored, const std::vector<Slice>& slices,
-                                             const vtkUnsignedCharArray* padding) {
+/// @param hidden  Not 0 where a value is padding; or null.
+Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
+                      const std::uint8_t* hidden) {
   const bool plain = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
     return s.slope == 1.0 && s.intercept == 0.0;
   });
@@ -123,11 +112,8 @@ vtkSmartPointer<vtkDataArray> slicesRescaled(vtkDataArray* stored, const std::ve
   const bool whole = std::all_of(slices.begin(), slices.end(), [](const Slice& s) {
     return s.slope == std::floor(s.slope) && s.intercept == std::floor(s.intercept);
   });
-  const bool is_whole =
-      whole && stored->GetDataType() != VTK_FLOAT && stored->GetDataType() != VTK_DOUBLE;
-  const auto plane = static_cast<std::size_t>(stored->GetNumberOfTuples()) / slices.size();
-  const unsigned char* hidden =
-      padding == nullptr ? nullptr : const_cast<vtkUnsignedCharArray*>(padding)->GetPointer(0);
+  const bool is_whole = whole && stored.type() != Type::kFloat32 && stored.type() != Type::kFloat64;
+  const std::size_t plane = stored.tuples() / slices.size();
   constexpr double kLowest = std::numeric_limits<short>::min();
   constexpr double kHighest = std::numeric_limits<short>::max();
 
@@ -157,29 +143,17 @@ vtkSmartPointer<vtkDataArray> slicesRescaled(vtkDataArray* stored, const std::ve
     }
   };
 
-  vtkSmartPointer<vtkDataArray> out;
-  const auto make = [&](const auto* values) {
+  return visit(stored, [&](const auto* values) {
     if (is_whole && fits(values)) {
-      auto shorts = vtkSmartPointer<vtkShortArray>(vtkShortArray::SafeDownCast(stored));
-      if (shorts == nullptr) {
-        shorts = vtkSmartPointer<vtkShortArray>::New();
-        shorts->SetNumberOfValues(stored->GetNumberOfTuples());
-      }
-      fill(values, shorts->GetPointer(0));
-      out = shorts;
-      return;
+      Values shorts =
+          stored.type() == Type::kInt16 ? stored : Values(Type::kInt16, 1, stored.tuples());
+      fill(values, shorts.as<std::int16_t>());
+      return shorts;
     }
-    auto floats = vtkSmartPointer<vtkFloatArray>::New();
-    floats->SetNumberOfValues(stored->GetNumberOfTuples());
-    fill(values, floats->GetPointer(0));
-    out = floats;
-  };
-  switch (stored->GetDataType()) {
-    vtkTemplateMacro(make(static_cast<const VTK_TT*>(stored->GetVoidPointer(0))));
-    default:
-      break;
-  }
-  return out;
+    Values floats(Type::kFloat32, 1, stored.tuples());
+    fill(values, floats.as<float>());
+    return floats;
+  });
 }
 
 /// GDCM, which unpacks for vtk-dicom, throws away that a picture is damaged, but its JPEG library
@@ -253,19 +227,18 @@ class DicomReader final : public Reader {
     const std::vector<Slice>& slices = stack_.steps.at(step);
     const std::array<int, 3> size = {slices.front().format[1], slices.front().format[0],
                                      static_cast<int>(slices.size())};
-    const vtkSmartPointer<vtkDataArray> stored = valuesOf(slices);
+    const Values stored = storedOf(slices);
 
-    // A new image: the reader's has the whole header with it, with the patient's name.
+    // The values alone: the reader's image has the whole header with it, with the patient's name.
     Content content;
-    const auto image = vtkSmartPointer<vtkImageData>::New();
-    image->SetDimensions(size.data());
-    const auto hidden = hiddenOf(stored, slices);
-    if (hidden != nullptr) image->GetPointData()->AddArray(hidden);
-    const auto values = slicesRescaled(stored, slices, hidden);
-    values->SetName("density");
-    image->GetPointData()->SetScalars(values);
-    content.data = image;
-    content.file_from_index = stack_.map;
+    Piece image;
+    image.size = size;
+    image.file_from_index = stack_.map;
+    image.hidden = hiddenOf(stored, slices);
+    image.arrays.push_back({"density",
+                            slicesRescaled(stored, slices, image.hidden.as<std::uint8_t>()), "", "",
+                            false});
+    content.pieces.push_back(std::move(image));
     content.length_unit = "mm";
     content.notes = stack_.notes;
     describe(content);
@@ -274,32 +247,27 @@ class DicomReader final : public Reader {
 
  private:
   /// File by file: damage has its name, and one file's oddities do not meet another's.
-  vtkSmartPointer<vtkDataArray> valuesOf(const std::vector<Slice>& slices) const {
+  Values storedOf(const std::vector<Slice>& slices) const {
     using Places = std::vector<std::size_t>;
     std::map<std::size_t, Places> of_file;
     for (std::size_t k = 0; k < slices.size(); ++k) of_file[slices[k].file].push_back(k);
-    const auto plane = static_cast<vtkIdType>(slices.front().format[0]) * slices.front().format[1];
-    vtkSmartPointer<vtkDataArray> out;
+    const std::size_t plane = static_cast<std::size_t>(slices.front().format[0]) *
+                              static_cast<std::size_t>(slices.front().format[1]);
+    Values out;
     std::size_t done = 0;
     for (const auto& [file, places] : of_file) {
       std::vector<int> frames;
       for (const std::size_t k : places) frames.push_back(slices[k].frame);
-      vtkSmartPointer<vtkDataArray> values = framesOf(file, frames);
-      const auto count = static_cast<vtkIdType>(frames.size());
-      if (values == nullptr || values->GetNumberOfComponents() != 1 ||
-          values->GetNumberOfTuples() != plane * count ||
-          (out != nullptr && values->GetDataType() != out->GetDataType())) {
+      const Values values = framesOf(file, frames);
+      if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
+          (!out.none() && values.type() != out.type())) {
         throw VolumeError(paths_[file].string(), "its pixels do not fit the others'", kAgain);
       }
       if (of_file.size() == 1) return values;
-      if (out == nullptr) {
-        out.TakeReference(vtkDataArray::CreateDataArray(values->GetDataType()));
-        out->SetNumberOfValues(plane * static_cast<vtkIdType>(slices.size()));
-      }
-      const auto bytes = static_cast<std::size_t>(plane * values->GetDataTypeSize());
+      if (out.none()) out = Values(values.type(), 1, plane * slices.size());
+      const std::size_t bytes = plane * values.bytesEach();
       for (std::size_t i = 0; i < places.size(); ++i) {
-        std::memcpy(out->GetVoidPointer(static_cast<vtkIdType>(places[i]) * plane),
-                    values->GetVoidPointer(static_cast<vtkIdType>(i) * plane), bytes);
+        std::memcpy(out.as<char>() + places[i] * bytes, values.as<char>() + i * bytes, bytes);
       }
       if (request_.progress) {
         request_.progress(static_cast<double>(++done) / static_cast<double>(of_file.size()));
@@ -308,7 +276,8 @@ class DicomReader final : public Reader {
     return out;
   }
 
-  vtkSmartPointer<vtkDataArray> framesOf(std::size_t file, const std::vector<int>& frames) const {
+  /// None where the file has no values.
+  Values framesOf(std::size_t file, const std::vector<int>& frames) const {
     const auto sorter = vtkSmartPointer<Order>::Take(new Order(frames));
     vtkNew<vtkDICOMReader> reader;
     reader->SetFileName(paths_[file].c_str());
@@ -326,7 +295,8 @@ class DicomReader final : public Reader {
     } else {
       run(reader, paths_[file].string(), nullptr, kAgain);
     }
-    return reader->GetOutput()->GetPointData()->GetScalars();
+    vtkDataArray* values = reader->GetOutput()->GetPointData()->GetScalars();
+    return values == nullptr ? Values() : valuesOf(values);
   }
 
   /// What the scan is, and never who was scanned: no name, number, birth date, day, place or

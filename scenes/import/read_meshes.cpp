@@ -13,6 +13,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/netcdf_size.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/vtk_pieces.h"
 #include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -62,7 +63,7 @@ class ExodusReader final : public Reader {
     }
     run(reader_, request_.file.string(), request_.progress);
     Content content;
-    content.data = reader_->GetOutput();
+    content.pieces = piecesOf(reader_->GetOutput(), request_.file.string(), content.notes);
     if (reader_->GetTitle() != nullptr) content.description = reader_->GetTitle();
     return content;
   }
@@ -89,7 +90,7 @@ Content readPlot3d(const Request& request) {
   run(reader, request.file.string(), request.progress,
       "give a grid with --solution Q, both of one size and format");
   Content content;
-  content.data = reader->GetOutput();
+  content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
   return content;
 }
 

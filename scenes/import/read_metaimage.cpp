@@ -5,21 +5,18 @@
 #include <cctype>
 #include <cmath>
 #include <fstream>
+#include <limits>
 #include <map>
 #include <new>
 #include <sstream>
+#include <type_traits>
 #include <zlib.h>
 
 #include <fmt/format.h>
-#include <vtkByteSwap.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPointData.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
-#include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
 namespace {
@@ -97,25 +94,19 @@ class Header {
     return !value.empty() && (value[0] == 'T' || value[0] == 't' || value[0] == '1');
   }
 
-  struct Type {
+  struct Stored {
     double bytes;
-    int vtk;
+    Type type;
   };
 
-  [[nodiscard]] Type type() const {
-    static const std::map<std::string, Type> types = {
-        {"MET_CHAR", {1, VTK_SIGNED_CHAR}},
-        {"MET_UCHAR", {1, VTK_UNSIGNED_CHAR}},
-        {"MET_SHORT", {2, VTK_SHORT}},
-        {"MET_USHORT", {2, VTK_UNSIGNED_SHORT}},
-        {"MET_INT", {4, VTK_INT}},
-        {"MET_UINT", {4, VTK_UNSIGNED_INT}},
-        {"MET_LONG", {4, VTK_INT}},
-        {"MET_ULONG", {4, VTK_UNSIGNED_INT}},
-        {"MET_LONG_LONG", {8, VTK_LONG_LONG}},
-        {"MET_ULONG_LONG", {8, VTK_UNSIGNED_LONG_LONG}},
-        {"MET_FLOAT", {4, VTK_FLOAT}},
-        {"MET_DOUBLE", {8, VTK_DOUBLE}}};
+  [[nodiscard]] Stored type() const {
+    static const std::map<std::string, Stored> types = {
+        {"MET_CHAR", {1, Type::kInt8}},       {"MET_UCHAR", {1, Type::kUint8}},
+        {"MET_SHORT", {2, Type::kInt16}},     {"MET_USHORT", {2, Type::kUint16}},
+        {"MET_INT", {4, Type::kInt32}},       {"MET_UINT", {4, Type::kUint32}},
+        {"MET_LONG", {4, Type::kInt32}},      {"MET_ULONG", {4, Type::kUint32}},
+        {"MET_LONG_LONG", {8, Type::kInt64}}, {"MET_ULONG_LONG", {8, Type::kUint64}},
+        {"MET_FLOAT", {4, Type::kFloat32}},   {"MET_DOUBLE", {8, Type::kFloat64}}};
     const auto at = types.find(text({"ElementType"}));
     if (at == types.end()) {
       refuse(fmt::format("its ElementType \"{}\" is not known", text({"ElementType"})),
@@ -131,20 +122,20 @@ class Header {
     return count.empty() ? 1 : static_cast<int>(count[0]);
   }
 
-  [[nodiscard]] vtkSmartPointer<vtkDataArray> values(const Progress& progress) const {
-    auto values = vtkSmartPointer<vtkDataArray>::Take(vtkDataArray::CreateDataArray(type().vtk));
+  [[nodiscard]] Values values(const Progress& progress) const {
+    Values values;
     const std::vector<double> n = sizes();
     try {
-      values->SetNumberOfComponents(channels());
-      values->SetNumberOfTuples(static_cast<vtkIdType>(n[0]) * static_cast<vtkIdType>(n[1]) *
-                                static_cast<vtkIdType>(n[2]));
+      values = Values(type().type, channels(),
+                      static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]) *
+                          static_cast<std::size_t>(n[2]));
     } catch (const std::bad_alloc&) {
       refuse("it takes more memory than there is", "import a part of it");
     }
-    const auto count = static_cast<std::size_t>(values->GetNumberOfValues());
-    const auto size = static_cast<std::size_t>(values->GetDataTypeSize());
+    const std::size_t count = values.size();
+    const std::size_t size = values.bytesEach();
     const std::size_t share = count * size / parts_.size();
-    auto* to = static_cast<char*>(values->GetVoidPointer(0));
+    auto* to = values.as<char>();
     for (std::size_t p = 0; p < parts_.size(); ++p) {
       std::ifstream in(parts_[p].file, std::ios::binary);
       in.seekg(static_cast<std::streamoff>(parts_[p].offset));
@@ -160,7 +151,7 @@ class Header {
     }
     const bool swap = !isText() && std::endian::native == std::endian::little &&
                       isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
-    if (swap && size > 1) vtkByteSwap::SwapVoidRange(to, count, size);
+    if (swap) swapBytes(to, count, size);
     return values;
   }
 
@@ -197,14 +188,20 @@ class Header {
     }
   }
 
-  void parse(std::istream& in, vtkDataArray* values, std::size_t first, std::size_t count) const {
-    const int components = values->GetNumberOfComponents();
-    for (std::size_t i = first; i < first + count; ++i) {
-      double value = 0.0;
-      if (!(in >> value)) refuse("its values are no numbers, or end too soon", kMendHeader);
-      const auto at = static_cast<vtkIdType>(i);
-      values->SetComponent(at / components, static_cast<int>(at % components), value);
-    }
+  void parse(std::istream& in, const Values& values, std::size_t first, std::size_t count) const {
+    visit(values, [&](auto* data) {
+      using T = std::remove_pointer_t<decltype(data)>;
+      for (std::size_t i = first; i < first + count; ++i) {
+        double value = 0.0;
+        if (!(in >> value)) refuse("its values are no numbers, or end too soon", kMendHeader);
+        if constexpr (std::is_integral_v<T>) {
+          // The nearest that the type has.
+          value = std::clamp(value, static_cast<double>(std::numeric_limits<T>::min()),
+                             std::nexttoward(std::ldexp(1.0, std::numeric_limits<T>::digits), 0));
+        }
+        data[i] = static_cast<T>(value);
+      }
+    });
   }
 
   void check() {
@@ -317,18 +314,17 @@ class MetaImageReader final : public Reader {
 
   Content read(std::size_t /*step*/) override {
     Content content;
-    vtkNew<vtkImageData> image;
+    Piece image;
     const std::vector<double> sizes = header_.sizes();
-    image->SetDimensions(static_cast<int>(sizes[0]), static_cast<int>(sizes[1]),
-                         static_cast<int>(sizes[2]));
-    content.data = image;
-    const auto values = header_.values(request_.progress);
+    for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
+    const Values values = header_.values(request_.progress);
     // ITK's physical space is the patient's, x to the left and y to the back, where it says so.
     const std::string axes = header_.text({"AnatomicalOrientation"});
     const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
     const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
-    place(turn, content);
-    image->GetPointData()->AddArray(named(values, turn, content));
+    image.file_from_index = place(turn, content.notes);
+    image.arrays.push_back(named(values, turn, content));
+    content.pieces.push_back(std::move(image));
     if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;
     if (header_.text({"Modality"}) == "MET_MOD_MR") content.modality = Modality::kMr;
     content.description = header_.text({"Comment", "Name"});
@@ -338,10 +334,10 @@ class MetaImageReader final : public Reader {
   }
 
  private:
-  void place(const Mat3& turn, Content& content) const {
+  [[nodiscard]] Affine place(const Mat3& turn, std::vector<std::string>& notes) const {
     Affine map;
     const auto spacing = header_.numbers({"ElementSpacing", "ElementSize"}, 3);
-    if (spacing.empty()) content.notes.emplace_back("no ElementSpacing: 1 is taken");
+    if (spacing.empty()) notes.emplace_back("no ElementSpacing: 1 is taken");
     // A row of the text is the direction of an axis.
     const auto matrix = header_.numbers({"TransformMatrix", "Rotation", "Orientation"}, 9);
     for (int axis = 0; axis < 3; ++axis) {
@@ -356,16 +352,15 @@ class MetaImageReader final : public Reader {
     const auto centre = header_.numbers({"CenterOfRotation"}, 3);
     const bool centred = std::any_of(centre.begin(), centre.end(), [](double c) { return c != 0; });
     if (centred && !matrix.empty()) {
-      content.notes.emplace_back("CenterOfRotation is ignored, as ITK does");
+      notes.emplace_back("CenterOfRotation is ignored, as ITK does");
     }
     map.linear = turn * map.linear;
     map.origin = turn * map.origin;
-    content.file_from_index = map;
+    return map;
   }
 
-  vtkSmartPointer<vtkDataArray> named(vtkSmartPointer<vtkDataArray> values, const Mat3& turn,
-                                      Content& content) const {
-    const int channels = values->GetNumberOfComponents();
+  Array named(Values values, const Mat3& turn, Content& content) const {
+    const int channels = values.components();
     const auto number = [&](const char* key, double otherwise) {
       const auto found = header_.numbers({key}, 1);
       return found.empty() ? otherwise : found[0];
@@ -377,20 +372,18 @@ class MetaImageReader final : public Reader {
     }
     values = rescaled(values, slope, offset);
     if (channels == 1) {
-      values->SetName("density");
-    } else if (channels == 3) {
-      values = turned(values, turn);
-      values->SetName("vector");
-    } else if (channels == 6 && request_.as == "tensor") {
-      content.notes.emplace_back("six channels: taken as xx xy xz yy yz zz, as ITK writes them");
-      values = turned(picked(values, kUpperTriangle), turn);
-      values->SetName("tensor");
-    } else {
-      header_.refuse(
-          fmt::format("it has {} channels, not 1 or 3", channels),
-          channels == 6 ? "if they are a symmetric tensor, say --as tensor" : "export one of them");
+      return {"density", values, "", "", false};
     }
-    return values;
+    if (channels == 3) {
+      return {"vector", turned(values, turn), "", "", false};
+    }
+    if (channels == 6 && request_.as == "tensor") {
+      content.notes.emplace_back("six channels: taken as xx xy xz yy yz zz, as ITK writes them");
+      return {"tensor", turned(picked(values, kUpperTriangle), turn), "", "", false};
+    }
+    header_.refuse(
+        fmt::format("it has {} channels, not 1 or 3", channels),
+        channels == 6 ? "if they are a symmetric tensor, say --as tensor" : "export one of them");
   }
 
   Request request_;

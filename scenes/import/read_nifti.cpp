@@ -1,54 +1,172 @@
-/// NIfTI through VTK. The file's own space: sform, else qform, else the spacing; RAS by definition.
+/// NIfTI-1 and -2, read here: libnifti takes values that are no numbers for zeros, and says what is
+/// wrong with a file to standard error only. The file's own space: sform, else qform, else the
+/// spacing; RAS by definition.
+/// Source: nifti.nimh.nih.gov, nifti1.h and nifti2.h.
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
-#include <limits>
+#include <cstring>
+#include <new>
+#include <string_view>
+#include <type_traits>
+#include <zlib.h>
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <fmt/format.h>
-#include <vtkDataArray.h>
-#include <vtkImageData.h>
-#include <vtkMatrix4x4.h>
-#include <vtkNIFTIImageHeader.h>
-#include <vtkNIFTIImageReader.h>
-#include <vtkNew.h>
-#include <vtkObjectFactory.h>
-#include <vtkPointData.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
-#include "palpate/scenes/import/values.h"
-#include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {
 
 namespace fs = std::filesystem;
 
-/// VTK reads the first volume of a series, or all; here any.
-class VolumeReader : public vtkNIFTIImageReader {
+constexpr const char* kMendHeader = "check what wrote it";
+
+/// A file, gzipped or not.
+class Packed {
  public:
-  static VolumeReader* New();
-  // NOLINTBEGIN(modernize-use-override): VTK's macro
-  vtkTypeMacro(VolumeReader, vtkNIFTIImageReader)
-      // NOLINTEND(modernize-use-override)
-
-      unsigned long volume = 0;
-
- protected:
-  int RequestInformation(vtkInformation* request, vtkInformationVector** in,
-                         vtkInformationVector* out) override {
-    const int done = Superclass::RequestInformation(request, in, out);
-    const auto points = static_cast<unsigned long>(this->Dim[1]) *
-                        static_cast<unsigned long>(this->Dim[2]) *
-                        static_cast<unsigned long>(this->Dim[3]);
-    const auto bytes = static_cast<unsigned long>(this->GetNIFTIHeader()->GetBitPix() / 8);
-    this->HeaderSize += this->volume * points * bytes;
-    return done;
+  explicit Packed(const fs::path& file) : file_(gzopen(file.c_str(), "rb")) {
+    if (file_ != nullptr) gzbuffer(file_, 1U << 18U);
   }
+  Packed(const Packed&) = delete;
+  Packed& operator=(const Packed&) = delete;
+  ~Packed() {
+    if (file_ != nullptr) gzclose_r(file_);
+  }
+
+  /// False where there is no such place.
+  [[nodiscard]] bool seek(std::uint64_t byte) {
+    return file_ != nullptr && gzseek(file_, static_cast<z_off_t>(byte), SEEK_SET) >= 0;
+  }
+  /// False where it ends before, or is damaged.
+  [[nodiscard]] bool read(void* to, std::size_t bytes, const Progress& progress = nullptr) {
+    constexpr std::size_t kPart = 1U << 24U;
+    for (std::size_t done = 0; done < bytes;) {
+      const std::size_t part = std::min(bytes - done, kPart);
+      const int got = file_ == nullptr ? -1
+                                       : gzread(file_, static_cast<char*>(to) + done,
+                                                static_cast<unsigned>(part));
+      if (got <= 0) return false;
+      done += static_cast<std::size_t>(got);
+      if (progress) progress(static_cast<double>(done) / static_cast<double>(bytes));
+    }
+    return true;
+  }
+  /// At its end: whether that is where, and what, gzip wrote. True for what is not packed.
+  [[nodiscard]] bool endsWell() {
+    char more = 0;
+    return gzread(file_, &more, 1) >= 0;
+  }
+
+ private:
+  gzFile file_;
 };
-vtkStandardNewMacro(VolumeReader);
+
+/// The header's numbers, of either version and byte order.
+struct Header {
+  bool swapped = false;
+  bool single = false;  ///< The values are in the same file.
+  int intent = 0;
+  int type = 0;
+  int bits = 0;
+  std::array<std::int64_t, 8> size{};  ///< size[0]: how many there are; the others at least 1.
+  std::array<double, 8> spacing{};     ///< spacing[0]: the qform's handedness.
+  double offset = 0.0;                 ///< Of the values [bytes].
+  double slope = 0.0;
+  double intercept = 0.0;
+  double start = 0.0;
+  double step = 0.0;
+  int units = 0;
+  int qform = 0;
+  int sform = 0;
+  std::array<double, 3> quaternion{};
+  std::array<double, 3> shift{};
+  std::array<double, 12> rows{};  ///< The sform's.
+  std::string description;
+};
+
+/// Takes numbers from a header's bytes.
+class Fields {
+ public:
+  Fields(const std::array<char, 540>& bytes, bool swapped) : bytes_(&bytes), swapped_(swapped) {}
+
+  template <class T>
+  [[nodiscard]] T at(std::size_t byte) const {
+    std::array<char, sizeof(T)> raw{};
+    std::memcpy(raw.data(), bytes_->data() + byte, sizeof(T));
+    if (swapped_) std::reverse(raw.begin(), raw.end());
+    return std::bit_cast<T>(raw);
+  }
+  /// Several in a row.
+  template <class T, class Out, std::size_t N>
+  void take(std::size_t byte, std::array<Out, N>& out) const {
+    for (std::size_t i = 0; i < N; ++i) out[i] = static_cast<Out>(at<T>(byte + i * sizeof(T)));
+  }
+  [[nodiscard]] std::string text(std::size_t byte, std::size_t most) const {
+    const char* first = bytes_->data() + byte;
+    return {first, std::find(first, first + most, '\0')};
+  }
+
+ private:
+  const std::array<char, 540>* bytes_;
+  bool swapped_;
+};
+
+Header headerFrom(const std::array<char, 540>& bytes, bool second) {
+  Header out;
+  const int length = second ? 540 : 348;
+  out.swapped = Fields(bytes, false).at<std::int32_t>(0) != length;
+  const Fields in(bytes, out.swapped);
+  if (second) {
+    out.single = bytes[5] == '+';
+    out.type = in.at<std::int16_t>(12);
+    out.bits = in.at<std::int16_t>(14);
+    in.take<std::int64_t>(16, out.size);
+    in.take<double>(104, out.spacing);
+    out.offset = static_cast<double>(in.at<std::int64_t>(168));
+    out.slope = in.at<double>(176);
+    out.intercept = in.at<double>(184);
+    out.start = in.at<double>(216);
+    out.description = in.text(240, 80);
+    out.qform = in.at<std::int32_t>(344);
+    out.sform = in.at<std::int32_t>(348);
+    in.take<double>(352, out.quaternion);
+    in.take<double>(376, out.shift);
+    in.take<double>(400, out.rows);
+    out.units = in.at<std::int32_t>(500);
+    out.intent = in.at<std::int32_t>(504);
+  } else {
+    out.single = bytes[345] == '+';
+    in.take<std::int16_t>(40, out.size);
+    out.intent = in.at<std::int16_t>(68);
+    out.type = in.at<std::int16_t>(70);
+    out.bits = in.at<std::int16_t>(72);
+    in.take<float>(76, out.spacing);
+    out.offset = static_cast<double>(in.at<float>(108));
+    out.slope = static_cast<double>(in.at<float>(112));
+    out.intercept = static_cast<double>(in.at<float>(116));
+    out.units = in.at<std::uint8_t>(123);
+    out.start = static_cast<double>(in.at<float>(136));
+    out.description = in.text(148, 80);
+    out.qform = in.at<std::int16_t>(252);
+    out.sform = in.at<std::int16_t>(254);
+    in.take<float>(256, out.quaternion);
+    in.take<float>(268, out.shift);
+    in.take<float>(280, out.rows);
+  }
+  out.step = out.spacing[4];
+  for (std::size_t i = 1; i < 8; ++i) {
+    if (static_cast<std::int64_t>(i) > out.size[0]) out.size[i] = 1;
+  }
+  // A single file's values cannot begin within its header.
+  if (out.single) out.offset = std::max(out.offset, length + 4.0);
+  return out;
+}
 
 /// What the values of a voxel are.
 enum class Meaning : std::uint8_t { kScalar, kVector, kTensor };
@@ -56,75 +174,50 @@ enum class Meaning : std::uint8_t { kScalar, kVector, kTensor };
 class NiftiReader final : public Reader {
  public:
   explicit NiftiReader(const Request& request) : request_(request), file_(request.file.string()) {
-    vtkNew<vtkNIFTIImageReader> reader;
-    reader->SetFileName(request.file.c_str());
-    if (reader->CanReadFile(request.file.c_str()) == 0) {
-      refuse("its NIfTI header is damaged", "check what wrote it");
+    std::array<char, 540> bytes{};
+    Packed in(request.file);
+    if (!in.read(bytes.data(), 348)) refuse("its NIfTI header is damaged", kMendHeader);
+    const std::string_view magic(bytes.data() + 344, 3);
+    const bool second = magic != "n+1" && magic != "ni1";
+    if (second && !in.read(bytes.data() + 348, 192)) {
+      refuse("its NIfTI header is damaged", kMendHeader);
     }
-    reader->UpdateInformation();
-    if (reader->GetErrorCode() != 0) refuse("its NIfTI header is damaged", "check what wrote it");
-    vtkNIFTIImageHeader* header = reader->GetNIFTIHeader();
-    dims_ = static_cast<int>(header->GetDim(0));
-    for (int i = 1; i < 8; ++i) {
-      size_[static_cast<std::size_t>(i)] = i <= dims_ ? header->GetDim(i) : 1;
+    header_ = headerFrom(bytes, second);
+    if (header_.size[0] < 1 || header_.size[0] > 7 || std::isnan(header_.offset)) {
+      refuse("its NIfTI header is damaged", kMendHeader);
     }
-    step_ = header->GetPixDim(4);
-    start_ = header->GetTOffset();
-    classify(header);
-    weigh(header);
+    classify();
+    weigh();
   }
 
   [[nodiscard]] std::vector<double> times() const override {
     std::vector<double> times;
     if (!series_) return times;
-    const double step = std::isfinite(step_) && step_ > 0.0 ? step_ : 1.0;
-    const double start = std::isfinite(start_) ? start_ : 0.0;
-    for (vtkTypeInt64 i = 0; i < size_[4]; ++i) {
+    const double step = std::isfinite(header_.step) && header_.step > 0.0 ? header_.step : 1.0;
+    const double start = std::isfinite(header_.start) ? header_.start : 0.0;
+    for (std::int64_t i = 0; i < header_.size[4]; ++i) {
       times.push_back(start + step * static_cast<double>(i));
     }
     return times;
   }
 
   Content read(std::size_t step) override {
-    vtkNew<VolumeReader> reader;
-    reader->SetFileName(request_.file.c_str());
-    reader->SetTimeAsVector(as_components_);
-    reader->volume = series_ ? step : 0;
-    run(reader, file_, request_.progress);
-
     Content content;
     content.notes = notes_;
-    auto* image = reader->GetOutput();
-    content.data = image;
-    const Affine map = mapOf(reader);
-    content.file_from_index = map;
-    vtkSmartPointer<vtkDataArray> values = image->GetPointData()->GetScalars();
-    if (values == nullptr) refuse("it has no values", "export it again");
-    image->GetPointData()->Initialize();
-    values = rescaled(values, reader->GetRescaleSlope(), reader->GetRescaleIntercept());
+    Piece image;
+    for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(header_.size[a + 1]);
+    image.file_from_index = place(content.notes);
+    Values values = rescaled(readValues(series_ ? step : 0), header_.slope, header_.intercept);
     if (meaning_ == Meaning::kTensor) {
       values = picked(values, as_components_ ? kUpperTriangle : kLowerTriangle);
     }
-    if (as_components_) values = turned(values, fslFrame(map, reader->GetQFac() < 0.0));
+    if (as_components_) values = turned(values, fslFrame(image.file_from_index));
     const char* names[] = {"density", "vector", "tensor"};
-    values->SetName(names[static_cast<int>(meaning_)]);
-    image->GetPointData()->AddArray(values);
-
-    vtkNIFTIImageHeader* header = reader->GetNIFTIHeader();
-    content.description = header->GetDescrip();
-    switch (header->GetXYZTUnits() & 7) {
-      case 1:
-        content.length_unit = "m";
-        break;
-      case 2:
-        content.length_unit = "mm";
-        break;
-      case 3:
-        content.length_unit = "um";
-        break;
-      default:
-        break;
-    }
+    image.arrays.push_back({names[static_cast<int>(meaning_)], values, "", "", false});
+    content.pieces.push_back(std::move(image));
+    content.description = header_.description;
+    const char* units[] = {"", "m", "mm", "um"};
+    if ((header_.units & 7) < 4) content.length_unit = units[header_.units & 7];
     return content;
   }
 
@@ -133,57 +226,21 @@ class NiftiReader final : public Reader {
     throw VolumeError(file_, why, remedy);
   }
 
-  void classify(vtkNIFTIImageHeader* header) {
-    int bits = 0;
-    switch (header->GetDataType()) {
-      case vtkNIFTIImageHeader::TypeUInt8:
-      case vtkNIFTIImageHeader::TypeInt8:
-        bits = 8;
-        break;
-      case vtkNIFTIImageHeader::TypeInt16:
-      case vtkNIFTIImageHeader::TypeUInt16:
-        bits = 16;
-        break;
-      case vtkNIFTIImageHeader::TypeInt32:
-      case vtkNIFTIImageHeader::TypeUInt32:
-      case vtkNIFTIImageHeader::TypeFloat32:
-        bits = 32;
-        break;
-      case vtkNIFTIImageHeader::TypeInt64:
-      case vtkNIFTIImageHeader::TypeUInt64:
-      case vtkNIFTIImageHeader::TypeFloat64:
-        bits = 64;
-        break;
-      case vtkNIFTIImageHeader::TypeRGB24:
-      case vtkNIFTIImageHeader::TypeRGBA32:
-        refuse("its values are colours, which cannot be felt", "export it in grey values");
-      case vtkNIFTIImageHeader::TypeComplex64:
-      case vtkNIFTIImageHeader::TypeComplex128:
-      case vtkNIFTIImageHeader::TypeComplex256:
-        refuse("its values are complex, which cannot be felt", "export their magnitude");
-      default:
-        refuse(
-            fmt::format("its values are of a type, {}, that is not known", header->GetDataType()),
-            "export it as short or float");
+  void classify() {
+    const auto& size = header_.size;
+    findType();
+    if (size[6] * size[7] != 1) {
+      refuse(fmt::format("it has {} dimensions", size[0]), "export it with 3, 4 or 5");
     }
-    if (header->GetBitPix() != bits) {
-      refuse(
-          fmt::format("its values have {} bits, but {} by their type", header->GetBitPix(), bits),
-          "check what wrote it");
-    }
-    if (size_[6] * size_[7] != 1) {
-      refuse(fmt::format("it has {} dimensions", dims_), "export it with 3, 4 or 5");
-    }
-    series_ = size_[4] > 1;
-    const int intent = header->GetIntentCode();
-    if (size_[5] > 1) {
-      if (size_[5] == 3) {
+    series_ = size[4] > 1;
+    if (size[5] > 1) {
+      constexpr int kSymmetricMatrix = 1005;
+      if (size[5] == 3) {
         meaning_ = Meaning::kVector;
-      } else if (size_[5] == 6 &&
-                 (intent == vtkNIFTIImageHeader::IntentSymMatrix || request_.as == "tensor")) {
+      } else if (size[5] == 6 && (header_.intent == kSymmetricMatrix || request_.as == "tensor")) {
         meaning_ = Meaning::kTensor;
       } else {
-        refuse(fmt::format("it has {} values a voxel", size_[5]),
+        refuse(fmt::format("it has {} values a voxel", size[5]),
                "export one, three (a vector) or six (a symmetric matrix)");
       }
       notes_.emplace_back("components are taken along x (right), y (front) and z (up)");
@@ -191,8 +248,8 @@ class NiftiReader final : public Reader {
     }
     if (request_.as.empty()) return;
     const int expected = request_.as == "vector" ? 3 : 6;
-    if (size_[4] != expected) {
-      refuse(fmt::format("it has {} volumes, not the {} of a {}", size_[4], expected, request_.as),
+    if (size[4] != expected) {
+      refuse(fmt::format("it has {} volumes, not the {} of a {}", size[4], expected, request_.as),
              "leave --as out");
     }
     as_components_ = true;
@@ -204,14 +261,63 @@ class NiftiReader final : public Reader {
         "axes are right-handed)");
   }
 
+  void findType() {
+    switch (header_.type) {
+      case 2:
+        type_ = Type::kUint8;
+        break;
+      case 4:
+        type_ = Type::kInt16;
+        break;
+      case 8:
+        type_ = Type::kInt32;
+        break;
+      case 16:
+        type_ = Type::kFloat32;
+        break;
+      case 64:
+        type_ = Type::kFloat64;
+        break;
+      case 256:
+        type_ = Type::kInt8;
+        break;
+      case 512:
+        type_ = Type::kUint16;
+        break;
+      case 768:
+        type_ = Type::kUint32;
+        break;
+      case 1024:
+        type_ = Type::kInt64;
+        break;
+      case 1280:
+        type_ = Type::kUint64;
+        break;
+      case 128:
+      case 2304:
+        refuse("its values are colours, which cannot be felt", "export it in grey values");
+      case 32:
+      case 1792:
+      case 2048:
+        refuse("its values are complex, which cannot be felt", "export their magnitude");
+      default:
+        refuse(fmt::format("its values are of a type, {}, that is not known", header_.type),
+               "export it as short or float");
+    }
+    const auto bits = static_cast<int>(8 * Values(type_, 1, 0).bytesEach());
+    if (header_.bits != bits) {
+      refuse(fmt::format("its values have {} bits, but {} by their type", header_.bits, bits),
+             kMendHeader);
+    }
+  }
+
   /// Whether the file can hold what its header says, before memory is taken for it.
-  void weigh(vtkNIFTIImageHeader* header) const {
-    const std::vector<double> sizes(size_.begin() + 1, size_.end());
-    const double bytes =
-        bytesOf(request_.file, sizes, static_cast<double>(header->GetBitPix()) / 8.0);
-    if (header->GetVoxOffset() < 0) refuse("its voxels begin nowhere", "check what wrote it");
+  void weigh() const {
+    const std::vector<double> sizes(header_.size.begin() + 1, header_.size.end());
+    const double bytes = bytesOf(request_.file, sizes, header_.bits / 8.0);
+    if (header_.offset < 0) refuse("its voxels begin nowhere", kMendHeader);
     const fs::path data = dataFile();
-    const double least = bytes + static_cast<double>(header->GetVoxOffset());
+    const double least = bytes + header_.offset;
     checkHeld(request_.file, data, sizeOfData(request_.file, data),
               data.extension() == ".gz" ? leastDeflated(least) : least);
   }
@@ -229,27 +335,89 @@ class NiftiReader final : public Reader {
     return packed || fs::exists(gz) ? gz : data;
   }
 
-  static Affine mapOf(vtkNIFTIImageReader* reader) {
-    Affine map;
-    const double* spacing = reader->GetDataSpacing();
-    vtkMatrix4x4* matrix = reader->GetSFormMatrix();
-    if (matrix == nullptr) matrix = reader->GetQFormMatrix();
-    for (int row = 0; row < 3; ++row) {
-      for (int column = 0; column < 3; ++column) {
-        const double direction =
-            matrix == nullptr ? (row == column ? 1.0 : 0.0) : matrix->GetElement(row, column);
-        map.linear(row, column) = direction * spacing[column];
+  /// Of one step. A voxel's components are volumes of their own in the file.
+  [[nodiscard]] Values readValues(std::size_t step) const {
+    const auto& size = header_.size;
+    const std::size_t points = static_cast<std::size_t>(size[1]) *
+                               static_cast<std::size_t>(size[2]) *
+                               static_cast<std::size_t>(size[3]);
+    const auto steps = static_cast<std::size_t>(size[4]);
+    const std::size_t components =
+        as_components_ ? steps : static_cast<std::size_t>(std::max<std::int64_t>(size[5], 1));
+    // From a component's volume to the next.
+    const std::size_t stride = as_components_ ? 1 : steps;
+    Packed in(dataFile());
+    Values values;
+    try {
+      values = Values(type_, static_cast<int>(components), points);
+      const std::size_t bytes = points * values.bytesEach();
+      const auto readVolume = [&](std::size_t volume, char* to, const Progress& progress) {
+        const auto first = static_cast<std::uint64_t>(header_.offset) + volume * bytes;
+        const bool last = volume + 1 == steps * static_cast<std::size_t>(size[5]);
+        if (!in.seek(first) || !in.read(to, bytes, progress) || (last && !in.endsWell())) {
+          refuse("its values are truncated or damaged", "copy or export it again");
+        }
+      };
+      if (components == 1) {
+        readVolume(step, values.as<char>(), request_.progress);
+      } else {
+        Values plane(type_, 1, points);
+        for (std::size_t c = 0; c < components; ++c) {
+          readVolume(step + c * stride, plane.as<char>(), nullptr);
+          visit(plane, [&](const auto* from) {
+            using T = std::remove_const_t<std::remove_pointer_t<decltype(from)>>;
+            T* to = values.as<T>() + c;
+            for (std::size_t p = 0; p < points; ++p) to[p * components] = from[p];
+          });
+          if (request_.progress) {
+            request_.progress(static_cast<double>(c + 1) / static_cast<double>(components));
+          }
+        }
       }
-      map.origin[row] = matrix == nullptr ? 0.0 : matrix->GetElement(row, 3);
+    } catch (const std::bad_alloc&) {
+      refuse("it takes more memory than there is", "import a part of it");
+    }
+    if (header_.swapped) swapBytes(values.data(), values.size(), values.bytesEach());
+    return values;
+  }
+
+  [[nodiscard]] Affine place(std::vector<std::string>& notes) const {
+    Affine map;
+    const auto& rows = header_.rows;
+    if (header_.sform > 0) {
+      for (std::size_t r = 0; r < 3; ++r) {
+        const auto row = static_cast<Eigen::Index>(r);
+        for (std::size_t c = 0; c < 3; ++c) {
+          map.linear(row, static_cast<Eigen::Index>(c)) = rows[4 * r + c];
+        }
+        map.origin[row] = rows[4 * r + 3];
+      }
+      return map;
+    }
+    if (header_.qform > 0) {
+      const auto [b, c, d] = header_.quaternion;
+      const double rest = 1.0 - (b * b + c * c + d * d);
+      // Half a turn, where rounding has left nothing for the first.
+      Eigen::Quaterniond turn(std::sqrt(std::max(rest, 0.0)), b, c, d);
+      map.linear = turn.normalized().toRotationMatrix();
+      if (header_.spacing[0] < 0.0) map.linear.col(2) *= -1.0;
+      map.origin = Vec3(header_.shift[0], header_.shift[1], header_.shift[2]);
+    }
+    for (int axis = 0; axis < 3; ++axis) {
+      double spacing = std::abs(header_.spacing[static_cast<std::size_t>(axis) + 1]);
+      if (!(spacing > 0.0)) {
+        notes.push_back(fmt::format("axis {}: no spacing: 1 is taken", "xyz"[axis]));
+        spacing = 1.0;
+      }
+      map.linear.col(axis) *= spacing;
     }
     return map;
   }
 
   /// FSL's components are along the file's voxel axes, of which it mirrors x where they are
   /// right-handed (fsl.fmrib.ox.ac.uk, "What conventions do the bvecs use?").
-  static Mat3 fslFrame(const Affine& map, bool reversed) {
+  static Mat3 fslFrame(const Affine& map) {
     Mat3 axes = map.linear;
-    if (reversed) axes.col(2) = -axes.col(2);  // VTK turned the slices round
     if (axes.determinant() > 0.0) axes.col(0) = -axes.col(0);
     axes.colwise().normalize();
     return axes;
@@ -257,10 +425,8 @@ class NiftiReader final : public Reader {
 
   Request request_;
   std::string file_;
-  int dims_ = 0;
-  std::array<vtkTypeInt64, 8> size_{};
-  double step_ = 1.0;
-  double start_ = 0.0;
+  Header header_;
+  Type type_ = Type::kFloat32;
   Meaning meaning_ = Meaning::kScalar;
   bool series_ = false;
   bool as_components_ = false;  ///< The volumes of a 4-D file.

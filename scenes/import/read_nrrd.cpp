@@ -11,17 +11,12 @@
 #include <fstream>
 #include <limits>
 #include <new>
+#include <optional>
 #include <sstream>
 #include <teem/nrrd.h>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <vtkByteSwap.h>
-#include <vtkDataSetAttributes.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPointData.h>
-#include <vtkUnsignedCharArray.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
@@ -224,30 +219,30 @@ Header readHeader(const fs::path& file) {
 /// What a value is.
 enum class Meaning : std::uint8_t { kScalar, kVector, kTensor, kMaskedTensor };
 
-int vtkTypeOf(int type) {
+std::optional<Type> typeOf(int type) {
   switch (type) {
     case nrrdTypeChar:
-      return VTK_SIGNED_CHAR;
+      return Type::kInt8;
     case nrrdTypeUChar:
-      return VTK_UNSIGNED_CHAR;
+      return Type::kUint8;
     case nrrdTypeShort:
-      return VTK_SHORT;
+      return Type::kInt16;
     case nrrdTypeUShort:
-      return VTK_UNSIGNED_SHORT;
+      return Type::kUint16;
     case nrrdTypeInt:
-      return VTK_INT;
+      return Type::kInt32;
     case nrrdTypeUInt:
-      return VTK_UNSIGNED_INT;
+      return Type::kUint32;
     case nrrdTypeLLong:
-      return VTK_LONG_LONG;
+      return Type::kInt64;
     case nrrdTypeULLong:
-      return VTK_UNSIGNED_LONG_LONG;
+      return Type::kUint64;
     case nrrdTypeFloat:
-      return VTK_FLOAT;
+      return Type::kFloat32;
     case nrrdTypeDouble:
-      return VTK_DOUBLE;
+      return Type::kFloat64;
     default:
-      return VTK_VOID;
+      return std::nullopt;
   }
 }
 
@@ -281,19 +276,19 @@ class NrrdReader final : public Reader {
   Content read(std::size_t step) override {
     Content content;
     content.notes = notes_;
-    place(content);
-    vtkSmartPointer<vtkDataArray> values = readValues(step);
-    vtkNew<vtkImageData> image;
-    image->SetDimensions(static_cast<int>(axisAt(space_[0]).size),
-                         static_cast<int>(axisAt(space_[1]).size),
-                         static_cast<int>(axisAt(space_[2]).size));
-    if (meaning_ == Meaning::kMaskedTensor) image->GetPointData()->AddArray(hiddenOf(values));
+    Piece image;
+    image.file_from_index = place(content);
+    Values values = readValues(step);
+    for (std::size_t a = 0; a < 3; ++a) {
+      image.size[a] = static_cast<int>(axisAt(space_[a]).size);
+    }
+    if (meaning_ == Meaning::kMaskedTensor) image.hidden = hiddenOf(values);
     values = inSpace(values, content);
     const char* names[] = {"density", "vector", "tensor", "tensor"};
-    values->SetName(names[static_cast<int>(meaning_)]);
-    if (nrrd_->sampleUnits != nullptr) content.value_unit[values->GetName()] = nrrd_->sampleUnits;
-    image->GetPointData()->AddArray(values);
-    content.data = image;
+    const char* name = names[static_cast<int>(meaning_)];
+    if (nrrd_->sampleUnits != nullptr) content.value_unit[name] = nrrd_->sampleUnits;
+    image.arrays.push_back({name, values, "", "", false});
+    content.pieces.push_back(std::move(image));
     if (nrrd_->content != nullptr) content.description = nrrd_->content;
     return content;
   }
@@ -336,7 +331,7 @@ class NrrdReader final : public Reader {
       }
       notes_.emplace_back("its space directions are taken, its spacings are not");
     }
-    if (vtkTypeOf(nrrd_->type) == VTK_VOID) {
+    if (!typeOf(nrrd_->type)) {
       refuse("its values are blocks of bytes", "export it as integers or floats");
     }
     if (state_->encoding->available() == 0) {
@@ -550,21 +545,19 @@ class NrrdReader final : public Reader {
     }
     const bool swap = state_->encoding->endianMatters != 0 && state_->endian != airEndianUnknown &&
                       state_->endian != airMyEndian();
-    if (swap && size > 1) vtkByteSwap::SwapVoidRange(to, count, size);
+    if (swap) swapBytes(to, count, size);
   }
 
   /// One step's values, components fastest.
-  vtkSmartPointer<vtkDataArray> readValues(std::size_t step) {
+  Values readValues(std::size_t step) {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
     std::size_t points = 1;
     for (const int a : space_) points *= axisAt(a).size;
-    auto values =
-        vtkSmartPointer<vtkDataArray>::Take(vtkDataArray::CreateDataArray(vtkTypeOf(nrrd_->type)));
+    Values values;
     try {
-      values->SetNumberOfComponents(static_cast<int>(width));
-      values->SetNumberOfTuples(static_cast<vtkIdType>(points));
-      auto* to = static_cast<char*>(values->GetVoidPointer(0));
+      values = Values(*typeOf(nrrd_->type), static_cast<int>(width), points);
+      auto* to = values.as<char>();
 
       // Nothing comes before the components but stubs, and nothing after the series.
       const auto size_between = [&](int first, int end) {
@@ -607,14 +600,10 @@ class NrrdReader final : public Reader {
   }
 
   /// Where a masked tensor's mask says that there is none.
-  static vtkSmartPointer<vtkUnsignedCharArray> hiddenOf(vtkDataArray* masked) {
-    auto hidden = vtkSmartPointer<vtkUnsignedCharArray>::New();
-    hidden->SetName(vtkDataSetAttributes::GhostArrayName());
-    hidden->SetNumberOfValues(masked->GetNumberOfTuples());
-    for (vtkIdType i = 0; i < masked->GetNumberOfTuples(); ++i) {
-      const bool there = masked->GetComponent(i, 0) >= 0.5;
-      hidden->SetValue(i, there ? 0 : vtkDataSetAttributes::HIDDENPOINT);
-    }
+  static Values hiddenOf(const Values& masked) {
+    Values hidden(Type::kUint8, 1, masked.tuples());
+    auto* out = hidden.as<std::uint8_t>();
+    for (std::size_t i = 0; i < masked.tuples(); ++i) out[i] = masked.at(i, 0) >= 0.5 ? 0 : 1;
     return hidden;
   }
 
@@ -637,7 +626,7 @@ class NrrdReader final : public Reader {
     }
   }
 
-  void place(Content& content) const {
+  Affine place(Content& content) const {
     Affine map;
     const bool has_origin = nrrd_->spaceDim >= 3 && AIR_EXISTS(nrrd_->spaceOrigin[0]);
     std::array<std::string, 3> units;
@@ -656,7 +645,6 @@ class NrrdReader final : public Reader {
     }
     map.linear = turn() * map.linear;
     map.origin = turn() * map.origin;
-    content.file_from_index = map;
     if (units[0] == units[1] && units[1] == units[2]) {
       content.length_unit = units[0];
     } else {
@@ -670,6 +658,7 @@ class NrrdReader final : public Reader {
     if (nrrd_->space == nrrdSpaceScannerXYZ || nrrd_->space == nrrdSpaceScannerXYZTime) {
       content.notes.emplace_back("its space is the scanner's, not the patient's: kept as it is");
     }
+    return map;
   }
 
   /// An axis that has a spacing or an extent, but no direction.
@@ -691,12 +680,11 @@ class NrrdReader final : public Reader {
   }
 
   /// Vectors and tensors in RAS; masks dropped, symmetric tensors in VTK's order.
-  vtkSmartPointer<vtkDataArray> inSpace(vtkSmartPointer<vtkDataArray> values,
-                                        Content& content) const {
+  Values inSpace(Values values, Content& content) const {
     if (meaning_ == Meaning::kScalar) return values;
     if (meaning_ != Meaning::kVector) {
       const int skip = meaning_ == Meaning::kMaskedTensor ? 1 : 0;
-      const bool symmetric = values->GetNumberOfComponents() - skip == 6;
+      const bool symmetric = values.components() - skip == 6;
       std::vector<int> order =
           symmetric ? kUpperTriangle : std::vector<int>{0, 1, 2, 3, 4, 5, 6, 7, 8};
       for (int& c : order) c += skip;

@@ -10,10 +10,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
-#include <vtkDataArray.h>
-#include <vtkImageData.h>
-#include <vtkNew.h>
-#include <vtkPointData.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/reader.h"
@@ -23,22 +19,22 @@ namespace {
 
 using Json = nlohmann::json;
 
-struct Type {
+struct Stored {
   const char* name;
-  int vtk;
+  Type type;
   std::size_t bytes;
 };
 constexpr std::array kTypes{
-    Type{"int8", VTK_SIGNED_CHAR, 1}, Type{"uint8", VTK_UNSIGNED_CHAR, 1},
-    Type{"int16", VTK_SHORT, 2},      Type{"uint16", VTK_UNSIGNED_SHORT, 2},
-    Type{"int32", VTK_INT, 4},        Type{"uint32", VTK_UNSIGNED_INT, 4},
-    Type{"int64", VTK_LONG_LONG, 8},  Type{"uint64", VTK_UNSIGNED_LONG_LONG, 8},
-    Type{"float32", VTK_FLOAT, 4},    Type{"float64", VTK_DOUBLE, 8}};
+    Stored{"int8", Type::kInt8, 1},       Stored{"uint8", Type::kUint8, 1},
+    Stored{"int16", Type::kInt16, 2},     Stored{"uint16", Type::kUint16, 2},
+    Stored{"int32", Type::kInt32, 4},     Stored{"uint32", Type::kUint32, 4},
+    Stored{"int64", Type::kInt64, 8},     Stored{"uint64", Type::kUint64, 8},
+    Stored{"float32", Type::kFloat32, 4}, Stored{"float64", Type::kFloat64, 8}};
 
 /// As docs/import.md has it.
 struct Layout {
   std::array<int, 3> size{};
-  Type type{};
+  Stored type{};
   bool big_endian = false;
   int components = 1;
   bool planar = false;    ///< All x, then all y, then all z.
@@ -75,7 +71,7 @@ class LayoutParser {
     }
     const std::string type = text("type");
     const auto* known =
-        std::find_if(kTypes.begin(), kTypes.end(), [&](const Type& t) { return type == t.name; });
+        std::find_if(kTypes.begin(), kTypes.end(), [&](const Stored& t) { return type == t.name; });
     if (known == kTypes.end()) {
       refuse("/type", fmt::format("\"{}\" is no type", type),
              "give int8, uint8, int16, uint16, int32, uint32, int64, uint64, float32 or float64");
@@ -247,27 +243,22 @@ class RawReader final : public Reader {
                                     needed, offset, have),
                         "check size, type, components and skip, or copy it again");
     }
-    auto values = vtk::TakeSmartPointer(vtkDataArray::CreateDataArray(layout_.type.vtk));
-    values->SetNumberOfComponents(layout_.components);
-    values->SetNumberOfTuples(static_cast<vtkIdType>(points));
-    values->SetName(layout_.name.c_str());
+    const Values values(layout_.type.type, layout_.components, points);
     in.clear();
     in.seekg(static_cast<std::streamoff>(offset));
-    auto* bytes = static_cast<char*>(values->GetVoidPointer(0));
+    auto* bytes = values.as<char>();
     readValues(in, bytes, points);
     if (!in) throw VolumeError(file, "it cannot be read to the end", "copy it again");
     if (layout_.big_endian != (std::endian::native == std::endian::big)) {
-      const std::size_t width = layout_.type.bytes;
-      for (std::uint64_t v = 0; v < count; ++v)
-        std::reverse(bytes + v * width, bytes + (v + 1) * width);
+      swapBytes(bytes, count, layout_.type.bytes);
     }
 
-    vtkNew<vtkImageData> image;
-    image->SetDimensions(layout_.size.data());
-    image->GetPointData()->AddArray(values);
+    Piece image;
+    image.size = layout_.size;
+    image.file_from_index = layout_.map;
+    image.arrays.push_back({layout_.name, values, "", "", false});
     Content content;
-    content.data = image;
-    content.file_from_index = layout_.map;
+    content.pieces.push_back(std::move(image));
     content.length_unit = layout_.length_unit;
     if (have - offset > needed && layout_.after.empty() && layout_.skip >= 0) {
       content.notes.push_back(

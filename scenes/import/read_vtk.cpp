@@ -13,6 +13,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/vtk_pieces.h"
 #include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
@@ -28,7 +29,7 @@ Content readLegacy(const Request& request) {
   reader->ReadAllFieldsOn();
   run(reader, request.file.string(), request.progress);
   Content content;
-  content.data = reader->GetOutput();
+  content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
   if (reader->GetHeader() != nullptr) content.description = reader->GetHeader();
   return content;
 }
@@ -78,7 +79,7 @@ Content readXml(const Request& request) {
   reader->SetFileName(request.file.c_str());
   run(reader, request.file.string(), request.progress);
   Content content;
-  content.data = reader->GetOutput();
+  content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
   return content;
 }
 

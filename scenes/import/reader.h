@@ -1,19 +1,17 @@
 /// What every reader of the importer gives: arrays, and where they are.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <memory>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include <vtkDataObject.h>
-#include <vtkSmartPointer.h>
-
 #include "palpate/engine/types.h"
+#include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
 
@@ -23,27 +21,68 @@ struct Affine {
   Vec3 origin = Vec3::Zero();
 };
 
+/// One value, vector or tensor a point.
+struct Array {
+  std::string name;
+  Values values;
+  std::string unit;    ///< Of the values; empty: not known.
+  std::string given;   ///< Its name in the file, where others share it.
+  bool axial = false;  ///< Vectors whose sign means nothing, as a fibre's direction.
+};
+
+/// Told how far work is, from 0 to 1.
+using Progress = std::function<void(double done)>;
+
+struct Resampled;
+
+/// Cells with volume, as a library of meshes holds them.
+class Mesh {
+ public:
+  Mesh() = default;
+  Mesh(const Mesh&) = delete;
+  Mesh& operator=(const Mesh&) = delete;
+  virtual ~Mesh() = default;
+
+  /// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along
+  /// the longest side of the mesh, and not less than 32; a 64th of that side where no cell has
+  /// volume. In the file's unit.
+  [[nodiscard]] virtual double suggestVoxel() const = 0;
+
+  /// All arrays of its points at once, on the same voxels: the first at the lowest corner of its
+  /// bounds, each with the interpolation of the mesh's own cell that holds it. Works leaf by leaf
+  /// in parallel. Throws VolumeError for a voxel that would make too many of them.
+  [[nodiscard]] virtual std::vector<Resampled> resample(const std::vector<Array>& arrays,
+                                                        double voxel, const std::string& file,
+                                                        const Progress& progress) const = 0;
+};
+
+/// Points with arrays on them: an image's or a mesh's.
+struct Piece {
+  std::shared_ptr<const Mesh> mesh;  ///< Null for an image.
+  std::array<int, 3> size{};         ///< An image's points along i, j and k; i fastest.
+  Affine file_from_index;            ///< An image's: of the point with index 0, 0, 0, and the rest.
+  Values hidden;                     ///< An image's points, kUint8: not 0 is no data; or none.
+  bool by_cell = false;              ///< An image whose points are the cells of another.
+  std::vector<Array> arrays;
+
+  [[nodiscard]] bool isImage() const { return mesh == nullptr; }
+};
+
 /// How a patient's image was taken: what its values mean.
 enum class Modality : std::uint8_t { kUnknown, kCt, kMr };
 
 /// One step of a file. The file's own space is kept; where a format names a patient's axes, it is
 /// turned to +x right, +y front, +z up (RAS), so that volumes of one patient lie on each other.
 struct Content {
-  /// A vtkDataSet or a vtkMultiBlockDataSet of them. An image's arrays are point data; vectors have
-  /// 3 components, in the file's space; tensors 9, or 6 in VTK's order: xx yy zz xy yz xz.
-  vtkSmartPointer<vtkDataObject> data;
-  /// If set, this places an image's first voxel (of index 0, 0, 0) and its neighbours, and not the
-  /// image's own origin, spacing and direction.
-  std::optional<Affine> file_from_index;
+  /// Arrays as the file has them. Vectors have 3 components, in the file's space; tensors 9, or 6
+  /// in VTK's order: xx yy zz xy yz xz.
+  std::vector<Piece> pieces;
   Modality modality = Modality::kUnknown;
   std::string description;
   std::string length_unit;                        ///< "mm"; empty: the file does not say.
   std::map<std::string, std::string> value_unit;  ///< By array.
   std::vector<std::string> notes;                 ///< What was assumed or lost, a line each.
 };
-
-/// Told how far work is, from 0 to 1.
-using Progress = std::function<void(double done)>;
 
 /// What the user asked for.
 struct Request {

@@ -1,12 +1,10 @@
-/// Curvilinear and unstructured meshes become grids of cubes: voxels outside the mesh stay
-/// inactive.
+/// Grids of cubes, and what they are short of of the meshes and images that they were made from.
 #pragma once
 
-#include <string>
-#include <vector>
+#include <cstdint>
 
 #include "palpate/scenes/import/grids.h"
-#include "palpate/scenes/import/pieces.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 
@@ -28,19 +26,6 @@ struct Resampled {
   Gridded made;
   ResamplingError error;
 };
-
-/// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along the
-/// longest side of the mesh, and not less than 32; a 64th of that side where no cell has volume. In
-/// the file's unit.
-[[nodiscard]] double suggestVoxel(const Piece& mesh);
-
-/// All arrays of a mesh at once, on the same voxels: the first at the lowest corner of its bounds,
-/// each with the interpolation of the mesh's own cell that holds it (VTK's). Works leaf by leaf in
-/// parallel; besides the mesh it takes VTK's cell locator and the grids. Throws VolumeError for a
-/// voxel that would make too many of them.
-[[nodiscard]] std::vector<Resampled> resampleMesh(const Piece& mesh, double voxel,
-                                                  const std::string& file,
-                                                  const Progress& progress);
 
 /// What gridOnCubes changed: at up to 200,000 of the image's own voxels.
 [[nodiscard]] ResamplingError errorOf(const Piece& image, const Array& array, const Gridded& made);

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "palpate/scenes/import/pieces.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 
@@ -12,8 +12,10 @@ struct Smoothed {
   double range = 0.0;  ///< Highest minus lowest, of a vector its longest.
 };
 
-/// Replaces the array by its smoothed floats. Throws VolumeError where values are not finite or
-/// hidden: they would spread.
+/// Replaces the array by its smoothed floats: along i, j and k in turn, to three standard
+/// deviations; at the image's edge the part of the Gaussian that lies within it, as a whole. Takes
+/// one copy and a few lines. Throws VolumeError where values are not finite or hidden: they would
+/// spread.
 /// @param width  Standard deviation, in the file's units.
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
                                    const std::string& file);

@@ -6,35 +6,25 @@
 #include <Eigen/Eigenvalues>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
-#include <vtkFloatArray.h>
-#include <vtkSetGet.h>
-
-#include "palpate/engine/error.h"
-#include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
 namespace {
 
-vtkSmartPointer<vtkFloatArray> floats(vtkIdType tuples, int components) {
-  auto out = vtkSmartPointer<vtkFloatArray>::New();
-  out->SetNumberOfComponents(components);
-  out->SetNumberOfTuples(tuples);
-  return out;
-}
-
 template <class T>
-void fill(vtkDataArray* tensors, float* direction, float* anisotropy, float* diffusivity) {
-  const T* data = static_cast<const T*>(tensors->GetVoidPointer(0));
-  const int width = tensors->GetNumberOfComponents();
-  tbb::parallel_for(tbb::blocked_range<vtkIdType>(0, tensors->GetNumberOfTuples(), 1024),
-                    [&](const tbb::blocked_range<vtkIdType>& part) {
-                      for (vtkIdType i = part.begin(); i < part.end(); ++i) {
+void fill(const T* data, const Values& tensors, float* direction, float* anisotropy,
+          float* diffusivity) {
+  const auto width = static_cast<std::size_t>(tensors.components());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, tensors.tuples(), 1024),
+                    [&](const tbb::blocked_range<std::size_t>& part) {
+                      for (std::size_t i = part.begin(); i < part.end(); ++i) {
                         double numbers[9] = {};
-                        for (int c = 0; c < width; ++c)
+                        for (std::size_t c = 0; c < width; ++c)
                           numbers[c] = static_cast<double>(data[i * width + c]);
-                        const Diffusion one = diffusionOf(tensorOf(numbers, width));
-                        for (int c = 0; c < 3; ++c)
-                          direction[3 * i + c] = static_cast<float>(one.direction[c]);
+                        const Diffusion one = diffusionOf(tensorOf(numbers, tensors.components()));
+                        for (std::size_t c = 0; c < 3; ++c) {
+                          direction[3 * i + c] =
+                              static_cast<float>(one.direction[static_cast<Eigen::Index>(c)]);
+                        }
                         anisotropy[i] = static_cast<float>(one.anisotropy);
                         diffusivity[i] = static_cast<float>(one.diffusivity);
                       }
@@ -72,16 +62,14 @@ Diffusion diffusionOf(const Mat3& D) {
 }
 
 std::array<Array, 3> diffusionOf(const Array& tensors) {
-  const vtkIdType count = tensors.values->GetNumberOfTuples();
-  const auto direction = floats(count, 3);
-  const auto anisotropy = floats(count, 1);
-  const auto diffusivity = floats(count, 1);
-  switch (tensors.values->GetDataType()) {
-    vtkTemplateMacro(fill<VTK_TT>(tensors.values, direction->GetPointer(0),
-                                  anisotropy->GetPointer(0), diffusivity->GetPointer(0)));
-    default:
-      throw VolumeError(tensors.name, "its values are no numbers", "choose another with --field");
-  }
+  const std::size_t count = tensors.values.tuples();
+  const Values direction(Type::kFloat32, 3, count);
+  const Values anisotropy(Type::kFloat32, 1, count);
+  const Values diffusivity(Type::kFloat32, 1, count);
+  visit(tensors.values, [&](const auto* data) {
+    fill(data, tensors.values, direction.as<float>(), anisotropy.as<float>(),
+         diffusivity.as<float>());
+  });
   std::array<Array, 3> out;
   out[0].name = tensors.name + "_direction";
   out[0].values = direction;

@@ -4,7 +4,7 @@
 #include <array>
 
 #include "palpate/engine/types.h"
-#include "palpate/scenes/import/pieces.h"
+#include "palpate/scenes/import/reader.h"
 
 namespace palpate::importer {
 

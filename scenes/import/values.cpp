@@ -1,68 +1,35 @@
 #include "palpate/scenes/import/values.h"
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <new>
 #include <type_traits>
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
-#include <vtkFloatArray.h>
-#include <vtkSetGet.h>
-
-#include "palpate/engine/error.h"
+#include <tbb/parallel_reduce.h>
 
 namespace palpate::importer {
 namespace {
 
-[[noreturn]] void refuse(vtkDataArray* values) {
-  const char* name = values->GetName();
-  throw VolumeError(name == nullptr ? "an array" : name, "its values are no numbers",
-                    "export it as integers or floats");
-}
+/// In the order of Type.
+constexpr std::array<std::size_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
 
-template <class T>
-const T* dataOf(vtkDataArray* values) {
-  return static_cast<const T*>(values->GetVoidPointer(0));
-}
-
-/// Calls body(first, end) for parts of the tuples, in parallel.
+/// Calls body(first, end) for parts of [0, count), in parallel.
 template <class Body>
-void forTuples(vtkIdType count, const Body& body) {
+void forParts(std::size_t count, const Body& body) {
   tbb::parallel_for(
-      tbb::blocked_range<vtkIdType>(0, count, 4096),
-      [&](const tbb::blocked_range<vtkIdType>& part) { body(part.begin(), part.end()); });
+      tbb::blocked_range<std::size_t>(0, count, 4096),
+      [&](const tbb::blocked_range<std::size_t>& part) { body(part.begin(), part.end()); });
 }
 
 template <class T>
-void rescale(vtkDataArray* in, double slope, double offset, float* out) {
-  const T* values = dataOf<T>(in);
-  forTuples(in->GetNumberOfValues(), [&](vtkIdType first, vtkIdType end) {
-    for (vtkIdType i = first; i < end; ++i) {
-      out[i] = static_cast<float>(slope * static_cast<double>(values[i]) + offset);
-    }
-  });
-}
-
-template <class T>
-void pick(vtkDataArray* in, const std::vector<int>& order, void* to) {
-  const T* values = dataOf<T>(in);
-  T* out = static_cast<T*>(to);
-  const auto from = static_cast<vtkIdType>(in->GetNumberOfComponents());
-  const auto width = static_cast<vtkIdType>(order.size());
-  forTuples(in->GetNumberOfTuples(), [&](vtkIdType first, vtkIdType end) {
-    for (vtkIdType i = first; i < end; ++i) {
-      for (vtkIdType c = 0; c < width; ++c) {
-        out[i * width + c] = values[i * from + order[static_cast<std::size_t>(c)]];
-      }
-    }
-  });
-}
-
-template <class T>
-void turnTuples(vtkDataArray* values, const Mat3& M) {
-  T* data = static_cast<T*>(values->GetVoidPointer(0));
-  const int width = values->GetNumberOfComponents();
-  forTuples(values->GetNumberOfTuples(), [&](vtkIdType first, vtkIdType end) {
-    for (vtkIdType i = first; i < end; ++i) {
+void turnTuples(const Values& values, const Mat3& M) {
+  T* data = values.as<T>();
+  const auto width = static_cast<std::size_t>(values.components());
+  forParts(values.tuples(), [&](std::size_t first, std::size_t end) {
+    for (std::size_t i = first; i < end; ++i) {
       T* tuple = data + i * width;
       if (width == 3) {
         const Vec3 v = M * Vec3(tuple[0], tuple[1], tuple[2]);
@@ -70,8 +37,8 @@ void turnTuples(vtkDataArray* values, const Mat3& M) {
         continue;
       }
       double numbers[9] = {};
-      for (int c = 0; c < width; ++c) numbers[c] = static_cast<double>(tuple[c]);
-      const Mat3 D = M * tensorOf(numbers, width) * M.transpose();
+      for (std::size_t c = 0; c < width; ++c) numbers[c] = static_cast<double>(tuple[c]);
+      const Mat3 D = M * tensorOf(numbers, values.components()) * M.transpose();
       if (width == 6) {
         const double six[6] = {D(0, 0), D(1, 1), D(2, 2), D(0, 1), D(1, 2), D(0, 2)};
         for (int c = 0; c < 6; ++c) tuple[c] = static_cast<T>(six[c]);
@@ -84,49 +51,104 @@ void turnTuples(vtkDataArray* values, const Mat3& M) {
 
 }  // namespace
 
-vtkSmartPointer<vtkDataArray> rescaled(vtkDataArray* values, double slope, double offset) {
+Values::Values(Type type, int components, std::size_t tuples)
+    : type_(type), components_(components), tuples_(tuples) {
+  const std::size_t bytes = size() * bytesEach();
+  data_ = std::shared_ptr<void>(::operator new(std::max<std::size_t>(bytes, 1)),
+                                [](void* data) { ::operator delete(data); });
+}
+
+Values::Values(Type type, int components, std::size_t tuples, std::shared_ptr<void> data)
+    : type_(type), components_(components), tuples_(tuples), data_(std::move(data)) {}
+
+std::size_t Values::bytesEach() const {
+  return kBytes[static_cast<std::size_t>(type_)];
+}
+
+double Values::at(std::size_t tuple, int component) const {
+  const std::size_t i =
+      tuple * static_cast<std::size_t>(components_) + static_cast<std::size_t>(component);
+  return visit(*this, [i](const auto* data) { return static_cast<double>(data[i]); });
+}
+
+double greatest(const Values& values) {
+  return visit(values, [&](const auto* data) {
+    return tbb::parallel_reduce(
+        tbb::blocked_range<std::size_t>(0, values.size(), 4096), 0.0,
+        [data](const tbb::blocked_range<std::size_t>& part, double most) {
+          for (std::size_t i = part.begin(); i < part.end(); ++i) {
+            const double size = std::abs(static_cast<double>(data[i]));
+            if (std::isfinite(size)) most = std::max(most, size);
+          }
+          return most;
+        },
+        [](double a, double b) { return std::max(a, b); });
+  });
+}
+
+void swapBytes(void* data, std::size_t count, std::size_t bytes_each) {
+  if (bytes_each < 2) return;
+  auto* bytes = static_cast<char*>(data);
+  forParts(count, [&](std::size_t first, std::size_t end) {
+    for (std::size_t i = first; i < end; ++i) {
+      std::reverse(bytes + i * bytes_each, bytes + (i + 1) * bytes_each);
+    }
+  });
+}
+
+Values rescaled(const Values& values, double slope, double offset) {
   const bool none = slope == 0.0 || !std::isfinite(slope) || !std::isfinite(offset);
   if (none || (slope == 1.0 && offset == 0.0)) return values;
-  auto out = vtkSmartPointer<vtkFloatArray>::New();
-  out->SetName(values->GetName());
-  out->SetNumberOfComponents(values->GetNumberOfComponents());
-  out->SetNumberOfTuples(values->GetNumberOfTuples());
-  switch (values->GetDataType()) {
-    vtkTemplateMacro(rescale<VTK_TT>(values, slope, offset, out->GetPointer(0)));
-    default:
-      refuse(values);
-  }
+  Values out(Type::kFloat32, values.components(), values.tuples());
+  visit(values, [&](const auto* from) {
+    auto* to = out.as<float>();
+    forParts(values.size(), [&](std::size_t first, std::size_t end) {
+      for (std::size_t i = first; i < end; ++i) {
+        to[i] = static_cast<float>(slope * static_cast<double>(from[i]) + offset);
+      }
+    });
+  });
   return out;
 }
 
-vtkSmartPointer<vtkDataArray> picked(vtkDataArray* values, const std::vector<int>& order) {
-  auto out =
-      vtkSmartPointer<vtkDataArray>::Take(vtkDataArray::CreateDataArray(values->GetDataType()));
-  out->SetName(values->GetName());
-  out->SetNumberOfComponents(static_cast<int>(order.size()));
-  out->SetNumberOfTuples(values->GetNumberOfTuples());
-  switch (values->GetDataType()) {
-    vtkTemplateMacro(pick<VTK_TT>(values, order, out->GetVoidPointer(0)));
-    default:
-      refuse(values);
-  }
+Values floatsOf(const Values& values) {
+  if (values.type() == Type::kFloat32) return values;
+  Values out(Type::kFloat32, values.components(), values.tuples());
+  visit(values, [&](const auto* from) {
+    auto* to = out.as<float>();
+    forParts(values.size(), [&](std::size_t first, std::size_t end) {
+      for (std::size_t i = first; i < end; ++i) to[i] = static_cast<float>(from[i]);
+    });
+  });
   return out;
 }
 
-vtkSmartPointer<vtkDataArray> turned(vtkDataArray* values, const Mat3& M) {
+Values picked(const Values& values, const std::vector<int>& order) {
+  Values out(values.type(), static_cast<int>(order.size()), values.tuples());
+  visit(values, [&](const auto* from) {
+    using T = std::remove_const_t<std::remove_pointer_t<decltype(from)>>;
+    T* to = out.as<T>();
+    const auto stride = static_cast<std::size_t>(values.components());
+    const std::size_t width = order.size();
+    forParts(values.tuples(), [&](std::size_t first, std::size_t end) {
+      for (std::size_t i = first; i < end; ++i) {
+        for (std::size_t c = 0; c < width; ++c) {
+          to[i * width + c] = from[i * stride + static_cast<std::size_t>(order[c])];
+        }
+      }
+    });
+  });
+  return out;
+}
+
+Values turned(const Values& values, const Mat3& M) {
   if (M.isIdentity(0.0)) return values;
-  vtkSmartPointer<vtkDataArray> out = values;
-  const int type = values->GetDataType();
-  if (type != VTK_FLOAT && type != VTK_DOUBLE) {
-    out = vtkSmartPointer<vtkFloatArray>::New();
-    out->SetName(values->GetName());
-    out->DeepCopy(values);
+  if (values.type() == Type::kFloat64) {
+    turnTuples<double>(values, M);
+    return values;
   }
-  if (out->GetDataType() == VTK_DOUBLE) {
-    turnTuples<double>(out, M);
-  } else {
-    turnTuples<float>(out, M);
-  }
+  Values out = floatsOf(values);
+  turnTuples<float>(out, M);
   return out;
 }
 

@@ -1,7 +1,7 @@
 # What cmake --install puts in place, by component, and the .debs that cpack makes of it:
 #
 #   programs  palpate          what a person with an arm needs
-#   import    palpate-import   the importer, and VTK with it
+#   import    palpate-import   the importer with VTK
 #   library   libpalpate-dev   for find_package(palpate)
 #   python    python3-palpate  for import palpate
 include(GNUInstallDirs)
@@ -24,6 +24,8 @@ if(NOT PALPATE_ENGINE_ONLY)
     DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT programs)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  install(TARGETS palpate-import-light
+    RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
   if(PALPATE_VTK)
     install(TARGETS palpate-import
       RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT import)
@@ -129,10 +131,10 @@ python3 (<< 3.${next}), python3-numpy")
   set(CPACK_DEBIAN_PYTHON_PACKAGE_RECOMMENDS python3-vtk9)
 endif()
 set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
-Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its manual, the \
-rules that let a user open an arm.")
+Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its importer of \
+NIfTI, NRRD, MetaImage and raw values, its manual, the rules that let a user open an arm.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
-Turns NIfTI, DICOM, NRRD, MetaImage, VTK and CFD files into .vdb, for palpate import.")
+Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files.")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\
 Static libraries and headers for find_package(palpate).")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "\

@@ -526,6 +526,27 @@ def nifti(dims, kind, bits, *, intent=0, sform=None, qfac=None, slope=0.0, inter
     return bytes(h) + (b"\0\0\0\0" if magic == b"n+1\0" else b"")
 
 
+def nifti2(dims, kind, bits, *, rows=None, quaternion=None, order="<", magic=b"n+2\0\r\n\x1a\n"):
+    h = bytearray(540)
+    dims = list(dims)
+    struct.pack_into(order + "i", h, 0, 540)
+    h[4:12] = magic
+    struct.pack_into(order + "hh", h, 12, kind, bits)
+    struct.pack_into(order + "8q", h, 16, len(dims), *dims, *([1] * (7 - len(dims))))
+    struct.pack_into(order + "8d", h, 104, 1.0, 2.0, 3.0, 4.0, 0, 0, 0, 0)
+    struct.pack_into(order + "q", h, 168, 544)
+    struct.pack_into(order + "dd", h, 176, 0.5, 3.0)
+    h[240:244] = b"scan"
+    if quaternion is not None:
+        struct.pack_into(order + "i", h, 344, 1)
+        struct.pack_into(order + "6d", h, 352, *quaternion, 5, 6, 7)
+    if rows is not None:
+        struct.pack_into(order + "i", h, 348, 1)
+        struct.pack_into(order + "12d", h, 400, *(v for row in rows for v in row))
+    struct.pack_into(order + "i", h, 500, 2)
+    return bytes(h) + b"\0\0\0\0"
+
+
 SHORT = (4, 16)
 FLOAT = (16, 32)
 
@@ -547,6 +568,28 @@ class Nifti(Case):
         path = self.write("a.nii", nifti(SIZE, *SHORT, pixdim=(1, 2, 3)), SHORTS)
         self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
                    scalar)
+
+    def test_turns_are_quaternions(self):
+        half = 0.5 ** 0.5
+        # A quarter about z; half a turn about x, whose first number is 0; and one that rounding
+        # has made a little longer than 1.
+        for quaternion, columns in (((0, 0, half), ((0, 2, 0), (-3, 0, 0), (0, 0, 4))),
+                                    ((1, 0, 0), ((2, 0, 0), (0, -3, 0), (0, 0, -4))),
+                                    ((0, 1 + 1e-7, 0), ((-2, 0, 0), (0, 3, 0), (0, 0, -4)))):
+            path = self.write("a.nii", nifti2(SIZE, *SHORT, quaternion=quaternion), SHORTS)
+            self.holds(self.convert(path), "density", columns, (5, 6, 7),
+                       lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
+
+    def test_the_second_version(self):
+        for order, values in (("<", SHORTS), (">", BIG_SHORTS)):
+            path = self.write("a.nii", nifti2(SIZE, *SHORT, rows=self.ROWS, order=order), values)
+            self.holds(self.convert(path), "density", COLUMNS, AT,
+                       lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
+        header = self.write("a.hdr", nifti2(SIZE, *SHORT, magic=b"ni2\0\r\n\x1a\n"))
+        self.write("a.img", bytes(544) + SHORTS)
+        self.holds(self.convert(header), "density", ((2, 0, 0), (0, 3, 0), (0, 0, 4)), (0, 0, 0),
+                   lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
+        self.refused(self.write("a.nii", nifti2(SIZE, *SHORT)[:400]), "damaged")
 
     def test_packed_swapped_scaled_and_in_pairs(self):
         path = self.write("a.nii.gz", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
@@ -573,7 +616,7 @@ class Nifti(Case):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
                                              sform=self.ROWS), PLANES)
             self.holds(self.convert(path), "vector", COLUMNS, AT, vector)
-        # Slices that VTK turns round.
+        # Slices from above.
         path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007, qfac=-1.0), PLANES)
         self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
                    vector)
@@ -625,6 +668,10 @@ class Nifti(Case):
         self.refused(self.write("a.nii", whole[:500]), "truncated")
         packed = gzip.compress(nifti(SIZE, *SHORT) + os.urandom(240))
         self.refused(self.write("a.nii.gz", packed[:-100]), "a.nii.gz")
+        # One bit of the sum that ends it.
+        packed = gzip.compress(nifti(SIZE, *SHORT) + SHORTS)
+        self.refused(self.write("a.nii.gz", packed[:-8] + bytes([packed[-8] ^ 1]) + packed[-7:]),
+                     "damaged")
         self.refused(self.write("a.hdr", nifti(SIZE, *SHORT, magic=b"ni1\0")), "a.img cannot be read")
         self.refused(self.write("a.nii", nifti(SIZE, 1536, 128), bytes(2000)), "a.nii")
         self.refused(self.write("a.nii", nifti(SIZE, 77, 16), SHORTS), "a.nii")

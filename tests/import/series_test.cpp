@@ -6,9 +6,6 @@
 
 #include <catch2/catch.hpp>
 #include <fmt/format.h>
-#include <vtkDataArray.h>
-#include <vtkImageData.h>
-#include <vtkPointData.h>
 
 #include "palpate/scenes/import/reader.h"
 
@@ -54,15 +51,15 @@ void checkSteps(Reader& reader, int components = 1) {
   REQUIRE(reader.times().size() == kSteps);
   for (const int step : {2, 0, 1, 1}) {  // in any order, and again
     const Content content = reader.read(static_cast<std::size_t>(step));
-    auto* image = vtkImageData::SafeDownCast(content.data);
-    REQUIRE(image != nullptr);
-    vtkDataArray* values = image->GetPointData()->GetArray(0);
-    REQUIRE(values->GetNumberOfTuples() == kPoints);
-    REQUIRE(values->GetNumberOfComponents() == components);
-    CHECK(values->GetDataType() == VTK_SHORT);
+    REQUIRE(content.pieces.size() == 1);
+    REQUIRE(content.pieces[0].isImage());
+    const Values& values = content.pieces[0].arrays.at(0).values;
+    REQUIRE(values.tuples() == kPoints);
+    REQUIRE(values.components() == components);
+    CHECK(values.type() == Type::kInt16);
     for (int point = 0; point < kPoints; ++point) {
       for (int c = 0; c < components; ++c) {
-        CHECK(values->GetComponent(point, c) == valueAt(step, point, c));
+        CHECK(values.at(static_cast<std::size_t>(point), c) == valueAt(step, point, c));
       }
     }
   }

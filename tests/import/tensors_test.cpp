@@ -1,16 +1,14 @@
 // What is felt of diffusion tensors, against tensors made of known eigenvalues.
 #include "palpate/scenes/import/tensors.h"
 
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <random>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
-#include <vtkDoubleArray.h>
-#include <vtkFloatArray.h>
-#include <vtkNew.h>
-#include <vtkShortArray.h>
 
 #include "palpate/scenes/import/values.h"
 
@@ -29,6 +27,19 @@ Mat3 randomRotation() {
 
 Mat3 tensor(const Mat3& axes, const Vec3& values) {
   return axes * values.asDiagonal() * axes.transpose();
+}
+
+/// The same tuple so many times.
+template <class T, std::size_t N>
+Values repeated(Type type, const std::array<double, N>& tuple, std::size_t count) {
+  Values values(type, static_cast<int>(N), count);
+  for (std::size_t i = 0; i < values.size(); ++i) values.as<T>()[i] = static_cast<T>(tuple[i % N]);
+  return values;
+}
+
+/// Row by row.
+std::array<double, 9> nineOf(const Mat3& D) {
+  return {D(0, 0), D(0, 1), D(0, 2), D(1, 0), D(1, 1), D(1, 2), D(2, 0), D(2, 1), D(2, 2)};
 }
 
 /// Basser and Pierpaoli's formula, by the distance to the mean.
@@ -100,27 +111,19 @@ TEST_CASE("tensors that are not finite are felt as nothing", "[tensor]") {
 TEST_CASE("arrays of six and of nine components, of floats and of integers, agree", "[tensor]") {
   const Mat3 D = (Mat3() << 4, 1, 2, 1, 5, 3, 2, 3, 6).finished();
   const Diffusion expected = diffusionOf(D);
-  vtkNew<vtkShortArray> six;
-  six->SetNumberOfComponents(6);
-  vtkNew<vtkDoubleArray> nine;
-  nine->SetNumberOfComponents(9);
-  for (int n = 0; n < 5000; ++n) {
-    const double xx_yy_zz_xy_yz_xz[] = {4, 5, 6, 1, 3, 2};
-    six->InsertNextTuple(xx_yy_zz_xy_yz_xz);
-    nine->InsertNextTuple(D.data());
-  }
-  for (vtkDataArray* tensors :
-       {static_cast<vtkDataArray*>(six), static_cast<vtkDataArray*>(nine)}) {
+  const std::array<double, 6> xx_yy_zz_xy_yz_xz{4, 5, 6, 1, 3, 2};
+  for (const Values& tensors : {repeated<std::int16_t>(Type::kInt16, xx_yy_zz_xy_yz_xz, 5000),
+                                repeated<double>(Type::kFloat64, nineOf(D), 5000)}) {
     const auto felt = diffusionOf(Array{"t", tensors, "", "", false});
     CHECK(felt[0].name == "t_direction");
     CHECK(felt[1].name == "t_anisotropy");
     CHECK(felt[2].name == "t_diffusivity");
-    for (const vtkIdType i : {0, 4999}) {
+    for (const std::size_t i : {0, 4999}) {
       for (int c = 0; c < 3; ++c) {
-        CHECK(felt[0].values->GetComponent(i, c) == Approx(expected.direction[c]));
+        CHECK(felt[0].values.at(i, c) == Approx(expected.direction[c]));
       }
-      CHECK(felt[1].values->GetComponent(i, 0) == Approx(expected.anisotropy));
-      CHECK(felt[2].values->GetComponent(i, 0) == Approx(5.0));
+      CHECK(felt[1].values.at(i, 0) == Approx(expected.anisotropy));
+      CHECK(felt[2].values.at(i, 0) == Approx(5.0));
     }
   }
 }
@@ -130,26 +133,21 @@ TEST_CASE("a tensor turned is the tensor of turned axes", "[tensor]") {
     const Mat3 axes = randomRotation();
     const Mat3 R = randomRotation();
     const Mat3 D = tensor(axes, {3, 2, 1});
-    vtkNew<vtkDoubleArray> six;
-    six->SetNumberOfComponents(6);
-    const double values[] = {D(0, 0), D(1, 1), D(2, 2), D(0, 1), D(1, 2), D(0, 2)};
-    six->InsertNextTuple(values);
-    vtkNew<vtkDoubleArray> nine;
-    nine->SetNumberOfComponents(9);
-    nine->InsertNextTuple(D.data());
+    const std::array<double, 6> values{D(0, 0), D(1, 1), D(2, 2), D(0, 1), D(1, 2), D(0, 2)};
+    const Values six = repeated<double>(Type::kFloat64, values, 1);
+    const Values nine = repeated<double>(Type::kFloat64, nineOf(D), 1);
     const Mat3 expected = tensor(R * axes, {3, 2, 1});
-    const auto a = turned(six, R);
-    const auto b = turned(nine, R);
-    CHECK(tensorOf(a->GetTuple(0), 6).isApprox(expected, 1e-12));
-    CHECK(tensorOf(b->GetTuple(0), 9).isApprox(expected, 1e-12));
+    const Values a = turned(six, R);
+    const Values b = turned(nine, R);
+    CHECK(tensorOf(a.as<double>(), 6).isApprox(expected, 1e-12));
+    CHECK(tensorOf(b.as<double>(), 9).isApprox(expected, 1e-12));
   }
 }
 
 TEST_CASE("values are scaled only where the header says so", "[values]") {
-  vtkNew<vtkShortArray> values;
-  values->InsertNextValue(7);
-  CHECK(rescaled(values, 0.0, 5.0) == values.Get());
-  CHECK(rescaled(values, 1.0, 0.0) == values.Get());
-  CHECK(rescaled(values, std::nan(""), 0.0) == values.Get());
-  CHECK(rescaled(values, 2.0, 1.0)->GetComponent(0, 0) == 15.0);
+  const Values values = repeated<std::int16_t>(Type::kInt16, std::array{7.0}, 1);
+  CHECK(rescaled(values, 0.0, 5.0).data() == values.data());
+  CHECK(rescaled(values, 1.0, 0.0).data() == values.data());
+  CHECK(rescaled(values, std::nan(""), 0.0).data() == values.data());
+  CHECK(rescaled(values, 2.0, 1.0).at(0, 0) == 15.0);
 }

@@ -12,6 +12,7 @@ holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -qx "$2" || { echo "$
 fail() { echo "debs: $*"; exit 1; }
 
 holds palpate ./usr/bin/palpate
+holds palpate ./usr/bin/palpate-import-light
 holds palpate ./usr/lib/udev/rules.d/70-palpate-arms.rules
 holds palpate ./usr/share/man/man1/palpate-feel.1
 holds palpate ./usr/share/palpate/palpate-limits.conf

@@ -47,12 +47,26 @@ install palpate
 grep -q rtprio "$root/etc/security/limits.d/palpate.conf"
 chroot "$root" palpate make two-bodies /bodies.vdb >/dev/null
 chroot "$root" palpate feel /bodies.vdb --seconds 2 | head -1
-chroot "$root" palpate import /a /b.vdb >"$place/said" 2>&1 || true
-grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
-install palpate-import
 cp $image "$root/head.nii.gz"
 chroot "$root" palpate import /head.nii.gz /head.vdb --smooth 1 | head -1
 chroot "$root" palpate feel /head.vdb --seconds 5 | head -1
+cat >"$root/cloud.vtk" <<'END'
+# vtk DataFile Version 3.0
+a ramp
+ASCII
+DATASET STRUCTURED_POINTS
+DIMENSIONS 3 3 3
+ORIGIN 0 0 0
+SPACING 1 1 1
+POINT_DATA 27
+SCALARS ramp float 1
+LOOKUP_TABLE default
+1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7 8 9 1 2 3 4 5 6 7 8 9
+END
+chroot "$root" palpate import /cloud.vtk /cloud.vdb >"$place/said" 2>&1 || true
+grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
+install palpate-import
+chroot "$root" palpate import /cloud.vtk /cloud.vdb | head -1
 install python3-palpate
 chroot "$root" python3 -c '
 import palpate

@@ -1,5 +1,4 @@
-#include "palpate/scenes/import/resample.h"
-
+/// Voxels outside the mesh stay inactive.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -20,8 +19,11 @@
 #include <vtkStaticCellLocator.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/differences.h"
+#include "palpate/scenes/import/grids.h"
 #include "palpate/scenes/import/mesh.h"
 #include "palpate/scenes/import/quantile.h"
+#include "palpate/scenes/import/resample.h"
 #include "palpate/scenes/import/shared_progress.h"
 
 namespace palpate::importer {
@@ -82,11 +84,11 @@ bool findCell(vtkDataSet* mesh, vtkStaticCellLocator* locator, const Vec3d& p, W
   return false;
 }
 
-double valueAt(const Worker& worker, vtkDataArray* values, int component) {
+double valueAt(const Worker& worker, const Values& values, int component) {
   double sum = 0.0;
   for (std::size_t i = 0; i < worker.weights.size(); ++i) {
-    sum += worker.weights[i] *
-           values->GetComponent(worker.cell->GetPointId(static_cast<vtkIdType>(i)), component);
+    const vtkIdType point = worker.cell->GetPointId(static_cast<vtkIdType>(i));
+    sum += worker.weights[i] * values.at(static_cast<std::size_t>(point), component);
   }
   return sum;
 }
@@ -94,8 +96,7 @@ double valueAt(const Worker& worker, vtkDataArray* values, int component) {
 /// One array's leaves, scalar or vector.
 class Sheet {
  public:
-  explicit Sheet(const Array& array)
-      : array_(&array), vector_(array.values->GetNumberOfComponents() == 3) {}
+  explicit Sheet(const Array& array) : array_(&array), vector_(array.values.components() == 3) {}
 
   using ScalarLeaf = ScalarTree::LeafNodeType;
   using VectorLeaf = VectorTree::LeafNodeType;
@@ -166,40 +167,6 @@ void takeRange(const GridT& grid, Gridded& made) {
   }
 }
 
-/// Differences, relative to a range, of scalars or vectors.
-struct Differences {
-  struct Sum {
-    double squares = 0.0;
-    double largest = 0.0;
-    std::uint64_t points = 0;
-
-    void add(double difference) {
-      squares += difference * difference;
-      largest = std::max(largest, difference);
-      ++points;
-    }
-    [[nodiscard]] double rms() const {
-      return points == 0 ? 0.0 : std::sqrt(squares / static_cast<double>(points));
-    }
-  };
-  Sum within;
-  Sum edge;  ///< Beside voxels without data.
-  std::uint64_t lost_points = 0;
-
-  [[nodiscard]] ResamplingError relativeTo(double range) const {
-    ResamplingError error;
-    error.points = within.points;
-    error.edge_points = edge.points;
-    error.lost_points = lost_points;
-    if (!(range > 0.0)) return error;
-    error.rms = within.rms() / range;
-    error.largest = within.largest / range;
-    error.edge_rms = edge.rms() / range;
-    error.edge_largest = edge.largest / range;
-    return error;
-  }
-};
-
 /// How many of the 8 voxels about a place have data.
 template <class Accessor>
 int dataAbout(const Accessor& accessor, const Vec3d& p_I) {
@@ -228,12 +195,12 @@ std::vector<vtkIdType> someCells(vtkIdType cells) {
 /// A place in the mesh, and the points of its cell by weight.
 struct Place {
   Vec3d p;
-  std::vector<std::pair<vtkIdType, double>> weights;
+  std::vector<std::pair<std::size_t, double>> weights;
 
-  [[nodiscard]] double valueOf(vtkDataArray* values, int component) const {
+  [[nodiscard]] double valueOf(const Values& values, int component) const {
     double sum = 0.0;
     for (const auto& [point, weight] : weights) {
-      sum += weight * values->GetComponent(point, component);
+      sum += weight * values.at(point, component);
     }
     return sum;
   }
@@ -254,8 +221,8 @@ std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
     }
     if (!findCell(mesh, locator, place.p, worker)) continue;
     for (std::size_t w = 0; w < worker.weights.size(); ++w) {
-      place.weights.emplace_back(worker.cell->GetPointId(static_cast<vtkIdType>(w)),
-                                 worker.weights[w]);
+      const vtkIdType point = worker.cell->GetPointId(static_cast<vtkIdType>(w));
+      place.weights.emplace_back(static_cast<std::size_t>(point), worker.weights[w]);
     }
     places.push_back(std::move(place));
   }
@@ -264,7 +231,7 @@ std::vector<Place> somePlaces(vtkDataSet* mesh, vtkStaticCellLocator* locator) {
 
 /// The mesh's own values against the grid's.
 template <class GridT>
-Differences compare(const std::vector<Place>& places, vtkDataArray* values, const GridT& grid) {
+Differences compare(const std::vector<Place>& places, const Values& values, const GridT& grid) {
   Differences differences;
   const auto accessor = grid.getConstAccessor();
   for (const Place& place : places) {
@@ -287,19 +254,17 @@ Differences compare(const std::vector<Place>& places, vtkDataArray* values, cons
   return differences;
 }
 
-}  // namespace
-
-double suggestVoxel(const Piece& mesh) {
+double suggestFor(vtkDataSet* mesh) {
   vtkNew<vtkGenericCell> cell;
   std::vector<double> volumes;
-  for (const vtkIdType index : someCells(mesh.mesh->GetNumberOfCells())) {
-    mesh.mesh->GetCell(index, cell);
+  for (const vtkIdType index : someCells(mesh->GetNumberOfCells())) {
+    mesh->GetCell(index, cell);
     double bounds[6];
     cell->GetBounds(bounds);
     volumes.push_back(volumeOf(bounds));
   }
   double bounds[6];
-  mesh.mesh->GetBounds(bounds);
+  mesh->GetBounds(bounds);
   const double longest =
       std::max({bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]});
   if (volumes.empty()) return longest / 64.0;
@@ -310,14 +275,14 @@ double suggestVoxel(const Piece& mesh) {
   return std::round(voxel / digit) * digit;
 }
 
-std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std::string& file,
-                                    const Progress& progress) {
-  vtkDataSet* mesh = piece.mesh;
+/// Besides the mesh it takes VTK's cell locator and the grids.
+std::vector<Resampled> resampled(vtkDataSet* mesh, const std::vector<Array>& arrays, double voxel,
+                                 const std::string& file, const Progress& progress) {
   // The first call prepares what later calls of any thread only read.
   mesh->ComputeBounds();
   mesh->GetCell(0, vtkNew<vtkGenericCell>());
   double bounds[6];
-  piece.mesh->GetBounds(bounds);
+  mesh->GetBounds(bounds);
   std::array<int, 3> size{};
   double voxels = 1.0;
   for (std::size_t a = 0; a < 3; ++a) {
@@ -336,12 +301,12 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
   const auto transform = cubes(voxel, Vec3d(bounds[0], bounds[2], bounds[4]), file);
 
   vtkNew<vtkStaticCellLocator> locator;
-  locator->SetDataSet(piece.mesh);
+  locator->SetDataSet(mesh);
   locator->CacheCellBoundsOn();
   locator->BuildLocator();
 
   std::vector<Sheet> sheets;
-  for (const Array& array : piece.arrays) sheets.emplace_back(array);
+  for (const Array& array : arrays) sheets.emplace_back(array);
   constexpr int kEdge = 8;
   const std::array<int, 3> leaves{(size[0] + kEdge - 1) / kEdge, (size[1] + kEdge - 1) / kEdge,
                                   (size[2] + kEdge - 1) / kEdge};
@@ -405,9 +370,9 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
   const std::vector<Place> places = somePlaces(mesh, locator);
   std::vector<Resampled> out;
   for (std::size_t s = 0; s < sheets.size(); ++s) {
-    Resampled resampled;
-    resampled.made.voxels = inside;
-    resampled.made.holes = holes[s];
+    Resampled one;
+    one.made.voxels = inside;
+    one.made.holes = holes[s];
     const auto finish = [&](const auto& grid, auto leaf_of) {
       for (auto& row : made) {
         for (auto& leaf : row) {
@@ -415,19 +380,18 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
         }
       }
       grid->setTransform(transform->copy());
-      takeRange(*grid, resampled.made);
+      takeRange(*grid, one.made);
       // What is read beside voxels without data.
       if constexpr (std::is_same_v<std::decay_t<decltype(*grid)>, openvdb::FloatGrid>) {
-        resampled.made.background = edgeValue(*grid);
-        openvdb::tools::changeBackground(grid->tree(),
-                                         static_cast<float>(resampled.made.background));
+        one.made.background = edgeValue(*grid);
+        openvdb::tools::changeBackground(grid->tree(), static_cast<float>(one.made.background));
       }
       const Differences differences = compare(places, sheets[s].array().values, *grid);
-      const double range = sheets[s].isVector() ? resampled.made.highest
-                                                : resampled.made.highest - resampled.made.lowest;
-      resampled.error = differences.relativeTo(range);
+      const double range =
+          sheets[s].isVector() ? one.made.highest : one.made.highest - one.made.lowest;
+      one.error = differences.relativeTo(range);
       grid->setName(sheets[s].array().name);
-      resampled.made.grid = grid;
+      one.made.grid = grid;
     };
     if (sheets[s].isVector()) {
       finish(
@@ -436,63 +400,36 @@ std::vector<Resampled> resampleMesh(const Piece& piece, double voxel, const std:
       finish(
           openvdb::FloatGrid::create(), [](Sheet::Leaf & leaf) -> auto& { return leaf.scalar; });
     }
-    if (resampled.made.grid->empty()) {
+    if (one.made.grid->empty()) {
       throw VolumeError(file,
                         fmt::format("no voxel of {:g} has its centre in the mesh where {} has data",
                                     voxel, sheets[s].array().name),
                         "give a smaller --voxel");
     }
-    out.push_back(std::move(resampled));
+    out.push_back(std::move(one));
   }
   return out;
 }
 
-namespace {
+class VtkMesh final : public Mesh {
+ public:
+  explicit VtkMesh(vtkDataSet* mesh) : mesh_(mesh) {}
 
-/// At the image's own voxels, of those that have data.
-template <class GridT>
-Differences compareAt(const Piece& image, const Array& array, const GridT& grid) {
-  Differences differences;
-  const auto accessor = grid.getConstAccessor();
-  const int components = array.values->GetNumberOfComponents();
-  const vtkIdType row = image.size[0];
-  const vtkIdType rows = image.size[1];
-  // A few of them: where they are many, by a stride that is no divisor of a row.
-  const vtkIdType count = array.values->GetNumberOfTuples();
-  const vtkIdType stride = count / 200000 + 1;
-  for (vtkIdType point = 0; point < count; point += stride) {
-    if (image.hidden != nullptr && image.hidden->GetValue(point) != 0) continue;
-    Vec3d v(0.0);
-    for (int c = 0; c < components; ++c) v[c] = array.values->GetComponent(point, c);
-    if (!v.isFinite()) continue;
-    const vtkIdType i = point % row;
-    const vtkIdType j = point / row % rows;
-    const vtkIdType k = point / row / rows;
-    const Vec3 p =
-        image.file_from_index.linear *
-            Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k)) +
-        image.file_from_index.origin;
-    const auto there =
-        openvdb::tools::BoxSampler::sample(accessor, grid.worldToIndex(Vec3d(p.x(), p.y(), p.z())));
-    if constexpr (std::is_same_v<GridT, openvdb::FloatGrid>) {
-      differences.within.add(std::abs(v.x() - static_cast<double>(there)));
-    } else {
-      differences.within.add((v - Vec3d(there)).length());
-    }
+  [[nodiscard]] double suggestVoxel() const override { return suggestFor(mesh_); }
+  [[nodiscard]] std::vector<Resampled> resample(const std::vector<Array>& arrays, double voxel,
+                                                const std::string& file,
+                                                const Progress& progress) const override {
+    return resampled(mesh_, arrays, voxel, file, progress);
   }
-  return differences;
-}
+
+ private:
+  vtkSmartPointer<vtkDataSet> mesh_;
+};
 
 }  // namespace
 
-ResamplingError errorOf(const Piece& image, const Array& array, const Gridded& made) {
-  if (const auto scalar = openvdb::gridConstPtrCast<openvdb::FloatGrid>(made.grid)) {
-    const double low = std::min(made.lowest, made.background);
-    return compareAt(image, array, *scalar)
-        .relativeTo(std::max(made.highest, made.background) - low);
-  }
-  return compareAt(image, array, *openvdb::gridConstPtrCast<openvdb::Vec3SGrid>(made.grid))
-      .relativeTo(made.highest);
+std::shared_ptr<const Mesh> meshOf(vtkDataSet* mesh) {
+  return std::make_shared<VtkMesh>(mesh);
 }
 
 }  // namespace palpate::importer

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# The importer without VTK beside the one with it: light_test.sh BIN_DIR
+set -euo pipefail
+light=$1/palpate-import-light
+whole=$1/palpate-import
+image=/usr/share/mricron/templates/ch2.nii.gz
+if [ ! -f $image ]; then
+    echo "mricron-data is not there"
+    exit 77
+fi
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+! ldd "$light" | grep -i vtk || { echo "it loads VTK"; exit 1; }
+ldd "$whole" | grep -qi vtk || { echo "the other does not: there is nothing to compare"; exit 1; }
+"$light" $image "$work/light.vdb" --smooth 1 --json >"$work/light.json"
+"$whole" $image "$work/whole.vdb" --smooth 1 --json >"$work/whole.json"
+# But for the identity that OpenVDB gives every file, behind 21 bytes of a header.
+cmp --ignore-initial=57 "$work/light.vdb" "$work/whole.vdb"
+diff <(sed 's/light\.vdb//; /"peak"/d' "$work/light.json") \
+    <(sed 's/whole\.vdb//; /"peak"/d' "$work/whole.json")
+
+# The verb takes the whole one, and without it the light one.
+cp "$1/palpate" "$work/"
+cp "$light" "$work/"
+"$work/palpate" import $image "$work/verb.vdb" >/dev/null
+printf '# vtk DataFile Version 3.0\nx\nASCII\n' >"$work/a.vtk"
+said=$("$work/palpate" import "$work/a.vtk" "$work/a.vdb" 2>&1) && { echo "it took a .vtk"; exit 1; }
+[[ $said == *"without VTK"*"install the package palpate-import"* ]] || { echo "it said: $said"; exit 1; }
+[ ! -e "$work/a.vdb" ]
+echo "1 passed, 0 failed"

@@ -1,0 +1,98 @@
+// The importer's Gaussian against VTK's.
+#include "palpate/scenes/import/smooth.h"
+
+#include <array>
+#include <cmath>
+#include <random>
+
+#include <catch2/catch.hpp>
+#include <vtkFloatArray.h>
+#include <vtkImageData.h>
+#include <vtkImageGaussianSmooth.h>
+#include <vtkNew.h>
+#include <vtkPointData.h>
+
+#include "palpate/engine/error.h"
+
+using namespace palpate;
+using namespace palpate::importer;
+
+namespace {
+
+Piece noise(int components, const Vec3& spacing) {
+  std::mt19937 generator(7);
+  std::uniform_real_distribution<float> uniform(-50.0F, 200.0F);
+  Piece image;
+  image.size = {23, 17, 11};
+  image.file_from_index.linear = spacing.asDiagonal();
+  const Values values(Type::kFloat32, components, std::size_t{23} * 17 * 11);
+  for (std::size_t i = 0; i < values.size(); ++i) values.as<float>()[i] = uniform(generator);
+  image.arrays.push_back({"a", values, "", "", false});
+  return image;
+}
+
+/// What VTK makes of it.
+vtkSmartPointer<vtkDataArray> byVtk(const Piece& image, double width) {
+  const Values& values = image.arrays[0].values;
+  vtkNew<vtkFloatArray> floats;
+  floats->SetNumberOfComponents(values.components());
+  floats->SetNumberOfTuples(static_cast<vtkIdType>(values.tuples()));
+  std::copy_n(values.as<float>(), values.size(), floats->GetPointer(0));
+  vtkNew<vtkImageData> data;
+  data->SetDimensions(image.size.data());
+  data->GetPointData()->SetScalars(floats);
+  vtkNew<vtkImageGaussianSmooth> gauss;
+  gauss->SetInputData(data);
+  gauss->SetDimensionality(3);
+  const Vec3 spacing = image.file_from_index.linear.diagonal();
+  gauss->SetStandardDeviations(width / spacing[0], width / spacing[1], width / spacing[2]);
+  gauss->SetRadiusFactors(3.0, 3.0, 3.0);
+  gauss->Update();
+  return gauss->GetOutput()->GetPointData()->GetScalars();
+}
+
+}  // namespace
+
+TEST_CASE("the importer's Gaussian is VTK's, also at edges and along short axes", "[smooth]") {
+  const Vec3 spacing(1.0, 0.7, 2.5);
+  for (const int components : {1, 3}) {
+    for (const double width : {0.1, 0.4, 1.0, 3.0, 9.0}) {
+      CAPTURE(components, width);
+      Piece image = noise(components, spacing);
+      const auto expected = byVtk(image, width);
+      const Smoothed smoothed = smoothImage(image, image.arrays[0], width, "x");
+      const Values& values = image.arrays[0].values;
+      double worst = 0.0;
+      for (std::size_t i = 0; i < values.tuples(); ++i) {
+        for (int c = 0; c < components; ++c) {
+          const double there = expected->GetComponent(static_cast<vtkIdType>(i), c);
+          worst = std::max(worst, std::abs(values.at(i, c) - there));
+        }
+      }
+      CHECK(worst < 2e-4);
+      CHECK(smoothed.range > 0.0);
+    }
+  }
+}
+
+TEST_CASE("what is constant stays so, and the rms change is that of the values", "[smooth]") {
+  Piece image = noise(1, Vec3::Ones());
+  Piece flat = noise(1, Vec3::Ones());
+  for (std::size_t i = 0; i < 4301; ++i) flat.arrays[0].values.as<float>()[i] = 3.0F;
+  CHECK(smoothImage(flat, flat.arrays[0], 2.0, "x").rms_change < 1e-6);
+  const Values before = image.arrays[0].values;
+  const Smoothed smoothed = smoothImage(image, image.arrays[0], 1.0, "x");
+  double squares = 0.0;
+  for (std::size_t i = 0; i < before.tuples(); ++i) {
+    squares += std::pow(image.arrays[0].values.at(i, 0) - before.at(i, 0), 2);
+  }
+  CHECK(smoothed.rms_change ==
+        Approx(std::sqrt(squares / static_cast<double>(before.tuples()))).epsilon(1e-9));
+}
+
+TEST_CASE("an image with holes is not smoothed, and a width beyond any image is", "[smooth]") {
+  Piece image = noise(1, Vec3::Ones());
+  CHECK(smoothImage(image, image.arrays[0], 1e6, "x").range < 1e-2);
+  image.arrays[0].values.as<float>()[5] = std::nanf("");
+  CHECK_THROWS_AS(smoothImage(image, image.arrays[0], 1.0, "x"), VolumeError);
+}
