@@ -119,6 +119,22 @@ class Documents(unittest.TestCase):
             self.assertEqual(broken_links(text, page.parent), [], page)
 
 
+class Programs(unittest.TestCase):
+    def test_what_pages_show_is_what_is_built(self):
+        """A block of C or C++ is lines of a source, as they stand there."""
+        sources = [path.read_text(encoding="utf-8")
+                   for folder in ("scenes", "tests/scenes/embed")
+                   for path in (ROOT / folder).rglob("*.c*")]
+        shown = 0
+        for page in [ROOT / "README.md", ROOT / "docs" / "embed.md"]:
+            for block in re.findall(r"^```c(?:pp)?\n(.*?)^```$", page.read_text(encoding="utf-8"),
+                                    flags=re.S | re.M):
+                shown += 1
+                self.assertTrue(any(block in source for source in sources),
+                                f"{page.name} shows what no source has:\n{block}")
+        self.assertGreater(shown, 8)
+
+
 class Paper(unittest.TestCase):
     @classmethod
     def setUpClass(cls):

@@ -67,6 +67,11 @@ install(TARGETS ${libraries} EXPORT palpate
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library)
 install(EXPORT palpate NAMESPACE palpate:: FILE palpate-targets.cmake
   DESTINATION ${config} COMPONENT library)
+if(NOT PALPATE_ENGINE_ONLY)
+  set_target_properties(palpate_c PROPERTIES EXPORT_NAME c)
+  install(TARGETS palpate_c EXPORT palpate
+    LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT programs NAMELINK_COMPONENT library)
+endif()
 include(CMakePackageConfigHelpers)
 configure_file(${here}/palpate-config.cmake.in ${PALPATE_GENERATED}/palpate-config.cmake @ONLY)
 write_basic_package_version_file(${PALPATE_GENERATED}/palpate-config-version.cmake

@@ -17,6 +17,9 @@ holds palpate ./usr/lib/udev/rules.d/70-palpate-arms.rules
 holds palpate ./usr/share/man/man1/palpate-feel.1
 holds palpate ./usr/share/palpate/palpate-limits.conf
 holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
+holds libpalpate-dev ./usr/include/palpate/scenes/c_api.h
+holds palpate "./usr/lib/.*/libpalpate_c.so.0"
+holds libpalpate-dev "./usr/lib/.*/libpalpate_c.so"
 for each in palpate*.deb python3*.deb; do
     ! dpkg-deb -f "$each" Depends | grep -- -dev || fail "$each asks for a -dev package"
 done

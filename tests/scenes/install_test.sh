@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # What cmake --install puts in place works there, verb by verb: install_test.sh BUILD [PYTHON]
 set -euo pipefail
+here=$(cd "$(dirname "$0")" && pwd)
 place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 cmake --install "$1" --prefix "$place/usr" >/dev/null
@@ -52,6 +53,10 @@ PATH=$place/usr/bin:$PATH bash -ec '
     . usr/share/bash-completion/completions/palpate
     COMP_WORDS=(palpate fe) COMP_CWORD=1; _palpate; [ "${COMPREPLY[*]}" = feel ]
     COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]'
+# A host in C finds the header and the library.
+"${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include \
+    "$here/embed/host.c" -o host -L"$(dirname "$(find usr -name libpalpate_c.so)")" -lpalpate_c
+LD_LIBRARY_PATH=$(dirname "$(find "$place/usr" -name libpalpate_c.so)") ./host bodies.vdb | grep -q "at most 0"
 module=$(find usr -name 'palpate*.so')
 if [ -n "$module" ]; then
     PYTHONPATH=$(dirname "$module") "$2" -c 'import palpate; palpate.Scene.load("bodies.vdb").step(0, 0, 0)'

@@ -1,0 +1,140 @@
+/// palpate in somebody else's servo loop.
+#include "palpate/devices/servo.h"
+
+#include <cmath>
+#include <limits>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/analytic_field.h"
+#include "tests/support/counters.h"
+
+using namespace palpate;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+
+DeviceInfo arm() {
+  DeviceInfo info;
+  info.name = "arm";
+  info.watch.late = 1.0;  // whatever else the machine does meanwhile
+  return info;
+}
+
+std::shared_ptr<const Scene> ball() {
+  GraphSpec graph;
+  ModeSpec skin;
+  skin.kind = ModeKind::kIsosurface;
+  skin.of = "ball";
+  skin.solid = Solid::kBelow;
+  skin.strength = 3.0;
+  graph.modes.push_back(skin);
+  return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
+}
+
+/// Comes down to 2 mm below the surface and stays; the last force.
+Vec3 press(Servo& servo, int ticks = 2000) {
+  Vec3 force = Vec3::Zero();
+  for (int i = 0; i < ticks; ++i) {
+    HandState hand;
+    hand.position = {0.0, 0.0, std::max(0.06 - 5e-5 * i, 0.038)};
+    force = servo.tick(hand, kDt);
+  }
+  return force;
+}
+
+}  // namespace
+
+TEST_CASE("a servo feels what it is given, and nothing before that", "[servo]") {
+  Servo servo(arm(), 1.0 / kDt);
+  CHECK(press(servo, 100) == Vec3::Zero());
+  servo.publish(ball());
+  const Vec3 force = press(servo);
+  CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // 500 N/m, 2 mm
+  CHECK(servo.latest().report.proxy.z() == Approx(0.04).margin(1e-6));
+  CHECK(servo.latest().fault == Fault::kNone);
+}
+
+TEST_CASE("a servo's force engages slowly, also behind a fault", "[servo]") {
+  Servo servo(arm(), 1.0 / kDt);
+  servo.publish(ball());
+  (void)press(servo);
+  servo.cut();
+  HandState hand;
+  hand.position = {0.0, 0.0, 0.038};
+  CHECK(servo.tick(hand, kDt) == Vec3::Zero());
+  CHECK(servo.latest().fault == Fault::kStopped);
+  servo.clear();
+  // Anew from outside: what the peak would be after so long.
+  const double peak = arm().limits.peak;
+  double strongest = 0.0;
+  for (int i = 0; i < 400; ++i) {
+    hand.position.z() = i < 40 ? 0.038 + 1e-4 * i : std::max(0.042 - 1e-4 * (i - 40), 0.036);
+    const double force = servo.tick(hand, kDt).norm();
+    CHECK(force <= peak * (i + 1) * kDt / kEngage * (1.0 + 1e-9));
+    strongest = std::max(strongest, force);
+  }
+  CHECK(strongest > 0.5);
+}
+
+TEST_CASE("a servo cuts where its caller or its arm is wrong", "[servo]") {
+  const auto faultOf = [](const HandState& hand, double dt) {
+    Servo servo(arm(), 1.0 / kDt);
+    servo.publish(ball());
+    (void)press(servo);
+    CHECK(servo.tick(hand, dt) == Vec3::Zero());
+    const Fault fault = servo.latest().fault;
+    HandState good;
+    good.position = {0.0, 0.0, 0.038};
+    CHECK(servo.tick(good, kDt) == Vec3::Zero());  // latched
+    return fault;
+  };
+  HandState hand;
+  hand.position = {0.0, 0.0, 0.038};
+  CHECK(faultOf(hand, 1.1) == Fault::kLate);
+  hand.fault = Fault::kPower;
+  CHECK(faultOf(hand, kDt) == Fault::kPower);
+  hand.fault = Fault::kNone;
+  hand.age = 1.0;
+  CHECK(faultOf(hand, kDt) == Fault::kStale);
+  hand.age = 0.0;
+  hand.position.x() = 0.1;
+  CHECK(faultOf(hand, kDt) == Fault::kJump);
+  hand.position.x() = std::numeric_limits<double>::quiet_NaN();
+  CHECK(faultOf(hand, kDt) == Fault::kNotFinite);
+}
+
+TEST_CASE("a servo's time that is none lets no force grow", "[servo]") {
+  for (const double dt : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(),
+                          std::numeric_limits<double>::infinity()}) {
+    Servo servo(arm(), 1.0 / kDt);
+    servo.publish(ball());
+    const double before = press(servo).norm();
+    HandState deeper;
+    deeper.position = {0.0, 0.0, 0.0375};
+    CHECK(servo.tick(deeper, dt).norm() <= before * (1.0 + 1e-12));
+    // And it is over with that tick.
+    servo.clear();
+    (void)press(servo);
+    CHECK(servo.latest().fault == Fault::kNone);
+    CHECK(servo.latest().report.force.z() == Approx(1.0).epsilon(1e-6));
+  }
+}
+
+TEST_CASE("a servo's tick takes no memory, and numbers that are none are refused", "[servo]") {
+  Servo servo(arm(), 1.0 / kDt);
+  servo.publish(ball());
+  {
+    const test::CountScope scope;
+    (void)press(servo);
+    CHECK(test::CountScope::counts().allocations == 0);
+  }
+  for (const double rate : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    CHECK_THROWS_AS(Servo(arm(), rate), DeviceError);
+  }
+  DeviceInfo weak = arm();
+  weak.limits.peak = 0.0;
+  CHECK_THROWS_AS(Servo(weak, 1000.0), DeviceError);
+}

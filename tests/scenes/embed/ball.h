@@ -1,0 +1,18 @@
+// What the programs of docs/embed.md feel: a ball of 4 cm that holds a hand with 2 N.
+#pragma once
+
+#include <memory>
+
+#include "palpate/scenes/palpate.h"
+
+inline std::shared_ptr<const palpate::Scene> ball() {
+  palpate::SceneSpec spec;
+  spec.volumes["ball"].field = palpate::makeSphere(palpate::Vec3::Zero(), 0.04);
+  palpate::ModeSpec skin;
+  skin.kind = palpate::ModeKind::kIsosurface;
+  skin.of = "ball";
+  skin.solid = palpate::Solid::kBelow;
+  skin.strength = 2.0;
+  spec.graph.modes.push_back(skin);
+  return palpate::buildScene(spec).scene;
+}

@@ -1,0 +1,50 @@
+// palpate in CHAI3D's haptics thread. docs/embed.md
+#include "chai3d.h"
+
+#include <cstdio>
+
+#include "ball.h"
+#include "palpate/devices/servo.h"
+
+// What CHAI3D knows of the arm. Positions are metres, forces newtons, z is up in both.
+palpate::DeviceInfo infoOf(chai3d::cGenericHapticDevice& device) {
+  const chai3d::cHapticDeviceInfo known = device.getSpecifications();
+  palpate::DeviceInfo info;
+  info.name = "chai3d";
+  info.limits.peak = known.m_maxLinearForce;
+  info.max_stiffness = known.m_maxLinearStiffness;
+  info.max_damping = known.m_maxLinearDamping;
+  info.workspace_radius = known.m_workspaceRadius;
+  return info;
+}
+
+// Its updateHaptics(), once around.
+void updateHaptics(chai3d::cGenericHapticDevice& device, palpate::Servo& servo, double dt) {
+  chai3d::cVector3d position;
+  palpate::HandState hand;
+  if (device.getPosition(position)) {
+    hand.position = {position.x(), position.y(), position.z()};
+  } else {
+    hand.fault = palpate::Fault::kStale;
+  }
+  const palpate::Vec3 force = servo.tick(hand, dt);
+  device.setForce(chai3d::cVector3d(force.x(), force.y(), force.z()));
+}
+
+int main() try {
+  chai3d::cGenericHapticDevice device;
+  palpate::Servo servo(infoOf(device), 1000.0);
+  servo.publish(ball());
+  chai3d::cPrecisionClock clock;
+  double last = clock.getCurrentTimeSeconds();
+  for (int i = 0; i <= 639; ++i) {
+    const double now = clock.getCurrentTimeSeconds();
+    updateHaptics(device, servo, now - last);
+    last = now;
+  }
+  std::printf("chai3d: force %.2f N, fault: %s\n", device.sent.z(),
+              palpate::wordFor(servo.latest().fault));
+} catch (const palpate::Error& e) {
+  std::fprintf(stderr, "chai3d: %s\n", e.what());
+  return 2;
+}

@@ -1,0 +1,66 @@
+// A device of one's own. docs/embed.md
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <thread>
+
+#include "ball.h"
+
+// What stands for a driver: an arm that comes down to 38 mm above the ball's centre, 10 mm/s.
+struct Driver {
+  bool counts(int out[3]) {
+    out[0] = out[1] = 0;
+    out[2] = std::max(4200 - ticks_++, 3800);
+    return true;
+  }
+  bool currents(const double /*amperes*/[3]) { return true; }
+
+ private:
+  int ticks_ = 0;
+};
+
+class MyArm final : public palpate::Device {
+ public:
+  explicit MyArm(Driver& driver) : driver_(driver) {
+    info_.name = "my arm";
+    info_.limits.peak = 5.0;      // [N]
+    info_.limits.slew = 2000.0;   // [N/s]
+    info_.max_stiffness = 800.0;  // [N/m]
+    info_.watch.stale = 0.01;     // a position older than this is a fault [s]
+    info_.source = "its data sheet";
+  }
+
+  const palpate::DeviceInfo& info() const noexcept override { return info_; }
+
+  // Neither allocates nor waits: it gives the newest counts that there are, and says how old.
+  palpate::HandState read() noexcept override {
+    palpate::HandState hand;
+    int counts[3] = {0, 0, 0};
+    if (!driver_.counts(counts)) hand.fault = palpate::Fault::kGone;
+    hand.position = palpate::Vec3(counts[0], counts[1], counts[2]) * 1e-5;  // 10 um a count
+    return hand;
+  }
+
+  void write(const palpate::Vec3& force) noexcept override {
+    const double amperes[3] = {0.4 * force.x(), 0.4 * force.y(), 0.4 * force.z()};
+    if (!driver_.currents(amperes)) fault_ = palpate::Fault::kWrite;
+  }
+
+ private:
+  Driver& driver_;
+  palpate::DeviceInfo info_;
+  palpate::Fault fault_ = palpate::Fault::kNone;
+};
+
+int main() try {
+  Driver driver;
+  MyArm arm(driver);
+  palpate::HapticThread hand(arm);  // 1 kHz, until it is destroyed
+  hand.publish(ball());
+  while (hand.latest().tick < 500) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  std::printf("%s: proxy at %.0f mm\n", arm.info().name.c_str(),
+              1e3 * hand.latest().report.proxy.z());
+} catch (const palpate::Error& e) {
+  std::fprintf(stderr, "device: %s\n", e.what());
+  return 2;
+}

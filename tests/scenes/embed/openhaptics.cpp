@@ -1,0 +1,46 @@
+// palpate in a callback of OpenHaptics' scheduler. docs/embed.md
+#include <HD/hd.h>
+#include <cstdio>
+
+#include "ball.h"
+#include "palpate/devices/servo.h"
+
+// Its millimetres and its axes (x right, y up, z to the user) beside a volume's metres and z up.
+const palpate::Mat3 kFromArm = (palpate::Mat3() << 1, 0, 0, 0, 0, -1, 0, 1, 0).finished();
+
+palpate::DeviceInfo infoOfArm() {
+  HDdouble peak = 0.0;
+  hdGetDoublev(HD_NOMINAL_MAX_FORCE, &peak);
+  palpate::DeviceInfo info;
+  info.name = "openhaptics";
+  info.limits.peak = peak;
+  return info;
+}
+
+// To be given to hdScheduleAsynchronous, with the Servo.
+HDCallbackCode HDCALLBACK onServo(void* data) {
+  auto& servo = *static_cast<palpate::Servo*>(data);
+  hdBeginFrame(hdGetCurrentDevice());
+  HDdouble rate = 1000.0;
+  hdGetDoublev(HD_INSTANTANEOUS_UPDATE_RATE, &rate);
+  HDdouble millimetres[3];
+  hdGetDoublev(HD_CURRENT_POSITION, millimetres);
+  palpate::HandState hand;
+  hand.position = kFromArm * palpate::Vec3(millimetres[0], millimetres[1], millimetres[2]) * 1e-3;
+  const palpate::Vec3 force = kFromArm.transpose() * servo.tick(hand, 1.0 / rate);
+  const HDdouble newtons[3] = {force.x(), force.y(), force.z()};
+  hdSetDoublev(HD_CURRENT_FORCE, newtons);
+  hdEndFrame(hdGetCurrentDevice());
+  return HD_CALLBACK_CONTINUE;
+}
+
+int main() try {
+  palpate::Servo servo(infoOfArm(), 1000.0);
+  servo.publish(ball());
+  for (int i = 0; i <= 639; ++i) onServo(&servo);
+  std::printf("openhaptics: force %.2f N, fault: %s\n", hd_shape::sent[1],
+              palpate::wordFor(servo.latest().fault));
+} catch (const palpate::Error& e) {
+  std::fprintf(stderr, "openhaptics: %s\n", e.what());
+  return 2;
+}
