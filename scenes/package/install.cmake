@@ -69,8 +69,10 @@ install(EXPORT palpate NAMESPACE palpate:: FILE palpate-targets.cmake
   DESTINATION ${config} COMPONENT library)
 if(NOT PALPATE_ENGINE_ONLY)
   set_target_properties(palpate_c PROPERTIES EXPORT_NAME c)
-  install(TARGETS palpate_c EXPORT palpate
+  install(TARGETS palpate_c EXPORT palpate-c
     LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT programs NAMELINK_COMPONENT library)
+  install(EXPORT palpate-c NAMESPACE palpate:: FILE palpate-c-targets.cmake
+    DESTINATION ${config} COMPONENT library)
 endif()
 include(CMakePackageConfigHelpers)
 configure_file(${here}/palpate-config.cmake.in ${PALPATE_GENERATED}/palpate-config.cmake @ONLY)
@@ -113,7 +115,8 @@ set(CPACK_COMPONENTS_ALL programs library)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, python3-matplotlib")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA ${here}/postinst ${here}/postrm)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
+    ${here}/postinst ${here}/postrm ${here}/triggers)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")

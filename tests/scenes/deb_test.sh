@@ -18,8 +18,8 @@ holds palpate ./usr/share/man/man1/palpate-feel.1
 holds palpate ./usr/share/palpate/palpate-limits.conf
 holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
 holds libpalpate-dev ./usr/include/palpate/scenes/c_api.h
-holds palpate "./usr/lib/.*/libpalpate_c.so.0"
-holds libpalpate-dev "./usr/lib/.*/libpalpate_c.so"
+holds palpate "./usr/lib/.*libpalpate_c.so.0"
+holds libpalpate-dev "./usr/lib/.*libpalpate_c.so"
 for each in palpate*.deb python3*.deb; do
     ! dpkg-deb -f "$each" Depends | grep -- -dev || fail "$each asks for a -dev package"
 done
@@ -30,6 +30,7 @@ if ls palpate-import_*.deb >/dev/null 2>&1; then
 fi
 # A member of the group gets what the loop asks for, and an administrator's own file stays.
 dpkg-deb -e palpate_*.deb control
+[ "$(cat control/triggers)" = "activate-noawait ldconfig" ] || fail "no ldconfig"
 sh -n control/postinst && sh -n control/postrm
 grep -q "addgroup --system --quiet realtime" control/postinst
 for each in *.deb; do

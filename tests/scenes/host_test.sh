@@ -35,6 +35,19 @@ for compiler in "${compilers[@]}"; do
         -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON -DCMAKE_DISABLE_FIND_PACKAGE_TBB=ON
 done
 
+# In C, where there is no Eigen; and without the shared library, which is another package's.
+"$1/bin/palpate" make two-bodies "$place/bodies.vdb" >/dev/null
+configure host_c host_c "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON
+quietly cmake --build "$place/host_c"
+"$place/host_c/host" "$place/bodies.vdb" | head -1
+find "$place/usr" -name 'libpalpate_c.so.*' -delete
+says host_engine without_c "$3" "force 2.00 N, proxy 40.0 mm" -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON
+if cmake -S "$hosts/host_c" -B "$place/no_c" -DCMAKE_PREFIX_PATH="$place/usr" >"$place/log" 2>&1; then
+    echo "host_c found what is not there"
+    exit 1
+fi
+grep -q "install the package palpate" "$place/log"
+
 # As a folder: it builds what it links and nothing else. What that is, is not compiled once more here.
 configure host folder "$3" -DPALPATE="$2"
 grep -q "CMAKE_BUILD_TYPE:STRING=$" "$place/folder/CMakeCache.txt"
