@@ -14,7 +14,7 @@ namespace palpate {
 /// and slew-limited, and cut where something is wrong. Its clock is the caller's.
 ///
 /// Two threads use it: `tick` is the servo's, the rest is the application's.
-class Servo {
+class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's mailboxes
  public:
   /// @param arm   What the arm can do, in particular its limits. `hand` is to be false only where
   ///              no hand can be on it: then forces do not engage and positions are not watched.

@@ -14,6 +14,7 @@
 #include "palpate/scenes/cli/explain_tick.h"
 #include "palpate/scenes/scene_file.h"
 
+// NOLINTBEGIN(readability-identifier-naming): C's names
 struct palpate_hand {
   palpate_hand(palpate::DeviceInfo of, double at) : arm(of), rate(at), servo(std::move(of), at) {}
 
@@ -143,7 +144,7 @@ void palpate_clear(palpate_hand* hand) {
 }
 
 const char* palpate_fault_words(int fault) {
-  static const auto kAll = [] {
+  static const auto all_words = [] {
     std::array<std::string, palpate::kFaults + 1> all;
     for (std::size_t i = 1; i <= palpate::kFaults; ++i) {
       const auto one = static_cast<palpate::Fault>(i);
@@ -152,7 +153,7 @@ const char* palpate_fault_words(int fault) {
     return all;
   }();
   const auto known = static_cast<std::size_t>(std::max(fault, 0));
-  return known < kAll.size() ? kAll[known].c_str() : "";
+  return known < all_words.size() ? all_words[known].c_str() : "";
 }
 
 long palpate_explain(palpate_hand* hand, const double at[3], const double push[3], char* text,
@@ -171,3 +172,4 @@ long palpate_explain(palpate_hand* hand, const double at[3], const double push[3
   const auto length = static_cast<long>((failure.empty() ? out : failure).size());
   return failure.empty() ? length : -length;
 }
+// NOLINTEND(readability-identifier-naming)

@@ -1,12 +1,13 @@
-/** palpate for hosts in other languages: a scene and one hand in it, in C99.
+/** palpate for hosts in other languages: a scene and one hand in it, in C99. Link palpate_c.
  *
- *  Metres, seconds, newtons; right-handed axes, z up where a volume's are. A host's servo loop
- * calls palpate_tick with where its arm is and sends the force that comes back. Functions that can
- * fail say so in one line (what, why, remedy), cut to what the caller has room for. Link palpate_c.
+ *  Metres, seconds, newtons; right-handed axes, z up where a volume's is. A host's servo loop calls
+ *  palpate_tick with where its arm is, and sends the force that comes back. Functions that can fail
+ *  say so in one line (what, why, remedy), cut to what the caller has room for.
  */
 #ifndef PALPATE_SCENES_C_API_H
 #define PALPATE_SCENES_C_API_H
 
+/* It is C: NOLINTBEGIN(modernize-*,readability-identifier-naming) */
 #include <stddef.h>
 
 #ifdef __cplusplus
@@ -80,5 +81,6 @@ long palpate_explain(palpate_hand* hand, const double at[3], const double push[3
 #ifdef __cplusplus
 }
 #endif
+/* NOLINTEND(modernize-*,readability-identifier-naming) */
 
 #endif

@@ -258,7 +258,7 @@ class DicomReader final : public Reader {
     for (const auto& [file, places] : of_file) {
       std::vector<int> frames;
       for (const std::size_t k : places) frames.push_back(slices[k].frame);
-      const Values values = framesOf(file, frames);
+      Values values = framesOf(file, frames);
       if (values.none() || values.components() != 1 || values.tuples() != plane * frames.size() ||
           (!out.none() && values.type() != out.type())) {
         throw VolumeError(paths_[file].string(), "its pixels do not fit the others'", kAgain);

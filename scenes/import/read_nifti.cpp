@@ -351,7 +351,7 @@ class NiftiReader final : public Reader {
     try {
       values = Values(type_, static_cast<int>(components), points);
       const std::size_t bytes = points * values.bytesEach();
-      const auto readVolume = [&](std::size_t volume, char* to, const Progress& progress) {
+      const auto read_volume = [&](std::size_t volume, char* to, const Progress& progress) {
         const auto first = static_cast<std::uint64_t>(header_.offset) + volume * bytes;
         const bool last = volume + 1 == steps * static_cast<std::size_t>(size[5]);
         if (!in.seek(first) || !in.read(to, bytes, progress) || (last && !in.endsWell())) {
@@ -359,11 +359,11 @@ class NiftiReader final : public Reader {
         }
       };
       if (components == 1) {
-        readVolume(step, values.as<char>(), request_.progress);
+        read_volume(step, values.as<char>(), request_.progress);
       } else {
         Values plane(type_, 1, points);
         for (std::size_t c = 0; c < components; ++c) {
-          readVolume(step + c * stride, plane.as<char>(), nullptr);
+          read_volume(step + c * stride, plane.as<char>(), nullptr);
           visit(plane, [&](const auto* from) {
             using T = std::remove_const_t<std::remove_pointer_t<decltype(from)>>;
             T* to = values.as<T>() + c;

@@ -306,6 +306,7 @@ std::vector<Resampled> resampled(vtkDataSet* mesh, const std::vector<Array>& arr
   locator->BuildLocator();
 
   std::vector<Sheet> sheets;
+  sheets.reserve(arrays.size());
   for (const Array& array : arrays) sheets.emplace_back(array);
   constexpr int kEdge = 8;
   const std::array<int, 3> leaves{(size[0] + kEdge - 1) / kEdge, (size[1] + kEdge - 1) / kEdge,

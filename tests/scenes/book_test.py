@@ -1,0 +1,77 @@
+#!/usr/bin/env python3
+"""The book's first pages: every block of commands runs as it stands, in the order of its page.
+
+book_test.py BIN_DIR. A block of JSON is the scene that the next commands name. Then the book is built,
+where mkdocs is.
+"""
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+BIN = Path(sys.argv[1]).resolve()
+ROOT = Path(__file__).resolve().parents[2]
+HEAD = Path("/usr/share/mricron/templates/ch2.nii.gz")
+BLOCK = re.compile(r"^```(sh|json)\n(.*?)^```$", re.S | re.M)
+
+
+def script(page):
+    """What a reader of the page types and saves."""
+    blocks = BLOCK.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
+    lines = ["set -euo pipefail"]
+    for at, (kind, text) in enumerate(blocks):
+        if kind == "sh":
+            lines.append(text)
+            continue
+        rest = "".join(text for kind, text in blocks[at + 1:] if kind == "sh")
+        name = re.search(r"[\w-]+\.json", rest)[0]
+        lines.append(f"cat >{name} <<'END'\n{text}END")
+    return "\n".join(lines)
+
+
+class Pages(unittest.TestCase):
+    def run_page(self, page, *said):
+        with tempfile.TemporaryDirectory() as folder:
+            env = {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}"}
+            done = subprocess.run(["bash", "-c", script(page)], cwd=folder, env=env, text=True,
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+            self.assertEqual(done.returncode, 0, done.stdout[-2000:])
+            for words in said:
+                self.assertRegex(done.stdout, words)
+            self.assertNotIn("palpate:", done.stdout)  # nothing to complain of
+
+    @unittest.skipUnless(HEAD.exists(), "needs mricron-data")
+    def test_your_ct(self):
+        self.run_page("your_ct.md", r"4392672 active voxels", r"felt +skin: .* touches",
+                      r"felt +inner: .* touches")
+
+    def test_your_flow(self):
+        self.run_page("your_flow.md", r"felt +stream: ", r"mode +tip: vortex_tube")
+
+    def test_questions(self):
+        self.run_page("questions.md", r"because +", r"room +")
+
+
+class Book(unittest.TestCase):
+    def test_it_is_built_and_nothing_is_left_out(self):
+        if shutil.which("mkdocs") is None:
+            self.skipTest("needs mkdocs")
+        with tempfile.TemporaryDirectory() as folder:
+            done = subprocess.run(["mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
+                                  cwd=ROOT, text=True, stdout=subprocess.PIPE,
+                                  stderr=subprocess.STDOUT, check=False)
+            self.assertEqual(done.returncode, 0, done.stdout)
+            listed = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+            for page in sorted((ROOT / "docs").glob("*.md")):
+                self.assertIn(f": {page.name}\n", listed, "a page that the book does not list")
+                self.assertTrue((Path(folder) / page.with_suffix(".html").name).exists())
+            self.assertIn("Your CT in five minutes",
+                          (Path(folder) / "index.html").read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
