@@ -56,6 +56,17 @@ class Pages(unittest.TestCase):
         self.run_page("questions.md", r"because +", r"room +")
 
 
+    def test_primitives(self):
+        self.run_page("primitives.md", r'"proxy":\[0\.0015196')
+
+    def test_its_pictures_are_drawn(self):
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(["/usr/bin/python3", str(ROOT / "bench" / "primitives_chart.py"), str(BIN),
+                            folder], check=True)
+            for name in ("primitives.png", "primitives.svg", "balance.png", "balance.svg"):
+                self.assertGreater((Path(folder) / name).stat().st_size, 10000, name)
+
+
 class Book(unittest.TestCase):
     def test_it_is_built_and_nothing_is_left_out(self):
         if shutil.which("mkdocs") is None:
