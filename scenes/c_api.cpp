@@ -66,7 +66,12 @@ void load(palpate_hand& hand, const std::string& path) {
   hand.path = path;
 }
 
+/// What is a limit of forces is the servo's to check.
 palpate::DeviceInfo infoOf(const palpate_arm& arm) {
+  if (!(arm.max_stiffness > 0.0) || !(arm.max_damping >= 0.0)) {
+    throw palpate::DeviceError("arm", "its largest stiffness or damping is no number",
+                               "give N/m and N s/m, or begin with palpate_weakest_arm()");
+  }
   palpate::DeviceInfo info;
   info.name = "arm";
   info.limits.peak = arm.peak;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <exception>
 #include <fcntl.h>
+#include <filesystem>
 #include <functional>
 #include <ios>
 #include <new>
@@ -50,6 +51,14 @@ constexpr std::array kVerbs{addInfo,      addImport,  addMake,    addShatter, ad
 
 namespace {
 
+/// Name, version and commit; below, how it was built and what is installed beside it.
+std::string versionLines() {
+  using namespace palpate;
+  const bool with_vtk = std::filesystem::exists(cli::programFolder() / "palpate-import");
+  return fmt::format("{}\n{}, {}; imports {}", versionText(), kCompiler, kBuildType,
+                     with_vtk ? "with VTK" : "without VTK");
+}
+
 int run(int argc, char** argv) {
   using namespace palpate;
   // By C's stdin an error would be an end.
@@ -58,7 +67,7 @@ int run(int argc, char** argv) {
       "palpate: feel a volume. Loads .vdb volumes and scenes, and turns what a hand meets "
       "in them into forces."};
   app.name("palpate");
-  app.set_version_flag("--version", versionText());
+  app.set_version_flag("--version", versionLines);
   app.require_subcommand(1);
   app.footer("Example:\n  palpate feel head.vdb --seconds 10 --trace trace.csv --summary -");
 

@@ -229,7 +229,7 @@ class NiftiReader final : public Reader {
   void classify() {
     const auto& size = header_.size;
     findType();
-    if (size[6] * size[7] != 1) {
+    if (size[6] != 1 || size[7] != 1) {
       refuse(fmt::format("it has {} dimensions", size[0]), "export it with 3, 4 or 5");
     }
     series_ = size[4] > 1;

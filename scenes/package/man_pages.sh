@@ -2,7 +2,7 @@
 # Writes palpate.1 and a page for each verb: man_pages.sh PALPATE FOLDER HELP2MAN
 set -euo pipefail
 mkdir -p "$2"
-version=$("$1" --version)
+version=$("$1" --version | head -1)
 page() {
     "$3" --no-info --no-discard-stderr --version-string "$version" --name "$4" \
         --output "$2/palpate${5:+-$5}.1" "$1${5:+ $5}"

@@ -13,7 +13,7 @@ int main(int argc, char** argv) {
     fprintf(stderr, "%s\n", error);
     return 2;
   }
-  palpate_felt felt;
+  palpate_felt felt = {0};
   double strongest = 0.0;
   int i;
   for (i = 0; i < 3000; ++i) {

@@ -1,0 +1,132 @@
+/// The page of C, by what it does with what is wrong.
+#include "palpate/scenes/c_api.h"
+
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "tests/support/counters.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+
+namespace {
+
+/// A ball of 43 mm, felt as a .vdb is; and its hand.
+class Host {
+ public:
+  Host() {
+    test::writeTestVolumes(folder_.path());
+    palpate_arm arm = palpate_weakest_arm();
+    arm.hand = 0;  // nobody's: it may jump, and forces come at once
+    char error[200];
+    hand = palpate_load(file().c_str(), &arm, 1000.0, error, sizeof error);
+    INFO(error);
+    REQUIRE(hand != nullptr);
+  }
+  Host(const Host&) = delete;
+  Host& operator=(const Host&) = delete;
+  ~Host() { palpate_unload(hand); }
+
+  [[nodiscard]] std::string file() const { return (folder_ / "ball.vdb").string(); }
+  palpate_felt tick(double z) const {
+    const double position[3] = {0.0, 0.0, z};
+    palpate_felt felt{};
+    CHECK(palpate_tick(hand, position, 1e-3, &felt) == felt.fault);
+    return felt;
+  }
+  /// From outside to within its surface.
+  palpate_felt press() const {
+    palpate_felt felt{};
+    for (int i = 0; i < 1000; ++i) felt = tick(0.06 - 2e-5 * i);
+    return felt;
+  }
+
+  palpate_hand* hand = nullptr;
+
+ private:
+  test::TemporaryFolder folder_;
+};
+
+}  // namespace
+
+TEST_CASE("a host in C feels a scene, and keeps it where another is wrong", "[c]") {
+  const Host host;
+  (void)host.press();
+  const double force = host.tick(0.04).force[2];
+  CHECK(force > 0.1);
+  char error[200];
+  CHECK(palpate_reload(host.hand, "no_such.vdb", error, sizeof error) == -1);
+  CHECK(std::string(error).rfind("no_such.vdb: no such file", 0) == 0);
+  CHECK(host.tick(0.04).force[2] == Approx(force).epsilon(1e-6));
+  CHECK(palpate_reload(host.hand, host.file().c_str(), error, sizeof error) == 0);
+  CHECK(std::string(error).empty());
+  const test::CountScope scope;
+  (void)host.tick(0.04);
+  CHECK(test::CountScope::counts().allocations == 0);
+}
+
+TEST_CASE("a host in C is told in one line what is wrong", "[c]") {
+  const Host host;
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const auto refusal = [&](const char* path, palpate_arm arm, double rate) {
+    char error[200];
+    CHECK(palpate_load(path, &arm, rate, error, sizeof error) == nullptr);
+    CHECK(std::strchr(error, '\n') == nullptr);
+    return std::string(error);
+  };
+  const palpate_arm good = palpate_weakest_arm();
+  CHECK(refusal(nullptr, good, 1000.0).rfind("path: it is null", 0) == 0);
+  CHECK(refusal(host.file().c_str(), good, nan).find("rate") != std::string::npos);
+  for (double palpate_arm::*number : {&palpate_arm::peak, &palpate_arm::slew,
+                                      &palpate_arm::max_stiffness, &palpate_arm::max_damping}) {
+    for (const double value : {nan, -1.0}) {
+      palpate_arm bad = good;
+      bad.*number = value;
+      CHECK(refusal(host.file().c_str(), bad, 1000.0).rfind("arm: ", 0) == 0);
+    }
+  }
+  char tiny[8];
+  CHECK(palpate_load("no_such.vdb", &good, 1000.0, tiny, sizeof tiny) == nullptr);
+  CHECK(std::string(tiny) == "no_such");
+  CHECK(palpate_load("no_such.vdb", &good, 1000.0, nullptr, 0) == nullptr);
+  palpate_unload(nullptr);
+}
+
+TEST_CASE("a host in C is cut until it clears, and told why", "[c]") {
+  const Host host;
+  (void)host.press();
+  const palpate_felt bad = host.tick(std::numeric_limits<double>::quiet_NaN());
+  CHECK(bad.fault != 0);
+  CHECK(bad.force[2] == 0.0);
+  CHECK(std::string(palpate_fault_words(bad.fault)).find(": ") != std::string::npos);
+  CHECK(host.tick(0.04).force[2] == 0.0);
+  palpate_clear(host.hand);
+  CHECK(host.press().force[2] > 0.1);
+  palpate_cut(host.hand);
+  CHECK(host.tick(0.04).force[2] == 0.0);
+  for (const int none : {0, -1, 1000}) CHECK(std::string(palpate_fault_words(none)).empty());
+}
+
+TEST_CASE("a host in C asks why, and gets all of it or as much as it has room for", "[c]") {
+  const Host host;
+  const double at[3] = {0.0, 0.0, 0.03};
+  const double push[3] = {0.0, 0.0, -1e-3};
+  const long length = palpate_explain(host.hand, at, push, nullptr, 0);
+  REQUIRE(length > 100);
+  std::string all(static_cast<std::size_t>(length) + 1, '\0');
+  CHECK(palpate_explain(host.hand, at, push, all.data(), all.size()) == length);
+  CHECK(std::strlen(all.c_str()) == static_cast<std::size_t>(length));
+  char some[10];
+  CHECK(palpate_explain(host.hand, at, push, some, sizeof some) == length);
+  CHECK(all.rfind(some, 0) == 0);
+  const double far[3] = {std::numeric_limits<double>::quiet_NaN(), 0.0, 0.0};
+  char why[200];
+  const long refused = palpate_explain(host.hand, far, push, why, sizeof why);
+  CHECK(refused == -static_cast<long>(std::strlen(why)));
+  CHECK(std::string(why).find(": ") != std::string::npos);
+}
