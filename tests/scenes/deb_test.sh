@@ -8,7 +8,8 @@ cd "$1"
 cpack -G DEB -B "$place" >"$place/log" 2>&1 || { cat "$place/log"; exit 1; }
 cd "$place"
 wants() { dpkg-deb -f "$1"_*.deb Depends; }
-holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -qx "$2" || { echo "$1 lacks $2"; exit 1; }; }
+# Not grep -q, here and below: it ends early, and under pipefail who still writes to it has failed.
+holds() { dpkg-deb -c "$1"_*.deb | awk '{print $6}' | grep -x "$2" >/dev/null || { echo "$1 lacks $2"; exit 1; }; }
 fail() { echo "debs: $*"; exit 1; }
 
 holds palpate ./usr/bin/palpate
@@ -24,9 +25,9 @@ for each in palpate*.deb python3*.deb; do
     ! dpkg-deb -f "$each" Depends | grep -- -dev || fail "$each asks for a -dev package"
 done
 [ "$(wants libpalpate-dev)" = "libeigen3-dev (>= 3.4)" ] || fail "the engine asks for more than Eigen"
-! wants palpate | grep -q vtk || fail "palpate asks for VTK"
+! wants palpate | grep vtk >/dev/null || fail "palpate asks for VTK"
 if ls palpate-import_*.deb >/dev/null 2>&1; then
-    wants palpate-import | grep -q vtk || fail "palpate-import asks for no VTK"
+    wants palpate-import | grep vtk >/dev/null || fail "palpate-import asks for no VTK"
 fi
 # A member of the group gets what the loop asks for, and an administrator's own file stays.
 dpkg-deb -e palpate_*.deb control

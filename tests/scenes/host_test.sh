@@ -39,7 +39,7 @@ done
 "$1/bin/palpate" make two-bodies "$place/bodies.vdb" >/dev/null
 configure host_c host_c "$3" -DCMAKE_PREFIX_PATH="$place/usr" -DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON
 quietly cmake --build "$place/host_c"
-"$place/host_c/host" "$place/bodies.vdb" | head -1
+"$place/host_c/host" "$place/bodies.vdb" | sed -n 1p
 find "$place/usr" -name 'libpalpate_c.so.*' -delete
 says host_engine without_c "$3" "force 2.00 N, proxy 40.0 mm" -DCMAKE_DISABLE_FIND_PACKAGE_OpenVDB=ON
 if cmake -S "$hosts/host_c" -B "$place/no_c" -DCMAKE_PREFIX_PATH="$place/usr" >"$place/log" 2>&1; then

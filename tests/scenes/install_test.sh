@@ -43,7 +43,7 @@ for verb in $("$palpate" --help | sed -n '/^Subcommands:/,/^$/s/^  \([a-z]*\) .*
 done
 
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
-"$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep -q current_a
+"$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
 if [ -d usr/share/man/man1 ]; then
     for verb in said.*; do grep -q "^.TH" "usr/share/man/man1/palpate-${verb#said.}.1"; done
@@ -55,10 +55,10 @@ PATH=$place/usr/bin:$PATH bash -ec '
     COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]'
 # A host in C finds the header and the library. With sanitizers it would have to be made with them.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
-if ! ldd "$shared/libpalpate_c.so" | grep -q libasan; then
+if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
     "${CC:-cc}" -std=c99 -Wall -Wextra -Wpedantic -Werror -Iusr/include "$here/embed/host.c" -o host \
         -L"$shared" -lpalpate_c
-    LD_LIBRARY_PATH=$shared ./host bodies.vdb | grep -q "at most 0"
+    LD_LIBRARY_PATH=$shared ./host bodies.vdb | grep "at most 0" >/dev/null
 fi
 module=$(find usr -name 'palpate*.so')
 if [ -n "$module" ]; then

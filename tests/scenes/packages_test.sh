@@ -46,10 +46,10 @@ install palpate
 [ -n "$(chroot "$root" getent group realtime)" ]
 grep -q rtprio "$root/etc/security/limits.d/palpate.conf"
 chroot "$root" palpate make two-bodies /bodies.vdb >/dev/null
-chroot "$root" palpate feel /bodies.vdb --seconds 2 | head -1
+chroot "$root" palpate feel /bodies.vdb --seconds 2 | sed -n 1p
 cp $image "$root/head.nii.gz"
-chroot "$root" palpate import /head.nii.gz /head.vdb --smooth 1 | head -1
-chroot "$root" palpate feel /head.vdb --seconds 5 | head -1
+chroot "$root" palpate import /head.nii.gz /head.vdb --smooth 1 | sed -n 1p
+chroot "$root" palpate feel /head.vdb --seconds 5 | sed -n 1p
 cat >"$root/cloud.vtk" <<'END'
 # vtk DataFile Version 3.0
 a ramp
@@ -66,7 +66,7 @@ END
 chroot "$root" palpate import /cloud.vtk /cloud.vdb >"$place/said" 2>&1 || true
 grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
 install palpate-import
-chroot "$root" palpate import /cloud.vtk /cloud.vdb | head -1
+chroot "$root" palpate import /cloud.vtk /cloud.vdb | sed -n 1p
 install python3-palpate
 chroot "$root" python3 -c '
 import palpate
