@@ -19,7 +19,7 @@ namespace palpate {
 /// arm is opened, that is how it stood when its first reports came.
 class ArmWatch {
  public:
-  explicit ArmWatch(HidProfile profile);
+  explicit ArmWatch(HidProfile profile);  ///< Of a parsed profile; takes milliseconds (factsOf).
 
   /// Takes all that waits. kGone: it was unplugged.
   ///

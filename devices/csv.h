@@ -15,9 +15,10 @@ namespace palpate {
 /// @param holder  Has the file; lives as long as what is returned.
 [[nodiscard]] std::istream& openInput(const std::string& file, std::ifstream& holder);
 
+/// A row of a table that readCsv has read.
 struct CsvRow {
-  std::size_t line = 0;  ///< In the file, from 1.
-  std::vector<double> values;
+  std::size_t line = 0;        ///< In the file, from 1.
+  std::vector<double> values;  ///< One a column, in the header's order; finite.
 };
 
 /// Reads a table whose header is exactly `columns` and whose every field is a finite number. Blank

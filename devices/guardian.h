@@ -24,8 +24,8 @@ namespace palpate {
 /// makes one in main().
 class Guardian {
  public:
-  static constexpr double kGuardTime = 0.015;  ///< [s]: zero force by 20 ms
-  static constexpr std::size_t kMostLoops = 8;
+  static constexpr double kGuardTime = 0.015;   ///< [s]: zero force by 20 ms
+  static constexpr std::size_t kMostLoops = 8;  ///< Watched at a time, each by a process.
 
   /// Throws DeviceError where the system gives no process.
   Guardian();

@@ -15,16 +15,17 @@ namespace palpate {
 
 /// A report of a device.
 struct DescribedReport {
+  /// Who sends it: the device (input), the host (output), or either on request (feature).
   enum class Way : std::uint8_t { kInput, kOutput, kFeature };
-  Way way = Way::kInput;
-  std::uint8_t id = 0;   ///< 0: the device numbers none.
-  std::size_t size = 0;  ///< Bytes, the number not among them.
+  Way way = Way::kInput;  ///< One number may be used for each way.
+  std::uint8_t id = 0;    ///< 0: the device numbers none.
+  std::size_t size = 0;   ///< Bytes, the number not among them.
 };
 
 /// Each of its reports once, by way and number.
 struct HidDescriptor {
-  bool numbered = false;  ///< All reports have a number, or none.
-  std::vector<DescribedReport> reports;
+  bool numbered = false;                 ///< All reports have a number, or none.
+  std::vector<DescribedReport> reports;  ///< As parsed at least one, by their first fields.
 };
 
 /// Reads a report descriptor as far as numbers and sizes go (Device Class Definition for HID 1.11,
@@ -35,9 +36,9 @@ struct HidDescriptor {
 
 /// What of a profile the device has otherwise.
 struct DescriptorComplaint {
-  std::string path;  ///< In the profile, as /input/0.
-  std::string what;  ///< In words, with what the device has.
-  std::string remedy;
+  std::string path;    ///< In the profile, as /input/0.
+  std::string what;    ///< In words, with what the device has.
+  std::string remedy;  ///< What to change in the profile, or to look at.
 };
 
 /// The first report of a profile that the device does not have so: a number forgotten or one too

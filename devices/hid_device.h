@@ -25,17 +25,18 @@ namespace palpate {
 /// The newest numbers that a device has sent. One thread.
 class HidInput {
  public:
-  explicit HidInput(const HidProfile& profile);
+  explicit HidInput(const HidProfile& profile);  ///< Keeps a reference to it. Allocates.
 
   /// Takes all that waits. kReport: every report that a joint comes from is new; kNothing also
   /// where the ring had overflowed, so
   /// that all was old. RT: as ReportPort::read.
   [[nodiscard]] Got takeNewest(ReportPort& port) noexcept PALPATE_NONBLOCKING;
-  /// Whether one has come since forget().
+  /// Whether one has come since forget(), and none was lost after it.
   [[nodiscard]] bool known(std::size_t report) const noexcept { return known_[report]; }
   /// Whether one was among what takeNewest has taken last.
   [[nodiscard]] bool came(std::size_t report) const noexcept { return came_[report]; }
-  /// Raw, as last taken; 0 before. The same for all fields where there are several reports.
+  /// Raw, as last taken; before that 0, of rate control the puck at rest. The same for all fields
+  /// where there are several reports.
   [[nodiscard]] double raw(const FieldRef& field) const noexcept {
     return values_[first_[field.report] + field.field];
   }
@@ -45,6 +46,7 @@ class HidInput {
   /// What another of the same profile has taken. RT: no allocation.
   void adopt(const HidInput& other) noexcept;
 
+  /// Reports since it was made, by what became of them.
   struct Counts {
     std::int64_t reports = 0;    ///< Used.
     std::int64_t taken = 0;      ///< Of any kind that the profile knows.
@@ -53,7 +55,7 @@ class HidInput {
     std::int64_t strange = 0;    ///< Too short, or of no number that the profile knows.
     std::int64_t repeated = 0;   ///< Sent again, by HidReportSpec::sequence.
   };
-  [[nodiscard]] const Counts& counts() const noexcept { return counts_; }
+  [[nodiscard]] const Counts& counts() const noexcept { return counts_; }  ///< So far.
 
  private:
   enum class Taken : std::uint8_t { kUsed, kStrange, kRepeated };
@@ -91,8 +93,8 @@ struct HidHost {
   /// What is known of the arm's friction, and what the energy tank does with it; nothing where it
   /// is not known.
   MeasuredArm measured = {};
-  TankUse tank = TankUse::kObserve;
-  double refill = 0.0;   ///< TankParams::refill [W].
+  TankUse tank = TankUse::kObserve;  ///< Off where too little is known of its friction.
+  double refill = 0.0;               ///< TankParams::refill [W].
   double carries = 1.0;  ///< The most of its weight that an arm carries that has not passed its
                          ///< test, at the tip [N]; others as their motors can.
   /// What reports and writes grow old by [ns]; called in ticks. The machine's clock, or a test's.
@@ -105,10 +107,10 @@ inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 
 /// What has been sent.
 struct HidWrites {
-  std::int64_t count = 0;
-  std::int64_t weakened = 0;  ///< Forces that a motor's limit, or its heat, has made smaller,
-                              ///< direction kept.
-  std::int64_t longest_ns = 0;
+  std::int64_t count = 0;       ///< Reports given to the port, those that it refused among them.
+  std::int64_t weakened = 0;    ///< Forces that a motor's limit, or its heat, has made smaller,
+                                ///< direction kept.
+  std::int64_t longest_ns = 0;  ///< Of one, until the port was done with it [ns].
 };
 
 /// Reads and drives an arm. The haptic thread has read() and write(); a thread of its own sends the
@@ -133,6 +135,7 @@ class HidDevice final : public Device {
   /// Zero force, then the profile's "close" (at most kLongestClose).
   ~HidDevice() override;
 
+  /// By the profile's limits, those of an untested arm where it is one; never changes.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;
@@ -143,13 +146,14 @@ class HidDevice final : public Device {
   [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
-  [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }
+  [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }  ///< As given.
   /// Why the last read() was not ready, with a remedy; empty: it was. On the thread that reads.
   [[nodiscard]] std::string whyNotReady() const;
   /// The tip's step for one count of each joint, at the last reading [m].
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
   /// On the thread that reads, or when it has ended.
   [[nodiscard]] const HidInput::Counts& reads() const noexcept { return input_.counts(); }
+  /// Since the opening; what the steps of the profile send does not count. From any thread.
   [[nodiscard]] HidWrites writes() const noexcept { return {count_, weakened_, longest_ns_}; }
   /// How often it has been plugged in since, the first time included.
   [[nodiscard]] std::uint32_t pluggings() const noexcept { return plugging_; }
@@ -180,7 +184,6 @@ class HidDevice final : public Device {
 
   /// The rest of the opening, once the arm is prepared.
   void begin();
-  /// Where counters that wrap begin, of an arm that has been homed by steps.
   /// What has come while it was prepared counts from now on.
   void knowFlags(std::int64_t now) noexcept;
   void endThreads() noexcept;

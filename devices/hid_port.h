@@ -46,15 +46,15 @@ class ReportPort {
 
 /// A device that is plugged in.
 struct HidDeviceName {
-  std::string path;  ///< As /dev/hidraw0; another one after each plugging in.
-  std::uint16_t vendor = 0;
-  std::uint16_t product = 0;
-  std::uint16_t usage_page = 0;
-  std::uint16_t usage = 0;
-  std::string serial;  ///< May be empty, or the same for all of a kind.
-  std::string maker;   ///< Words.
-  std::string product_name;
-  std::string port;  ///< Where it is plugged in, as the kernel says; may be empty.
+  std::string path;              ///< As /dev/hidraw0; another one after each plugging in.
+  std::uint16_t vendor = 0;      ///< USB's idVendor.
+  std::uint16_t product = 0;     ///< USB's idProduct.
+  std::uint16_t usage_page = 0;  ///< Of a top-level collection: a device with several
+  std::uint16_t usage = 0;       ///< of them is listed once for each.
+  std::string serial;            ///< May be empty, or the same for all of a kind.
+  std::string maker;             ///< Words.
+  std::string product_name;      ///< Words; may be empty.
+  std::string port;              ///< Where it is plugged in, as the kernel says; may be empty.
   /// Its own report descriptor (parseHidDescriptor); empty where the system does not show it.
   std::vector<std::byte> descriptor;
 };

@@ -20,17 +20,17 @@ namespace palpate {
 
 /// A device of this profile, as USB names it. What is not given may be anything.
 struct HidMatch {
-  std::uint16_t vendor = 0;
-  std::uint16_t product = 0;
-  std::optional<std::uint16_t> usage_page;
-  std::optional<std::uint16_t> usage;
+  std::uint16_t vendor = 0;                 ///< USB's idVendor; always needed.
+  std::uint16_t product = 0;                ///< USB's idProduct; always needed.
+  std::optional<std::uint16_t> usage_page;  ///< Of its top-level collection,
+  std::optional<std::uint16_t> usage;       ///< and the usage there.
 };
 
 /// One kind of report, either way.
 struct HidReportSpec {
-  std::optional<std::uint8_t> id;  ///< Where the device numbers its reports.
-  std::size_t size = 0;            ///< Bytes, the number not among them.
-  std::vector<ReportField> fields;
+  std::optional<std::uint8_t> id;   ///< Where the device numbers its reports.
+  std::size_t size = 0;             ///< Bytes, the number not among them.
+  std::vector<ReportField> fields;  ///< In the order of their names.
   /// Of what is read: the field that counts reports. One that has the same number again is the
   /// last report, sent again.
   std::optional<std::size_t> sequence;
@@ -41,11 +41,12 @@ struct HidReportSpec {
 /// A field of what is read, by its name found once.
 struct FieldRef {
   std::size_t report = 0;  ///< Of HidProfile::input.
-  std::size_t field = 0;
+  std::size_t field = 0;   ///< Of HidReportSpec::fields there.
 };
 
 /// A field that says something of the arm while it has a value.
 struct HidFlag {
+  /// What holds while the flag is up, and what follows for the force.
   enum class Means : std::uint8_t {
     kHomed,      ///< Its encoders know where it is; else no force.
     kEnabled,    ///< The dead-man switch is held; else no force.
@@ -53,15 +54,15 @@ struct HidFlag {
     kUnpowered,  ///< Fault::kPower.
     kOpen,       ///< Fault::kSwitch.
   };
-  FieldRef field;
-  double equals = 1.0;
-  Means means = Means::kHomed;
+  FieldRef field;               ///< The field that is looked at.
+  double equals = 1.0;          ///< Its raw number while the flag is up.
+  Means means = Means::kHomed;  ///< The first two are conditions, the others faults.
 };
 
 /// A joint of the kinematics: joint = value / ratio + home; the motor's torque is the joint's over
 /// ratio, what is sent is that over the torque constant.
 struct HidJoint {
-  FieldRef from;
+  FieldRef from;                  ///< The field of its encoder; no two joints share bits.
   double ratio = 1.0;             ///< Field units a joint unit; the sign is the direction.
   double home = 0.0;              ///< The joint where the field is zero, or at home [rad or m].
   std::optional<std::size_t> to;  ///< Of the output's fields: its motor; none: only sensed.
@@ -80,8 +81,9 @@ struct HidMass {
 
 /// A step of a sequence: what a device needs before or after it is felt.
 struct HidStep {
+  /// What is done: a report is sent, a field waited for, time let pass, a feature report sent.
   enum class Kind : std::uint8_t { kSend, kWait, kPause, kFeature };
-  Kind kind = Kind::kPause;
+  Kind kind = Kind::kPause;  ///< Decides which of the members below count.
   std::vector<std::pair<std::size_t, double>> values;  ///< kSend: output fields, raw; others rest.
   FieldRef field;                                      ///< kWait: until it
   double equals = 0.0;                                 ///< has this value,
@@ -106,35 +108,39 @@ struct HidLimits {
 /// The waits and pauses of a profile's "close", all together [s]: the program's end waits for them.
 inline constexpr double kLongestClose = 5.0;
 
+/// One arm, as parseHidProfile has read and checked it.
 struct HidProfile {
   std::string name;         ///< As `hid:NAME`.
   std::string description;  ///< A line for people.
   std::string firmware;     ///< What must run in the arm, and whether it has a watchdog of its own.
   std::string source;       ///< The file, for errors.
   std::uint64_t fingerprint = 0;  ///< Of all that is in it: what was tested is what is used.
-  std::vector<HidMatch> match;
-  double input_rate = 1000.0;   ///< [Hz], as the maker says.
-  double output_rate = 1000.0;  ///< [Hz], the most reports a second that it is sent; 0: there is
-                                ///< no output.
-  std::vector<HidReportSpec> input;
+  std::vector<HidMatch> match;    ///< One that fits is enough.
+  double input_rate = 1000.0;     ///< [Hz], as the maker says.
+  double output_rate = 1000.0;    ///< [Hz], the most reports a second that it is sent; 0: there is
+                                  ///< no output.
+  std::vector<HidReportSpec> input;     ///< At least one; of several each has its id.
   std::optional<HidReportSpec> output;  ///< None: input only.
-  std::vector<HidFlag> flags;
-  std::shared_ptr<const Kinematics> kinematics;
-  std::vector<HidJoint> joints;  ///< As many as the kinematics has.
+  std::vector<HidFlag> flags;  ///< What it must say, and may not, for any force to be given.
+  std::shared_ptr<const Kinematics> kinematics;  ///< From joints to the tip; not null.
+  std::vector<HidJoint> joints;                  ///< As many as the kinematics has.
   bool home_at_open = false;  ///< The arm is in its home pose, `home` of every joint, when opened.
   std::string home_words;     ///< What that pose is.
   double rate_control = 0.0;  ///< [m/s] at 1: the kinematics' position is a velocity; 0: it is not.
   Mat3 world_from_device = Mat3::Identity();  ///< Of the arm in the hand's world:
   Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
-  std::vector<HidMass> masses;
-  Vec3 down_D = -Vec3::UnitZ();  ///< Where the masses fall to.
-  std::vector<HidStep> open, home, close;
-  HidLimits limits;
+  std::vector<HidMass> masses;                ///< That its motors carry; empty: none.
+  Vec3 down_D = -Vec3::UnitZ();               ///< Where the masses fall to.
+  std::vector<HidStep> open,                  ///< Before its first report is waited for.
+      home,                                   ///< After it: until the arm knows where it is.
+      close;         ///< At the end, and where opening or homing has failed.
+  HidLimits limits;  ///< In the file wherever there is an output.
   std::map<std::string, std::string> sources;  ///< By JSON pointer: where numbers come from.
 };
 
 /// Reads and checks a profile. Throws DeviceError (file and JSON path).
 [[nodiscard]] HidProfile parseHidProfile(const std::string& text, const std::string& source);
+/// The same from a file; DeviceError also where it cannot be read.
 [[nodiscard]] HidProfile readHidProfile(const std::filesystem::path& file);
 
 /// Those that come with palpate, and the user's own in `folder`, which win over them. What is wrong
@@ -150,10 +156,13 @@ struct HidProfile {
 
 /// Limits of an arm that people know, from a source.
 struct KnownArm {
-  std::string name;
-  double force, stiffness, damping, workspace_radius;  ///< [N], [N/m], [N s/m], [m]
-  std::string transport;                               ///< How it could be driven.
-  std::string source;
+  std::string name;       ///< As people call it; twice where two sources disagree.
+  double force,           ///< At most [N].
+      stiffness,          ///< Likewise, of a coupling [N/m].
+      damping,            ///< Likewise, of a coupling [N s/m].
+      workspace_radius;   ///< [m]
+  std::string transport;  ///< How it could be driven.
+  std::string source;     ///< Whose numbers these are, and in which file.
 };
 /// devices/known_arms.json.
 [[nodiscard]] std::vector<KnownArm> knownArms();

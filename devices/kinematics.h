@@ -12,8 +12,8 @@
 
 namespace palpate {
 
-inline constexpr std::size_t kMostJoints = 6;
-inline constexpr std::size_t kMotors = 3;  ///< Of the first joints; others are only sensed.
+inline constexpr std::size_t kMostJoints = 6;  ///< Of a model; a chain may have as many.
+inline constexpr std::size_t kMotors = 3;      ///< Of the first joints; others are only sensed.
 /// Of a model's joints the first ones; the others mean nothing.
 using Joints = std::array<double, kMostJoints>;
 
@@ -43,7 +43,7 @@ class Kinematics {
   Kinematics& operator=(const Kinematics&) = delete;
   virtual ~Kinematics() = default;
 
-  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;
+  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< 2 to kMostJoints.
   /// For finite joints every number is finite. RT: no allocation; under 0.5 us.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 

@@ -23,7 +23,7 @@ class MotorHeat {
   void pass(double dt) noexcept PALPATE_NONBLOCKING;
   /// The most that it may be told now, up to `peak`. RT: no allocation.
   [[nodiscard]] double allows(double peak) const noexcept PALPATE_NONBLOCKING;
-  void tell(double value) noexcept PALPATE_NONBLOCKING { told_ = value; }
+  void tell(double value) noexcept PALPATE_NONBLOCKING { told_ = value; }  ///< In its unit; lasts.
 
  private:
   double continuous_, heating_;

@@ -17,7 +17,7 @@ namespace palpate {
 
 /// A device that is plugged in, and the profiles that it may be of.
 struct FoundArm {
-  HidDeviceName device;
+  HidDeviceName device;              ///< Of its usages the first that a profile matches.
   std::vector<HidProfile> profiles;  ///< At least one.
   bool may_open = false;             ///< The system lets this user.
 
@@ -30,7 +30,7 @@ struct FoundArm {
   /// What the device's own report descriptor has against a profile (complaintAbout); nothing also
   /// where the system does not show it.
   [[nodiscard]] std::optional<DeviceError> against(const HidProfile& profile) const;
-  /// As openArm takes it: hid:PROFILE@IDENTITY.
+  /// As openArm takes it: `hid:PROFILE@IDENTITY`.
   [[nodiscard]] std::string nameAs(const HidProfile& profile) const;
 };
 
@@ -40,9 +40,9 @@ struct FoundArm {
 /// `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL` or `hid:FILE.json@SERIAL`, taken apart; an arm of no
 /// serial number has its port there.
 struct ArmName {
-  std::string profile;  ///< A name, or a path that ends in .json; empty: any.
-  std::string serial;   ///< Empty: any. May have any character.
-  [[nodiscard]] bool isFile() const;
+  std::string profile;                ///< A name, or a path that ends in .json; empty: any.
+  std::string serial;                 ///< Empty: any. May have any character.
+  [[nodiscard]] bool isFile() const;  ///< By its ending, .json, whether it is there or not.
 };
 /// Nothing where it is no arm's name.
 [[nodiscard]] std::optional<ArmName> parseArmName(const std::string& name);
@@ -56,8 +56,8 @@ struct ArmName {
 
 /// An arm that is plugged in, as it was named.
 struct ChosenArm {
-  FoundArm arm;
-  HidProfile profile;
+  FoundArm arm;        ///< Not open in this process when it was looked for.
+  HidProfile profile;  ///< That of its profiles which the name means.
 };
 
 /// The arm of that name that this program does not have yet. Throws DeviceError: none or several
@@ -65,10 +65,11 @@ struct ChosenArm {
 [[nodiscard]] ChosenArm findArm(const std::string& name,
                                 const std::function<void(const std::string&)>& say);
 
+/// An arm that is ready, and by what its test is remembered.
 struct OpenedArm {
-  std::unique_ptr<HidDevice> device;
-  std::string identity;  ///< As FoundArm::identity.
-  bool numbered = true;  ///< It has a serial number.
+  std::unique_ptr<HidDevice> device;  ///< Not null.
+  std::string identity;               ///< As FoundArm::identity.
+  bool numbered = true;               ///< It has a serial number.
 };
 
 /// Finds an arm (findArm) and opens it. Throws DeviceError, also where its reports are not the

@@ -27,8 +27,9 @@ struct PathPoint {
 /// The probe follows the path whatever the force; each write is one tick of 1/rate.
 class PathDevice final : public Device {
  public:
-  PathDevice(std::vector<PathPoint> path, double rate);
+  PathDevice(std::vector<PathPoint> path, double rate);  ///< Not empty, t ascending; [Hz], > 0.
 
+  /// Named "path", with the 20 N of a delta.3, and 1e5 N/m: the probe does not yield.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;

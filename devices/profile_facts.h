@@ -10,7 +10,7 @@ namespace palpate {
 
 /// One motor, the tip in the middle of the hand's world.
 struct MotorFact {
-  std::size_t joint = 0;
+  std::size_t joint = 0;    ///< Of HidProfile::joints.
   std::string field;        ///< Of the output.
   double asked = 0.0;       ///< For the profile's force, in the direction that asks most, in the
                             ///< output's units: amperes, as a rule.
@@ -19,6 +19,7 @@ struct MotorFact {
   double carries = 0.0;     ///< For the profile's masses, as asked.
 };
 
+/// What factsOf finds; where nothing else is said, with every joint at `middle`.
 struct ProfileFacts {
   Vec3 home_W = Vec3::Zero();  ///< The tip with every joint at its `home` [m].
   Joints middle{};    ///< Where the tip is in the middle of the hand's world, or nearest to it.
@@ -27,13 +28,13 @@ struct ProfileFacts {
                       ///< home, and what follows is of home.
   double step = 0.0;  ///< What a position there may be off by, twice: the way of the tip by a
                       ///< count of every joint that counts [m].
-  std::vector<MotorFact> motors;
+  std::vector<MotorFact> motors;  ///< Of the joints that have one, in their order.
   Vec3 carried_W = Vec3::Zero();  ///< What its motors give at the tip to carry its masses [N].
   /// Project onto the directions of the hand's world that its joints move the tip in, and its
   /// motors push it in, at some pose about the middle: for most arms all, for a planar one those of
   /// a plane.
   Mat3 moves = Mat3::Identity();
-  Mat3 drives = Mat3::Identity();
+  Mat3 drives = Mat3::Identity();  ///< By joints with motors only.
 };
 
 /// Searches the joints that bring the tip to the middle of the hand's world, by damped Gauss-Newton

@@ -21,6 +21,7 @@ struct ArmAxes {
 /// Of what a projector lets through (ProfileFacts::moves, HandState::drives).
 [[nodiscard]] ArmAxes axesWithin(const Mat3& projector);
 
+/// What an arm is to be pushed along, how hard and how far, and what its reports are held to.
 struct SelfTestParams {
   ArmAxes axes;              ///< Those that it is pushed along.
   double force = 0.5;        ///< The largest [N].
@@ -43,14 +44,15 @@ struct AxisResult {
   double bias = 0.0;       ///< gravity, a spring [N],
   double delay = 0.0;      ///< and from a position to the force that follows from it [s];
   double viscous_error = 0.0;  ///< standard errors of b, c
-  double coulomb_error = 0.0;
+  double coulomb_error = 0.0;  ///< [N s/m], [N],
   double delay_error = 0.0;  ///< and the delay [s], as if what is left were independent from row to
                              ///< row: low, so whoever relies on them takes three, and more.
-  bool fitted = false;
+  bool fitted = false;       ///< The fit has finite numbers and a mass > 0.
 };
 
+/// What a test has found of an arm, which has passed where there are no problems.
 struct SelfTestResult {
-  std::array<AxisResult, 3> axes;
+  std::array<AxisResult, 3> axes;  ///< Along the columns of SelfTestParams::axes.
   /// What the arm says of a way that the user has measured along it, over that; 0: not measured.
   std::array<double, 3> scale{};
   Vec3 falls = Vec3::Zero();  ///< Let go of it goes there by itself, a unit vector; zero: it stays,
@@ -73,14 +75,14 @@ struct SelfTestResult {
 /// that moved, for the delay of F that fits best. RT: next() takes no memory.
 class SelfTest {
  public:
-  explicit SelfTest(const SelfTestParams& params = {});
+  explicit SelfTest(const SelfTestParams& params = {});  ///< Allocates what next() fills.
 
   /// The force wanted; zero when it is done. `hand`: position, and whether it is fresh; `now` [s],
   /// ascending; `sent`: what limitForce let through after the call before [N]; when it acted the
   /// fit finds.
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
-  [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }
-  [[nodiscard]] bool begun() const noexcept { return started_; }
+  [[nodiscard]] bool done() const noexcept { return phase_ == Phase::kDone; }  ///< No more force.
+  [[nodiscard]] bool begun() const noexcept { return started_; }  ///< next() was called.
   /// When it is done. Fits every axis for some sixty delays: not in a tick.
   [[nodiscard]] SelfTestResult result() const;
 
@@ -93,8 +95,11 @@ class SelfTest {
   };
   /// One way of the arm, all of one push.
   struct Way {
+    /// A tick of it.
     struct Point {
-      double time, position, force;
+      double time,   ///< Since the test began [s].
+          position,  ///< From SelfTest::home_, along the way [m].
+          force;     ///< What was sent, along the way [N].
     };
     std::vector<Point> path;
     std::size_t start = 0;  ///< Where it is the arm's own.

@@ -32,7 +32,7 @@ struct GripParams {
 /// Where the hand means to be.
 struct HandTarget {
   std::function<Vec3(double)> at;  ///< [m] at a time [s], 0 to `seconds`.
-  double seconds = 0.0;
+  double seconds = 0.0;            ///< How long it lasts [s], >= 0; the device ends with it.
 };
 
 /// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
@@ -48,6 +48,7 @@ class SimulatedDevice final : public Device {
   /// Throws DeviceError for parameters out of range.
   SimulatedDevice(const ArmParams& arm, const GripParams& grip, HandTarget target, double rate);
 
+  /// As a Phantom Desktop, 7.9 N and 1000 N/m; mass, hand and tank are those of ArmParams.
   [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
   [[nodiscard]] HandState read() noexcept override;
   void write(const Vec3& force) noexcept override;

@@ -11,15 +11,17 @@ namespace palpate {
 
 /// A delay in whole periods of 1/rate, and what is left: 0 to 1 of one.
 struct DelayInPeriods {
-  int whole = 0;
-  double part = 0.0;
+  int whole = 0;      ///< Whole periods; one that lacks 1e-9 counts as whole.
+  double part = 0.0;  ///< What is left, as a share of a period.
 };
+/// A delay [s], >= 0, at a rate [Hz].
 [[nodiscard]] DelayInPeriods inPeriods(double delay, double rate) noexcept;
 
 /// What an axis does in a time over which its force is ordered the same: the next (x, v, f) of
 /// (x, v, f, u), exactly. f is the force that the amplifier gives, u its order; without lag f = u.
 /// Coulomb's friction is not in it, nor the hand's target.
 using AxisStep = Eigen::Matrix<double, 3, 4>;
+/// Of an arm in a hand over `time` [s], by the matrix exponential of the axis's equations.
 [[nodiscard]] AxisStep axisStep(const ArmParams& arm, const GripParams& grip, double time);
 
 /// The periods of 1/rate that are nearest to a time [s], at least one: what the damper's rate is
@@ -68,6 +70,8 @@ struct CouplingRoom {
   double rate = 0.0;       ///< At which the coupling's stiffness would be passive [Hz]; 0: at none.
   double viscous = 0.0;    ///< Friction of the arm with which it would be [N s/m].
 };
+/// Of a coupling of `stiffness` [N/m], > 0, and `damping` [N s/m], in a loop of `rate` [Hz].
+/// Milliseconds.
 [[nodiscard]] CouplingRoom roomFor(const ArmParams& arm, const GripParams& grip, double rate,
                                    double stiffness, double damping);
 

@@ -32,8 +32,9 @@ struct MapContact {
 
 /// A method of a map: a new hand, nothing remembered, for a stiffness [N/m] and damping [N s/m].
 struct MapMethod {
-  std::string name;
-  int size = 65;  ///< Cells along an axis that its cost allows.
+  std::string name;  ///< For people, in maps and tables.
+  int size = 65;     ///< Cells along an axis that its cost allows.
+  /// A new hand; `period` is the time from one read to the next [s].
   std::function<MapFeel(double stiffness, double damping, double period)> make;
 };
 
@@ -43,24 +44,26 @@ struct MapMethod {
 /// The engine's whole tick in a scene, limits and all but the tank.
 [[nodiscard]] MapMethod wholeTick(const std::shared_ptr<const Scene>& scene, const Vec3& start);
 
+/// How the arm ends: by the last quarter of the time, or once it is 0.1 m from the contact.
 enum class MapOutcome : std::uint8_t {
-  kRests,
+  kRests,   ///< Stands, to some steps of the encoder, or what swings dies away.
   kCycles,  ///< Swings without end, and no farther: the hand is shaken.
-  kLeaves,  ///< Runs away, or swings by more than kFar.
+  kLeaves,  ///< Runs away, or swings by more than 0.02 m.
 };
 
+/// What tryCoupling has seen of one stiffness and damping.
 struct MapCell {
-  MapOutcome outcome = MapOutcome::kRests;
-  bool active = false;  ///< Energy came out of the hand's port.
-  double swing = 0.0;   ///< About the mean, in the last quarter [m].
-  double force = 0.0;   ///< Mean of its size, likewise [N].
+  MapOutcome outcome = MapOutcome::kRests;  ///< Judged by `swing`.
+  bool active = false;                      ///< Energy came out of the hand's port.
+  double swing = 0.0;  ///< Half the diagonal of where it was in the last quarter [m].
+  double force = 0.0;  ///< Mean of its size, likewise [N].
 };
 
 /// The arm, the hand and how it is tried.
 struct MapSetting {
-  ArmParams arm;
-  GripParams grip;
-  double rate = 1000.0;
+  ArmParams arm;         ///< Without its energy tank.
+  GripParams grip;       ///< Its stiffness > 0: it presses with `load` by that.
+  double rate = 1000.0;  ///< Of the loop [Hz].
   double load = 1.0;     ///< The hand presses with so much [N],
   double kick = 2e-5;    ///< begins so far off [m],
   double seconds = 1.0;  ///< and is looked at so long.
@@ -71,8 +74,9 @@ struct MapSetting {
 [[nodiscard]] MapCell tryCoupling(const MapSetting& setting, const MapContact& contact,
                                   const MapFeel& feel);
 
+/// Outcomes of one method over stiffness and damping, as drawMap draws them.
 struct StabilityMap {
-  std::string method;
+  std::string method;             ///< MapMethod::name.
   std::vector<double> stiffness;  ///< [N/m], one a column, ascending in equal ratios.
   std::vector<double> damping;    ///< [N s/m], one a row: 0, then in equal ratios.
   std::vector<MapCell> cells;     ///< Row by row.

@@ -68,7 +68,9 @@ class Bodies {
   [[nodiscard]] const Body* of(int motion) const noexcept {
     return motion < 0 ? nullptr : &bodies_[static_cast<std::size_t>(motion)];
   }
+  /// One body for each of Graph::motions, in their order.
   [[nodiscard]] std::span<const Body> items() const noexcept { return {bodies_.data(), count_}; }
+  /// True if the graph has no motions.
   [[nodiscard]] bool empty() const noexcept { return count_ == 0; }
 
  private:

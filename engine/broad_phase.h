@@ -19,6 +19,7 @@ class BroadPhase {
   /// near.
   explicit BroadPhase(std::span<const Box> boxes);
 
+  /// Number of boxes that it was built of, those that are never near included.
   [[nodiscard]] std::size_t size() const noexcept { return size_; }
 
   /// Takes as many boxes as before at other places. The tree's shape stays, and queries cost the
@@ -55,7 +56,7 @@ class BroadPhase {
 /// larger box that was asked for last.
 class NearBoxes {
  public:
-  static constexpr std::size_t kMost = 1024;
+  static constexpr std::size_t kMost = 1024;  ///< Most boxes that near() can return.
 
   /// @param margin  How much larger than the query, on every side, the box asked for is [m].
   explicit NearBoxes(double margin = 0.01) : margin_(margin), found_(kMost) {}
@@ -66,6 +67,7 @@ class NearBoxes {
   /// box that was asked for last.
   [[nodiscard]] std::span<const std::uint32_t> near(const BroadPhase& boxes,
                                                     const Box& query) noexcept PALPATE_NONBLOCKING;
+  /// False where near() had no room for some of the boxes that overlap its query.
   [[nodiscard]] bool complete() const noexcept { return left_out_ == 0; }
   /// Number of boxes that overlap the query and for which there was no room.
   [[nodiscard]] std::size_t leftOut() const noexcept { return left_out_; }

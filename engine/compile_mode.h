@@ -11,8 +11,8 @@ namespace palpate {
 
 /// A compiled mode, and the fields that must have data for it to act.
 struct CompiledMode {
-  Mode mode;
-  FieldSet support;
+  Mode mode;         ///< Reads properties by their indices in GraphReads::graph.
+  FieldSet support;  ///< Becomes ModeFields::support.
 };
 
 /// Compiles one mode; `path` is its path in the scene file, for errors. The fields that it reads

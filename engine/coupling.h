@@ -8,6 +8,7 @@
 
 namespace palpate {
 
+/// The spring and the damper of eq. (3), between the proxy and the probe.
 struct CouplingParams {
   double stiffness = 500.0;  ///< k of eq. (3) [N/m], > 0.
   double damping = 0.0;      ///< D of eq. (3) [N s/m], >= 0.
@@ -22,11 +23,12 @@ inline constexpr double kRateTime = 2e-3;
 /// nearest to `time` [s].
 class LengthRate {
  public:
+  /// `time`: how far to look back [s]; 0: to the reading before.
   explicit LengthRate(double time = kRateTime) noexcept : time_(time) {}
   /// Takes a length [m], `dt` [s] after the last one; returns the rate [m/s]: 0 for the first one,
   /// and where dt is not above 0. Looks back over at most kMost readings. RT: no allocation.
   [[nodiscard]] double next(double length, double dt) noexcept PALPATE_NONBLOCKING;
-  void forget() noexcept { count_ = 0; }
+  void forget() noexcept { count_ = 0; }  ///< The next length is the first one: its rate is 0.
 
   static constexpr std::size_t kMost = 128;  ///< Enough for 2 ms at 64 kHz.
 

@@ -14,7 +14,7 @@ namespace palpate {
 
 /// What a device can do, and where each number comes from.
 struct DeviceInfo {
-  std::string name;
+  std::string name;               ///< Names the device in messages and reports.
   ForceLimits limits;             ///< Limits of its force [N], [N/s].
   double max_stiffness = 1000.0;  ///< Largest coupling stiffness that it renders stably [N/m].
   double max_damping = 1e9;       ///< Largest coupling damping that it renders stably [N s/m].
@@ -31,10 +31,10 @@ struct DeviceInfo {
 /// Zero force for whoever holds the descriptor, perhaps another process: the bytes of one write
 /// that the device takes as zero force.
 struct ZeroForce {
-  static constexpr std::size_t kMostBytes = 256;
+  static constexpr std::size_t kMostBytes = 256;  ///< Room that a guardian has for it [bytes].
   int descriptor = -1;  ///< A descriptor of its own, apart from the device's; -1: none.
-  std::span<const std::byte> bytes;
-  std::uint32_t version = 1;  ///< Changes when the descriptor leads to another device.
+  std::span<const std::byte> bytes;  ///< What is written, at most kMostBytes; the device owns it.
+  std::uint32_t version = 1;         ///< Changes when the descriptor leads to another device.
 };
 
 /// A hand on an arm, real or simulated. One thread may use it at a time.
@@ -45,6 +45,7 @@ class Device {
   Device& operator=(const Device&) = delete;
   virtual ~Device() = default;
 
+  /// What it can do. A HapticLoop takes over the limits when it is made.
   [[nodiscard]] virtual const DeviceInfo& info() const noexcept = 0;
   /// The newest reading of the hand. RT: no allocation, no lock.
   [[nodiscard]] virtual HandState read() noexcept PALPATE_NONBLOCKING = 0;

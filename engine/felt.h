@@ -12,10 +12,11 @@ namespace palpate {
 
 /// A graph that a tick evaluates, with its properties and what its modes remember.
 struct Felt {
-  BoundGraph bound;
-  Properties* properties = nullptr;
-  ModeMemory* memories = nullptr;
+  BoundGraph bound;                  ///< The graph, with the caches of the thread that reads it.
+  Properties* properties = nullptr;  ///< What was read for the graph last.
+  ModeMemory* memories = nullptr;    ///< One for each of Graph::modes, in their order.
 
+  /// The graph that is bound; there must be one.
   [[nodiscard]] const Graph& graph() const noexcept { return *bound.graph; }
 };
 
@@ -31,6 +32,7 @@ bool anyMode(std::span<const Felt> all, Do&& look) noexcept {
   }
   return false;
 }
+/// Calls back as anyMode does, with every mode: what `look` returns does not end it.
 template <class Do>
 void eachMode(std::span<const Felt> all, Do&& look) noexcept {
   (void)anyMode(all, [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t i) {

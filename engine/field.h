@@ -31,12 +31,12 @@ struct VectorSample {
 /// The memory that one thread's reads of one field change: accessor and last cell. Plain bytes that
 /// the field lays out as it likes; a Reader owns one for every field.
 struct alignas(64) FieldCache {
-  std::array<std::byte, 1984> bytes;
+  std::array<std::byte, 1984> bytes;  ///< Laid out by the field; valid after its reset().
 };
 
 /// Where a value first falls through a level on a straight path.
 struct Crossing {
-  bool found = false;
+  bool found = false;   ///< The value falls through the level, at `share`.
   double share = 1.0;   ///< Share of the path up to it, 0 to 1; not found: share looked at.
   int cells = 0;        ///< Cells looked at; of a field without cells, values read.
   bool behind = false;  ///< Not found because all of the path is below the level.
@@ -56,6 +56,7 @@ struct FieldFrame {
 /// A scalar field in W. Const and shared between threads; what a read changes is in the cache.
 class ScalarField {
  public:
+  /// A field that lies in W as `frame` says, with an id of its own.
   explicit ScalarField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
   ScalarField(const ScalarField&) = delete;
   ScalarField& operator=(const ScalarField&) = delete;
@@ -93,8 +94,9 @@ class ScalarField {
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
+  /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
-  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
 
  private:
   FieldFrame frame_;
@@ -104,12 +106,15 @@ class ScalarField {
 /// A vector field in W. Const and shared between threads, as ScalarField is.
 class VectorField {
  public:
+  /// A field that lies in W as `frame` says, with an id of its own.
   explicit VectorField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
   VectorField(const VectorField&) = delete;
   VectorField& operator=(const VectorField&) = delete;
   virtual ~VectorField() = default;
 
-  virtual void reset(FieldCache& cache) const noexcept = 0;
+  virtual void reset(FieldCache& cache) const noexcept = 0;  ///< As ScalarField::reset.
+  /// Value and Jacobian at p_W [m]; NaN and far-away positions give `inside` false.
+  /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
   /// A radius about p_W [m] within which there is nothing: see ScalarField::freeWithin.
@@ -122,8 +127,9 @@ class VectorField {
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
+  /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
-  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
 
  private:
   FieldFrame frame_;

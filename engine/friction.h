@@ -18,7 +18,7 @@ struct FrictionStart {
         tried(kMaxPrimitives, 0.0),
         missed(kMaxPrimitives, 0.0),
         best(kMaxPrimitives, 0.0) {}
-  void forget() noexcept { count = 0; }
+  void forget() noexcept { count = 0; }  ///< The next balance starts with all frictions at zero.
 
   std::vector<double> strengths;  ///< Strength of each link [N].
   std::size_t count = 0;          ///< Number of links of that balance; 0: nothing remembered.
@@ -30,8 +30,8 @@ struct FrictionStart {
 /// Most balances for one friction, most for several together (which need not have an answer), and
 /// most 3x3 solves after which no other trial begins; several frictions get half as many solves.
 inline constexpr int kMostFrictionSolves = 64;
-inline constexpr int kMostJointSolves = 22;
-inline constexpr int kMostFrictionIterations = 400;
+inline constexpr int kMostJointSolves = 22;          ///< Balances for several frictions.
+inline constexpr int kMostFrictionIterations = 400;  ///< SolveResult::iterations, added up.
 
 /// Finds the balance in which every line of set.links() is as strong as Coulomb's law allows,
 ///

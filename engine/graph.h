@@ -40,6 +40,7 @@ struct DerivationKind {
   bool vector = false;    ///< The result is a vector; false: a scalar.
   bool of_volume = true;  ///< The operand must be a volume, since its derivatives are needed.
 };
+/// What a derivation takes and gives; magnitude and unit take derived fields as well as volumes.
 [[nodiscard]] constexpr DerivationKind kindOf(Derivation derivation) noexcept {
   switch (derivation) {
     case Derivation::kMagnitude:
@@ -58,22 +59,24 @@ struct DerivationKind {
   return {true, false, true};
 }
 
+/// One entry of the scene file's "fields": a derivation, and what it is derived of.
 struct DerivedSpec {
-  Derivation derivation = Derivation::kMagnitude;
+  Derivation derivation = Derivation::kMagnitude;  ///< What is computed of `of`; see kindOf().
   std::string of;  ///< Name of a volume or of another derived field.
 };
 
+/// What a mode is felt as: decides which Mode of mode.h a ModeSpec is compiled to.
 enum class ModeKind : std::uint8_t {
-  kForce,
-  kViscosity,
-  kSurface,
-  kIsosurface,
-  kFollow,
+  kForce,              ///< ForceMode: a push along a vector (eq. 8).
+  kViscosity,          ///< ViscosityMode: a drag of constant size (eq. 9).
+  kSurface,            ///< SurfaceMode: a plane across the gradient wherever the proxy is (eq. 13).
+  kIsosurface,         ///< IsosurfaceMode: a plane on V = V0 (eq. 13).
+  kFollow,             ///< FollowMode: free along a vector, held across it (eq. 11).
   kTransverseDamping,  ///< The same as kFollow; the name says that it is meant weak.
-  kFrontShape,
-  kVortexTube,
-  kGuide,
-  kUser,  ///< A mode of the user's own, from C++ only.
+  kFrontShape,         ///< FrontShapeMode: a plane across a vector (eq. 13).
+  kVortexTube,         ///< VortexTubeMode: held at the radius round a vortex' core.
+  kGuide,              ///< GuideMode: a point, line or plane that the scene places.
+  kUser,               ///< UserMode: a mode of the user's own, from C++ only.
 };
 
 /// Which side of a value is solid.
@@ -84,21 +87,26 @@ enum class Sense : std::uint8_t { kAttract, kRepel };
 
 /// A material property: one transfer function, or several multiplied.
 struct TransferSpec {
+  /// One curve of the product, and the scalar that it reads.
   struct Factor {
-    TransferFunction curve = 1.0;
+    TransferFunction curve = 1.0;  ///< Outputs >= 0; their product is in the unit of the property.
     std::string by;  ///< The scalar that is read; empty: the mode's `by`, else the mode's own.
   };
-  std::vector<Factor> factors;
+  std::vector<Factor> factors;  ///< Multiplied; at least one.
 
+  /// One curve, which reads the mode's `by`, else the mode's own.
   TransferSpec(TransferFunction curve) {  // NOLINT(google-explicit-constructor): the usual case
     factors.push_back({std::move(curve), ""});
   }
+  /// A constant >= 0. Throws SceneError where it is not, or not finite.
   TransferSpec(double number = 0.0)  // NOLINT(google-explicit-constructor): a number is one
       : TransferSpec(TransferFunction(number)) {}
+  /// A product of at least one factor.
   explicit TransferSpec(std::vector<Factor> product) : factors(std::move(product)) {}
 
-  /// The highest and the lowest value that the product can have where there are data.
+  /// The product of the curves' highest outputs: it is nowhere higher.
   [[nodiscard]] double highest() const noexcept;
+  /// The product of their lowest outputs: where there are data it is not lower.
   [[nodiscard]] double lowest() const noexcept;
   /// True if no factor reads a property: all curves are constant.
   [[nodiscard]] bool isConstant() const noexcept;
@@ -115,15 +123,15 @@ struct GuideSpec {
 
 /// A mode of the user's own; see mode.h.
 struct UserSpec {
-  PlacePrimitives place = nullptr;
-  std::shared_ptr<void> state;
-  std::vector<std::string> reads;  ///< Names of the volumes and derived fields that it reads.
+  PlacePrimitives place = nullptr;  ///< Called in the tick; null is refused.
+  std::shared_ptr<void> state;      ///< Passed to `place`, may be null; one for all proxies.
+  std::vector<std::string> reads;   ///< Names of the volumes and derived fields that it reads.
 };
 
 /// The spec of one mode, as the scene file gives it.
 struct ModeSpec {
-  std::string name;  ///< A name for messages; may be empty.
-  ModeKind kind = ModeKind::kSurface;
+  std::string name;                    ///< A name for messages; may be empty.
+  ModeKind kind = ModeKind::kSurface;  ///< What the mode is felt as.
   std::string of;               ///< Volume or derived field it is made of; not for guide, user.
   TransferSpec strength;        ///< Strength of its primitives [N]; not for user.
   TransferSpec friction;        ///< surface and isosurface: Coulomb's mu, at most kMostFriction.
@@ -135,9 +143,9 @@ struct ModeSpec {
   std::optional<Sense> sense;   ///< force: default along a vector, down a scalar's gradient.
   bool two_sided = true;        ///< front shape: held both ways along its normal.
   double snap_voxels = 0.0;     ///< front shape: snap-drag, see mode.h [voxels]; 0: none.
-  GuideSpec guide;
+  GuideSpec guide;              ///< guide: its shape and its place.
   std::string in;  ///< guide: the volume with which it moves, given as that rests; empty: none.
-  UserSpec user;
+  UserSpec user;   ///< user: its function, and what that reads.
 };
 
 /// Largest friction coefficient. Rubber on rubber is 1.2.
@@ -145,8 +153,8 @@ inline constexpr double kMostFriction = 10.0;
 
 /// The spec of a graph: names and edges, as the scene file gives them.
 struct GraphSpec {
-  std::map<std::string, DerivedSpec> fields;
-  std::vector<ModeSpec> modes;
+  std::map<std::string, DerivedSpec> fields;  ///< Derived fields by name, which is no volume's.
+  std::vector<ModeSpec> modes;  ///< At most kMaxModes; primitives are placed in this order.
   std::map<std::string, MotionPtr> motions;  ///< Motions by the name of the volume; other volumes
                                              ///< stand still. Volumes of one pointer move together.
   std::optional<TransferSpec> stiffness;     ///< Coupling stiffness by a property [N/m]; none: as
@@ -160,14 +168,17 @@ struct FieldSet {
   std::uint64_t scalars = 0;  ///< Bit i: Graph::scalar_fields[i].
   std::uint64_t vectors = 0;  ///< Bit i: Graph::vector_fields[i].
 
+  /// True if every field of `other` is in this set.
   [[nodiscard]] constexpr bool holds(const FieldSet& other) const noexcept {
     return (other.scalars & ~scalars) == 0 && (other.vectors & ~vectors) == 0;
   }
+  /// Adds the fields of `other` to this set.
   constexpr FieldSet& operator|=(const FieldSet& other) noexcept {
     scalars |= other.scalars;
     vectors |= other.vectors;
     return *this;
   }
+  /// The fields that are in both sets.
   [[nodiscard]] constexpr FieldSet operator&(const FieldSet& other) const noexcept {
     return {scalars & other.scalars, vectors & other.vectors};
   }
@@ -202,48 +213,49 @@ struct VectorRead {
 
 /// Writes the direction of vectors[from] to vectors[to].
 struct UnitStep {
-  int from = 0;
-  int to = 0;
+  int from = 0;  ///< Index into Properties::vectors.
+  int to = 0;    ///< Index into Properties::vectors.
 };
 
 /// Writes |vectors[from]| to scalars[to].
 struct MagnitudeStep {
-  int from = 0;
-  int to = 0;
+  int from = 0;  ///< Index into Properties::vectors.
+  int to = 0;    ///< Index into Properties::scalars.
 };
 
 /// What the tick runs: a flat list, nothing sampled twice and nothing in vain.
 struct Graph {
   std::vector<std::shared_ptr<const ScalarField>> scalar_fields;  ///< Only fields that are read.
-  std::vector<std::shared_ptr<const VectorField>> vector_fields;
-  std::vector<FieldFrame> scalar_frames;  ///< How each scalar field lies in W.
-  std::vector<FieldFrame> vector_frames;
-  std::vector<MotionPtr> motions;   ///< Each motion once; none: nothing moves.
-  std::vector<int> scalar_motions;  ///< Each scalar field's index into motions; -1: it rests.
-  std::vector<int> vector_motions;
-  std::vector<std::string> scalar_names;  ///< Names of the fields and properties, for messages.
-  std::vector<std::string> vector_names;
-  std::vector<std::string> scalar_properties;
-  std::vector<std::string> vector_properties;
-  std::vector<ScalarRead> scalar_reads;
-  std::vector<VectorRead> vector_reads;
-  std::vector<UnitStep> units;  ///< Each step after those that it reads.
-  std::vector<MagnitudeStep> magnitudes;
-  std::vector<Mode> modes;
+  std::vector<std::shared_ptr<const VectorField>> vector_fields;  ///< Only fields that are read.
+  std::vector<FieldFrame> scalar_frames;  ///< How each scalar field lies in W, at rest.
+  std::vector<FieldFrame> vector_frames;  ///< How each vector field lies in W, at rest.
+  std::vector<MotionPtr> motions;         ///< Each motion once; none: nothing moves.
+  std::vector<int> scalar_motions;        ///< Each scalar field's index into motions; -1: it rests.
+  std::vector<int> vector_motions;        ///< Each vector field's index into motions; -1: it rests.
+  std::vector<std::string> scalar_names;  ///< Names of scalar_fields, for messages.
+  std::vector<std::string> vector_names;  ///< Names of vector_fields, for messages.
+  std::vector<std::string> scalar_properties;  ///< What Properties::scalars are: "q of flow".
+  std::vector<std::string> vector_properties;  ///< What Properties::vectors are: "curl of flow".
+  std::vector<ScalarRead> scalar_reads;        ///< One for each of scalar_fields, in their order.
+  std::vector<VectorRead> vector_reads;        ///< One for each of vector_fields, in their order.
+  std::vector<UnitStep> units;                 ///< Each step after those that it reads.
+  std::vector<MagnitudeStep> magnitudes;  ///< Done after all units, whose results they may read.
+  std::vector<Mode> modes;                ///< In the spec's order, without those in `silent`.
   std::vector<ModeFields> mode_fields;    ///< One for each mode.
-  std::vector<double> mode_voxels;        ///< The finest voxel that each mode reads [m].
+  std::vector<double> mode_voxels;        ///< The finest voxel each mode reads [m]; none: infinite.
   std::vector<char> mode_follows;         ///< Whether each mode's force depends on a value.
   std::vector<int> mode_motions;          ///< The motion that carries each mode; -1: none.
-  std::vector<std::size_t> mode_sources;  ///< Each mode's number in GraphSpec.
-  std::vector<std::string> mode_names;
-  Transfer stiffness;        ///< Coupling stiffness [N/m]; no factors: it is constant.
+  std::vector<std::size_t> mode_sources;  ///< Each mode's number, by GraphSpec::mode_numbers.
+  std::vector<std::string> mode_names;    ///< For messages; else, without a name, /modes/5.
+  Transfer stiffness;                     ///< Coupling stiffness [N/m]; no factors: it is constant.
   FieldSet stiffness_reads;  ///< Fields that the stiffness reads; where no data, their background.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out: their strength is zero everywhere.
 };
 
-/// Most modes of one scene, and most fields that one scene reads.
+/// Most modes of one graph.
 inline constexpr std::size_t kMaxModes = 256;
+/// Most fields that one graph reads, scalars and vectors together.
 inline constexpr std::size_t kMaxFields = 64;
 /// Most motions of one scene: those of its fields and of its guides.
 inline constexpr std::size_t kMaxMotions = 64;
@@ -253,8 +265,9 @@ inline constexpr std::size_t kMaxMotions = 64;
 [[nodiscard]] Graph compileGraph(const GraphSpec& spec,
                                  const std::map<std::string, FieldPtr>& fields);
 
-/// The scene file's word for a kind of mode, or for a derivation.
+/// The scene file's word for a kind of mode, as "front_shape".
 [[nodiscard]] const char* wordFor(ModeKind kind) noexcept;
+/// The scene file's word for a derivation, its key in "fields", as "lambda2".
 [[nodiscard]] const char* wordFor(Derivation derivation) noexcept;
 
 }  // namespace palpate

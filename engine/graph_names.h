@@ -14,6 +14,7 @@ namespace palpate {
 /// Paths are those of the scene file, for errors (SceneError).
 class GraphNames {
  public:
+  /// Checks nothing yet. `spec` and `fields` must outlive it.
   GraphNames(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields)
       : spec_(spec), fields_(fields) {}
 

@@ -43,9 +43,10 @@ inline constexpr double kUnguardedTime = 0.25;  ///< Longest pause of the guardi
 
 /// A counter, and since when it has stood still.
 struct Pulse {
-  std::uint64_t count = 0;
-  double since = 0.0;  ///< Time of its last change [s].
+  std::uint64_t count = 0;  ///< What the counter showed when it was last looked at.
+  double since = 0.0;       ///< Time of its last change [s].
 
+  /// How long the counter, which shows `seen` at the time `now` [s], has stood still [s].
   [[nodiscard]] double still(std::uint64_t seen, double now) noexcept {
     if (seen != count) *this = {seen, now};
     return now - since;

@@ -11,11 +11,12 @@
 
 namespace palpate {
 
+/// What a HapticThread runs by: its clock, what it watches, what it asks of the system.
 struct LoopParams {
-  double rate = 1000.0;    ///< Ticks a second, 500 to 20,000 [Hz].
-  double heartbeat = 0.0;  ///< The application's longest pause between beats [s]; 0: none asked.
-  RealtimeRequest realtime;
-  LoopWatch watch;  ///< Words shared with a guardian (devices/guardian.h).
+  double rate = 1000.0;      ///< Ticks a second, 500 to 20,000 [Hz].
+  double heartbeat = 0.0;    ///< The application's longest pause between beats [s]; 0: none asked.
+  RealtimeRequest realtime;  ///< Asked for by the thread itself, before its first tick.
+  LoopWatch watch;           ///< Words shared with a guardian (devices/guardian.h).
 };
 
 /// Renders scenes on one device, in a thread of its own, until destroyed. The smallest use:

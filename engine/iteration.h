@@ -40,13 +40,13 @@ struct Iteration {
   Vec3 last_read = Vec3::Zero();  ///< Where properties were read last [m].
   Vec3 read_at = Vec3::Zero();    ///< Where the next trial step starts if `read` [m].
   bool read = false;              ///< Read in this slice; else trial steps start at the proxy.
-  Balanced to;
-  TrustRegion trust;
+  Balanced to;                    ///< The last balance, and where the next trial step is to lead.
+  TrustRegion trust;              ///< How far such a step may go.
   double voxel = std::numeric_limits<double>::infinity();  ///< The finest voxel of what varies [m].
   bool follows = false;  ///< Something other than a surface varies, or has in this slice: a reading
                          ///< holds for its own place only.
   double followed = std::numeric_limits<double>::infinity();  ///< Finest voxel beside surfaces [m].
-  Rail rail;
+  Rail rail;  ///< The stream that holds the proxy; laid anew when the proxy moves.
 };
 
 /// True if something varies, and nothing that varies pushes or is put on a surface: all stands at

@@ -37,7 +37,7 @@ struct LimiterState {
   double share = 1.0;        ///< Share of the force that the ramp lets through.
   double ramp = kEngage;     ///< Length of the ramp [s].
   double gentle = 0.0;       ///< How long the force still grows gently after an edit [s].
-  Tank tank;
+  Tank tank;                 ///< Energy at the hand's port: what may still leave it.
 
   /// To be called where zero, or an unknown force, was sent instead of what limitForce returned.
   void forget() noexcept {
@@ -69,6 +69,7 @@ struct LimitedForce {
   double share = 1.0;         ///< Share that the tank can pay for; applied only where it acts.
   bool drained = false;       ///< Scaled down by the tank.
 
+  /// True if any of these changed the force.
   [[nodiscard]] bool limited() const noexcept {
     return !finite || peaked || heated || ramped || slewed || drained;
   }

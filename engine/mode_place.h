@@ -15,18 +15,21 @@ struct Variation {
   Vec3 across = Vec3::Zero();  ///< Varying::across of a plane that turns.
   double height = 0.0;         ///< Varying::height of a plane that turns [m].
 
+  /// True if neither direction nor strength varies: `across` and `height` are then not told.
   [[nodiscard]] bool none() const noexcept { return turn.isZero(0.0) && slope.isZero(0.0); }
 };
 
 /// What the emit() functions below work with.
 struct Place {
-  const Properties& at;
-  const Stand& stand;
-  PrimitiveSet& set;
+  const Properties& at;  ///< What was read last.
+  const Stand& stand;    ///< Where the primitives belong.
+  PrimitiveSet& set;     ///< Takes the primitives.
 
+  /// The scalar property of index i, 0 to kMaxProperties - 1.
   [[nodiscard]] const Properties::Scalar& scalar(int i) const noexcept {
     return at.scalars[static_cast<std::size_t>(i)];
   }
+  /// The vector property of index i, 0 to kMaxProperties - 1.
   [[nodiscard]] const Properties::Vector& vector(int i) const noexcept {
     return at.vectors[static_cast<std::size_t>(i)];
   }
@@ -51,16 +54,29 @@ struct Place {
 };
 
 // Step 2 of the paper's figure 1, mode by mode: false where the set was full.
+/// Places the plane at the proxy, or on V = Va while it holds; adds it, with friction a line, with
+/// viscosity a point. RT: no allocation.
 bool emit(const SurfaceMode& mode, const Place& place, SurfaceMemory& memory) noexcept;
+/// Finds the side that the proxy is on; adds the plane on V = level where there is contact, with
+/// friction a line, and in the solid the viscosity's point. RT: no allocation.
 bool emit(const IsosurfaceMode& mode, const Place& place, IsosurfaceMemory& memory) noexcept;
+/// Adds a line along the vector; none where that has no direction. RT: no allocation.
 bool emit(const FollowMode& mode, const Place& place, FollowMemory& memory) noexcept;
+/// Adds a plane across the vector, or two opposed; none where the vector has no direction, nor once
+/// the front is let go. RT: no allocation.
 bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memory) noexcept;
+/// Adds a line along the core within two voxels of it, and two opposed planes across the radius
+/// beyond one voxel; none where the flow does not turn. RT: no allocation.
 bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept;
 
 // Further answers that some modes give; see surfaceAhead and settle in mode.h.
+/// None unless the proxy is outside and the surface did not yield in the last balance.
 SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
+/// A surface that yielded, with the proxy over 0.05 voxel behind it, is pushed through; one that
+/// bears nothing, with the proxy in front of it, is left.
 void settle(const IsosurfaceMode& mode, const Vec3& proxy, bool arrived,
             IsosurfaceMemory& memory) noexcept;
+/// A front that was let go may be placed anew, once the proxy has `arrived` at its balance.
 void settle(const FrontShapeMode& mode, const Vec3& proxy, bool arrived,
             FrontShapeMemory& memory) noexcept;
 

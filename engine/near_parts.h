@@ -19,12 +19,12 @@ namespace palpate {
 
 /// A part of the scene that the tick samples and balances.
 struct NearPart {
-  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);  ///< The index of no part.
 
   std::size_t part = kNone;  ///< Index into Scene::parts; kNone: the slot is empty.
   std::size_t modes = 0;     ///< Number of the part's modes.
-  Properties properties;
-  std::array<ModeMemory, kMaxPartModes> memories;
+  Properties properties;     ///< What was read for the part last.
+  std::array<ModeMemory, kMaxPartModes> memories;  ///< Of its modes, the first `modes` in use.
 };
 
 /// Chooses the parts of a tick, and keeps what is remembered of them while they are near.
@@ -52,6 +52,7 @@ class NearParts {
   /// The share, 0 to 1, of the path `from` - `to` [m] that surely reaches no part left unchosen.
   [[nodiscard]] double knownShare(const Vec3& from, const Vec3& to) const noexcept;
 
+  /// The part in a slot, one of order(); other slots below kMaxNearParts are empty.
   [[nodiscard]] const NearPart& operator[](std::size_t slot) const noexcept { return slots_[slot]; }
   /// Slots of the last tick's parts, in the order of the parts.
   [[nodiscard]] std::span<const std::uint8_t> order() const noexcept {

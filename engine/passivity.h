@@ -30,15 +30,17 @@ struct ArmDissipation {
                          ///< debts. 0: HapticLoop sets its own.
 };
 
+/// What the tank does where the energy in it does not pay for a force.
 enum class TankUse : std::uint8_t {
   kOff,      ///< Nothing is counted.
   kObserve,  ///< The energy is counted; the force is let through.
   kAct,      ///< The force is made smaller, its direction kept, where the tank cannot pay for it.
 };
 
+/// What the tank of one device does, and the numbers that it relies on.
 struct TankParams {
-  TankUse use = TankUse::kOff;
-  ArmDissipation arm;
+  TankUse use = TankUse::kOff;  ///< Unless kOff, `arm` must have viscous > 0.
+  ArmDissipation arm;           ///< What the arm dissipates, and when its forces act.
   double soft = 100.0;  ///< Stiffness [N/m]: the capacity is such a spring's energy at peak force.
   double refill = 0.0;  ///< Largest power that primitives which do work (moving volumes,
                         ///< directed forces, re-anchored walls) may add [W].

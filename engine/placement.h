@@ -15,15 +15,18 @@ namespace palpate {
 
 /// A rigid motion out of a volume's resting frame, the one that its field is given in, into W.
 struct Pose {
-  Mat3 rotation = Mat3::Identity();
-  Vec3 translate = Vec3::Zero();  ///< [m]
+  Mat3 rotation = Mat3::Identity();  ///< Turn about W's origin, before `translate`.
+  Vec3 translate = Vec3::Zero();     ///< [m]
 
+  /// Where a point of the resting frame is in W [m].
   [[nodiscard]] Vec3 operator()(const Vec3& p_rest) const noexcept {
     return rotation * p_rest + translate;
   }
+  /// The point of the resting frame that is at p in W [m].
   [[nodiscard]] Vec3 toRest(const Vec3& p) const noexcept {
     return rotation.transpose() * (p - translate);
   }
+  /// True if all numbers are equal, without a tolerance.
   [[nodiscard]] bool operator==(const Pose& other) const noexcept {
     return rotation == other.rotation && translate == other.translate;
   }
@@ -56,10 +59,12 @@ class Motion {
   /// Upper bound of the speed of every point of a box of the resting frame [m/s].
   [[nodiscard]] double topSpeed(const Box& rest) const;
 
-  [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }
+  [[nodiscard]] std::size_t size() const noexcept { return knots_.size(); }  ///< Keyframes, >= 1.
+  /// Time of the first keyframe [s], before which the volume stands at its pose.
   [[nodiscard]] double from() const noexcept { return knots_.front().time; }
+  /// Time of the last keyframe [s], after which the volume stands, or begins again at from().
   [[nodiscard]] double to() const noexcept { return knots_.back().time; }
-  [[nodiscard]] bool repeats() const noexcept { return repeat_; }
+  [[nodiscard]] bool repeats() const noexcept { return repeat_; }  ///< Begins again after to().
   /// Unique in the process for every motion that is made.
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }
 
@@ -79,7 +84,7 @@ class Motion {
   std::uint64_t id_;
 };
 
-using MotionPtr = std::shared_ptr<const Motion>;
+using MotionPtr = std::shared_ptr<const Motion>;  ///< Volumes of one pointer move together.
 
 /// A motion within a tick: where its volumes are, and the proxy as seen from them.
 struct Body {

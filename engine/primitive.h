@@ -24,8 +24,8 @@ enum class PrimitiveKind : std::uint8_t {
 
 /// One primitive in W.
 struct Primitive {
-  PrimitiveKind kind = PrimitiveKind::kForce;
-  Vec3 position = Vec3::Zero();    ///< x_i [m].
+  PrimitiveKind kind = PrimitiveKind::kForce;  ///< Decides the equation of its force.
+  Vec3 position = Vec3::Zero();                ///< x_i [m].
   Vec3 direction = Vec3::UnitX();  ///< q_i, unit length to 1e-6: |q|^2 within 2e-6 of 1.
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
@@ -37,7 +37,7 @@ struct Primitive {
 
 /// What a primitive does in a balance: it bears nothing, holds or yields.
 enum class Load : std::uint8_t {
-  kNone,
+  kNone,      ///< load <= 1e-12 N: nothing presses on the primitive.
   kHeld,      ///< 0 < load < strength: the balance is on the primitive.
   kYielding,  ///< load = strength: the balance is where the primitive could not hold the proxy.
 };
@@ -113,11 +113,14 @@ class PrimitiveSet {
     items_[link.line].strength = strength;
   }
 
+  /// Removes all primitives, friction links and entries; keeps the memory. RT: no allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }
-  [[nodiscard]] std::size_t size() const noexcept { return count_; }
+  [[nodiscard]] std::size_t size() const noexcept { return count_; }  ///< With friction's lines.
+  /// The primitives in the order of adding, friction's lines among them.
   [[nodiscard]] std::span<const Primitive> items() const noexcept {
     return {items_.data(), count_};
   }
+  /// The friction links in the order of adding, by indices into items().
   [[nodiscard]] std::span<const FrictionLink> links() const noexcept {
     return {links_.data(), link_count_};
   }
@@ -125,6 +128,7 @@ class PrimitiveSet {
   [[nodiscard]] std::span<const Varying> varying() const noexcept {
     return {varying_.data(), varying_count_};
   }
+  /// The same entries, to be written.
   [[nodiscard]] std::span<Varying> varying() noexcept { return {varying_.data(), varying_count_}; }
 
  private:

@@ -10,6 +10,7 @@
 
 namespace palpate {
 
+/// Where layRail has laid the line of a stream, for the balances of the readings that follow.
 struct Rail {
   bool laid = false;               ///< The curve has been traced on the path from this proxy.
   const ModeMemory* of = nullptr;  ///< Memory of the line's mode; null: no line holds.

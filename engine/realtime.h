@@ -10,6 +10,7 @@ namespace palpate {
 /// Highest priority of a loop; a guardian is above every loop.
 inline constexpr int kMostPriority = 90;
 
+/// What becomeRealtime asks for. What is refused the thread does without.
 struct RealtimeRequest {
   int priority = 80;        ///< Priority of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
   int core = -1;            ///< Core to stay on; -1: any.
@@ -20,10 +21,10 @@ struct RealtimeRequest {
 
 /// What was granted; for what was not, the reason and the remedy.
 struct RealtimeReport {
-  bool priority = false;
-  bool core = false;
-  bool memory = false;
-  bool awake = false;
+  bool priority = false;  ///< SCHED_FIFO, at the priority asked for (at most kMostPriority).
+  bool core = false;      ///< The thread stays on the core asked for.
+  bool memory = false;    ///< The memory of the process is locked (mlockall).
+  bool awake = false;     ///< The caller's StayAwake::granted.
   std::string refused;  ///< "priority 80: not permitted: ...", several joined by "; "; else empty.
 };
 
@@ -31,10 +32,12 @@ struct RealtimeReport {
 /// (/dev/cpu_dma_latency).
 class StayAwake {
  public:
+  /// Asks, if `wanted`, for cores that wake up at once: a latency of 0 us.
   explicit StayAwake(bool wanted) noexcept;
   ~StayAwake();
   StayAwake(const StayAwake&) = delete;
   StayAwake& operator=(const StayAwake&) = delete;
+  /// True if it was wanted and permitted; until this is destroyed.
   [[nodiscard]] bool granted() const noexcept { return descriptor_ >= 0; }
   [[nodiscard]] int error() const noexcept { return error_; }  ///< errno, or 0.
 

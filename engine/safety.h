@@ -34,7 +34,7 @@ enum class Fault : std::uint8_t {
   kUnguarded,    ///< The guardian process shows no life: start the program again.
   kStopped,      ///< Somebody asked for the cut, by a key, a signal or HapticThread::cut.
 };
-inline constexpr std::size_t kFaults = 15;
+inline constexpr std::size_t kFaults = 15;  ///< Number of values of Fault, kNone among them.
 
 /// What happened at a fault, for messages: "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;
@@ -74,6 +74,7 @@ struct WatchLimits {
 /// Checks positions as they come in.
 class HandWatch {
  public:
+  /// Knows no position yet: the first one cannot be a jump, and has no velocity.
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
   /// Fills in velocity, max_speed and too_fast.

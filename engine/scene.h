@@ -44,7 +44,7 @@ struct Part {
 inline constexpr double kFrameMargin = 2.0;
 /// Most fields and modes of one part.
 inline constexpr std::size_t kMaxPartFields = 8;
-inline constexpr std::size_t kMaxPartModes = 16;
+inline constexpr std::size_t kMaxPartModes = 16;  ///< makePart refuses more.
 /// Most parts that a tick samples and balances.
 inline constexpr std::size_t kMaxNearParts = 64;
 
@@ -59,8 +59,8 @@ struct Scene {
   BroadPhase bounds;        ///< Boxes of the parts.
   double strongest_part = 0.0;  ///< The largest Part::most [N].
   CouplingParams coupling;      ///< A stiffness that varies begins here, at its lowest value.
-  StepParams step;
-  SolverParams solver;
+  StepParams step;              ///< Accuracy of the motion within each tick.
+  SolverParams solver;          ///< Accuracy of each balance; makeScene leaves the defaults.
 };
 
 /// The fields that a tick at p_W [m] reads: those of the modes, and of the varying stiffness, whose
@@ -83,8 +83,8 @@ struct Scene {
 
 /// A graph, and the caches with which one thread reads its fields.
 struct BoundGraph {
-  const Graph* graph = nullptr;
-  std::span<FieldCache> caches;
+  const Graph* graph = nullptr;  ///< The scene's own, or a part's; null: nothing is bound.
+  std::span<FieldCache> caches;  ///< Those of Graph::scalar_fields, then of Graph::vector_fields.
 
   /// Step 1 of the paper's figure 1: samples at p_W [m] what is read by modes whose support holds
   /// p_W. A property that is not read has no data. Moving fields are read at Body::seen of their

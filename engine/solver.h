@@ -28,6 +28,7 @@ enum class SolverKind : std::uint8_t {
                 ///< warm or by the method of multipliers.
 };
 
+/// When solveProxy may stop: at the accuracy that is wanted, or where its work is capped.
 struct SolverParams {
   /// Wanted error_bound as a share of T/k, T the strengths of points and lines and half of the
   /// planes': T/k is how far these can pull the proxy from where directed forces and half of each
@@ -40,6 +41,7 @@ struct SolverParams {
   int max_iterations = 120;
 };
 
+/// The balance that solveProxy found, and how far off it can be.
 struct SolveResult {
   Vec3 proxy = Vec3::Zero();   ///< [m]
   Vec3 offset = Vec3::Zero();  ///< proxy - probe [m], not rounded to the probe's magnitude: the
@@ -50,8 +52,8 @@ struct SolveResult {
   int iterations = 0;  ///< Pivots and 3x3 linear solves of all methods that were tried; for a plane
                        ///< and one other primitive, evaluations of their scalar equation; 0 for the
                        ///< closed form.
-  SolverKind solver = SolverKind::kClosedForm;
-  SolveStatus status = SolveStatus::kConverged;
+  SolverKind solver = SolverKind::kClosedForm;   ///< What gave `proxy`; void after kBadInput.
+  SolveStatus status = SolveStatus::kConverged;  ///< Decides what the other members are worth.
 };
 
 /// What the last balance found, for the next one: from tick to tick the same primitives hold the

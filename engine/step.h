@@ -52,15 +52,19 @@ class ProxyState {
   }
   /// Begins an engagement: zero force until little is wanted, then more and more.
   void engage() noexcept { gate_.engage(); }
+  /// True from a fault on until clearFault(): every tick sends zero.
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
+  /// The first cause that was given since clearFault(); kNone: the force is not cut.
   [[nodiscard]] Fault fault() const noexcept { return gate_.fault; }
   /// Limits of the device.
   [[nodiscard]] const ForceLimits& limits() const noexcept { return gate_.limits; }
   /// What the last gate remembers.
   [[nodiscard]] const LimiterState& limiter() const noexcept { return gate_.limiter; }
+  /// Position of the proxy [m]; after release() the old one, until a tick begins at the hand.
   [[nodiscard]] const Vec3& proxy() const noexcept { return proxy_.position; }
   /// Time since this proxy entered the scene, by the ticks' dt [s]; volumes move by this time.
   [[nodiscard]] double time() const noexcept { return met_.time; }
+  /// What was read last for the scene's own graph; those of near parts: NearPart::properties.
   [[nodiscard]] const Properties& properties() const noexcept { return around_.properties; }
   /// The last sub-step's, in the order of the modes; each mode has ModeMemory::emitted of them.
   [[nodiscard]] const PrimitiveSet& primitives() const noexcept { return balance_.primitives; }
@@ -100,8 +104,9 @@ class ProxyState {
     double time = 0.0;  ///< Time since the proxy entered it [s].
   };
 
-  friend StepReport hapticStep(const Scene&, Reader&, const HandState&, ProxyState&, double,
-                               StepTrace*) noexcept PALPATE_NONBLOCKING;
+  friend StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
+                               ProxyState& state, double dt,
+                               StepTrace* trace) noexcept PALPATE_NONBLOCKING;
 
   void meet(const Scene& scene, const Vec3& hand) noexcept;
   void gateOut(const HandState& hand, bool good, double dt, StepReport& report) noexcept;

@@ -25,10 +25,10 @@ enum class StepStatus : std::uint8_t {
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 341 of the richest, a wall with friction and a drag, fit.
-  kFault,           ///< A non-finite hand, sample or force came in, now or earlier: the force is
-                    ///< zero until ProxyState::clearFault(). Find the device's or volume's fault.
+  kFault,           ///< A fault is latched (ProxyState::fault), or something was not finite: the
+                    ///< force is zero until ProxyState::clearFault(). See remedyFor.
 };
-inline constexpr std::size_t kStepStatuses = 6;
+inline constexpr std::size_t kStepStatuses = 6;  ///< Number of values of StepStatus.
 
 /// The word for a status in traces.
 [[nodiscard]] const char* wordFor(StepStatus status) noexcept;
@@ -48,21 +48,21 @@ struct StepReport {
                           ///< move: at least what bounds the work on the hand (docs/tick.md,
                           ///< Energy).
   int iterations = 0;     ///< Iterations of the solver (SolveResult), all sub-steps.
-  int substeps = 0;
-  int samples = 0;     ///< Field reads, all sub-steps.
-  int traced = 0;      ///< Reads of vectors along streams.
-  int walked = 0;      ///< Cells searched for a surface on the path.
-  int primitives = 0;  ///< Primitives balanced in the last sub-step.
-  int parts = 0;       ///< Parts of the scene that were sampled: their data are near, or were when
-                       ///< the parts were chosen.
-  int left_out = 0;    ///< Near parts for which there was no room: the weakest.
+  int substeps = 0;       ///< Readings of properties on the path, each followed by a balance.
+  int samples = 0;        ///< Field reads, all sub-steps.
+  int traced = 0;         ///< Reads of vectors along streams.
+  int walked = 0;         ///< Cells searched for a surface on the path.
+  int primitives = 0;     ///< Primitives balanced in the last sub-step.
+  int parts = 0;     ///< Parts of the scene that were sampled: their data are near, or were when
+                     ///< the parts were chosen.
+  int left_out = 0;  ///< Near parts for which there was no room: the weakest.
   double missing = 0.0;  ///< Upper bound of the force error that left_out causes [N].
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
-  StepStatus status = StepStatus::kConverged;
-  bool limited = false;  ///< limitForce changed the force.
-  double moving = 1.0;   ///< Share of the force that StillFade leaves, since the arm does not move.
-  double share = 1.0;    ///< Share of the force that the energy tank can pay for (passivity.h).
-  double energy = 0.0;   ///< Energy in the tank [J].
+  StepStatus status = StepStatus::kConverged;   ///< The worst of what happened in the tick.
+  bool limited = false;                         ///< limitForce changed the force.
+  double moving = 1.0;  ///< Share of the force that StillFade leaves, since the arm does not move.
+  double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
+  double energy = 0.0;  ///< Energy in the tank [J].
 };
 
 /// Reports the status, unless a worse one is reported already.

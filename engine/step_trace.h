@@ -24,6 +24,7 @@ enum class StepEnd : std::uint8_t {
 
 /// The steps of one tick, in order. Fixed memory: hapticStep fills it where it is asked to.
 struct StepTrace {
+  /// One balance, and how far the proxy, or the next reading, went from it.
   struct Step {
     bool foreseen = false;          ///< Balanced with the last reading's planes: nothing was read.
     Vec3 at = Vec3::Zero();         ///< x, where properties were read [m]; foreseen: remembered.
@@ -36,11 +37,12 @@ struct StepTrace {
                                     ///< in this balance; directed forces aside.
   };
 
+  /// The steps that are filled, in the order in which the tick made them.
   [[nodiscard]] std::span<const Step> steps() const noexcept { return {all.data(), count}; }
 
   std::array<Step, std::size_t{2} * kMostSubsteps>
-      all;  ///< At most a reading and a foreseen balance for each sub-step.
-  std::size_t count = 0;
+      all;                ///< At most a reading and a foreseen balance for each sub-step.
+  std::size_t count = 0;  ///< Steps that are filled; balances beyond the room are not recorded.
 };
 
 /// The word for what limited a step.

@@ -19,7 +19,7 @@ struct Telemetry {
   std::int64_t late_ticks = 0;  ///< Number of missed ticks so far.
   Fault fault = Fault::kNone;   ///< Why the force is cut; kNone: it is not.
   std::uint64_t scene = 0;      ///< Scene::id; 0: none.
-  StepReport report;
+  StepReport report;            ///< What the tick did; as initialised where there is no scene.
 };
 
 }  // namespace palpate

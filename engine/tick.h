@@ -33,41 +33,43 @@ struct Proxy {
 struct Surroundings {
   Surroundings() : memories(kMaxModes), graphs(1 + kMaxNearParts) {}
 
+  /// The graphs of this tick: the scene's own, then those of the parts near the proxy.
   [[nodiscard]] std::span<const Felt> felt() const noexcept { return {graphs.data(), count}; }
 
   std::vector<ModeMemory> memories;  ///< Of the scene's own graph,
   Properties properties;             ///< and what was read for it last.
   std::vector<Felt> graphs;          ///< This tick's: that graph, then near parts;
   std::size_t count = 1;             ///< so many.
-  NearParts near;
-  Bodies bodies;
+  NearParts near;                    ///< Parts of the scene whose data the proxy can reach.
+  Bodies bodies;                     ///< The moving volumes of the scene's own graph.
 };
 
 /// What a balance is of, what it came to, and what the next one begins with.
 struct BalanceMemory {
   BalanceMemory() : forces(kMaxPrimitives, Vec3::Zero()) {}
 
-  double stiffness = 0.0;  ///< k [N/m].
-  PrimitiveSet primitives;
+  double stiffness = 0.0;    ///< k [N/m].
+  PrimitiveSet primitives;   ///< Placed for the last balance, at most kMaxPrimitives.
   std::vector<Vec3> forces;  ///< Of each on the proxy [N].
   std::size_t surfaces = 0;  ///< Of the primitives that vary so many are planes of surfaces.
-  WarmStart warm;
-  FrictionStart friction;
+  WarmStart warm;            ///< What the next solveProxy starts from.
+  FrictionStart friction;    ///< What the next solveWithFriction starts from.
 };
 
 /// One tick.
 struct Tick {
-  const Scene& scene;
-  Reader& reader;
-  Proxy& proxy;
-  Surroundings& around;
-  BalanceMemory& balance;
-  StepReport& report;
-  StepTrace* trace;  ///< None: nobody asks.
-  Vec3 probe;        ///< The hand [m]: of this slice of the tick.
-  int held = 0;      ///< Readings after which something held the proxy.
-  int strayed = 0;   ///< Ways that led beyond the parts that were chosen.
+  const Scene& scene;      ///< What is felt: fields, modes, parameters.
+  Reader& reader;          ///< Of this thread: the caches of all that is read.
+  Proxy& proxy;            ///< Moved by the tick, from where the last one left it.
+  Surroundings& around;    ///< Graphs that are evaluated, and what their modes remember.
+  BalanceMemory& balance;  ///< The last balance, from which the next one starts.
+  StepReport& report;      ///< Filled as the tick goes on.
+  StepTrace* trace;        ///< None: nobody asks.
+  Vec3 probe;              ///< The hand [m]: of this slice of the tick.
+  int held = 0;            ///< Readings after which something held the proxy.
+  int strayed = 0;         ///< Ways that led beyond the parts that were chosen.
 
+  /// Surroundings::felt of this tick.
   [[nodiscard]] std::span<const Felt> felt() const noexcept { return around.felt(); }
 };
 

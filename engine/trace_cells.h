@@ -28,6 +28,8 @@ namespace palpate {
 template <class Flow>
 class CellTrace {
  public:
+  /// Begins at `start`, in the cells' own coordinates; `flow` and `order` must outlive it. The step
+  /// to try first is order.stride, but 0.05 to 1 voxel.
   CellTrace(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept
       : flow_(flow),
         order_(order),
@@ -39,6 +41,8 @@ class CellTrace {
         stride_(std::clamp(order.stride, kLeast, kLongest)),
         towards_(way_.dot(order.hand) > 0.0) {}
 
+  /// Goes on until the length is gone, the steps are used up, v has no direction or no data, or
+  /// the place nearest to the hand, where it then ends, is passed too far. To be called once.
   [[nodiscard]] Trace run() noexcept {
     bool capped = false;
     if (flow_.enter(u_, flow_.rate(way_)) && direction(u_, way_, k1_)) {
@@ -282,6 +286,9 @@ class CellTrace {
   Vec3 end_, chord_;  ///< The step's end in u; its chord in W.
 };
 
+/// The trace of a CellTrace from `start`, in the cells' own coordinates. RT: no allocation, if the
+/// flow makes none. Cost: four values of v a step, five where it crosses a face; rejected
+/// steps count.
 template <class Flow>
 [[nodiscard]] Trace traceCells(Flow& flow, const Vec3& start, const TraceOrder& order) noexcept {
   return CellTrace<Flow>(flow, start, order).run();

@@ -20,13 +20,14 @@ class TransferFunction {
   /// on) and outputs >= 0. At least one; all finite.
   [[nodiscard]] static TransferFunction piecewise(std::vector<Knot> knots);
 
-  /// True if the input does not matter.
+  /// True if the curve is one knot; a flat curve of several does not count.
   [[nodiscard]] bool isConstant() const noexcept { return knots_.size() == 1; }
+  /// Knots of the curve, at least one, by ascending input; of a plain number one, at input 0.
   [[nodiscard]] const std::vector<Knot>& knots() const noexcept { return knots_; }
 
-  /// The curve's largest output; lowest() is its smallest.
+  /// The curve's largest output.
   [[nodiscard]] double highest() const noexcept;
-  [[nodiscard]] double lowest() const noexcept;
+  [[nodiscard]] double lowest() const noexcept;  ///< The curve's smallest output, >= 0.
 
   /// The curve at x; 0 for NaN. RT: no allocation. Cost: O(log knots).
   [[nodiscard]] double operator()(double x) const noexcept;

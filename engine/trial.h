@@ -8,6 +8,7 @@ namespace palpate {
 
 struct Iteration;
 
+/// A step that the proxy may take, and what ended it.
 struct Trial {
   Vec3 end;                  ///< Where the step ends [m].
   bool complete = true;      ///< The step reaches its target.

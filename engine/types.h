@@ -18,13 +18,13 @@ namespace palpate {
 
 /// A position [m], displacement [m], force [N] or unit direction in W. Fixed size: never allocates.
 using Vec3 = Eigen::Vector3d;
-using Mat3 = Eigen::Matrix3d;
+using Mat3 = Eigen::Matrix3d;  ///< A rotation, or a Jacobian: column j is the change by x_j.
 
 /// Axis-aligned box in W [m]. Empty while lower > upper.
 struct Box {
-  Vec3 lower = Vec3::Constant(1.0);
-  Vec3 upper = Vec3::Constant(-1.0);
-
+  Vec3 lower = Vec3::Constant(1.0);   ///< Least coordinates in the box [m].
+  Vec3 upper = Vec3::Constant(-1.0);  ///< Greatest coordinates in the box [m].
+  /// True if the box holds no point: lower > upper in some coordinate.
   [[nodiscard]] bool empty() const noexcept { return (lower.array() > upper.array()).any(); }
   /// Grows the box to hold p [m] as well.
   void extend(const Vec3& p) noexcept {
@@ -32,8 +32,8 @@ struct Box {
     lower = first ? p : Vec3(lower.cwiseMin(p));
     upper = first ? p : Vec3(upper.cwiseMax(p));
   }
-  [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }
-  [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }
+  [[nodiscard]] Vec3 centre() const noexcept { return 0.5 * (lower + upper); }  ///< Midpoint [m].
+  [[nodiscard]] Vec3 size() const noexcept { return upper - lower; }  ///< Edges [m]; < 0 if empty.
 };
 
 }  // namespace palpate

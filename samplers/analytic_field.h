@@ -34,13 +34,13 @@ template <class Formula>
 class AnalyticVectorField final : public VectorField {
  public:
   AnalyticVectorField(const FieldFrame& frame, Formula formula)
-      : VectorField(frame), formula_(std::move(formula)) {}
+      : VectorField(frame), formula_(std::move(formula)) {}  ///< As AnalyticScalarField's.
 
-  void reset(FieldCache& /*cache*/) const noexcept override {}
+  void reset(FieldCache& /*cache*/) const noexcept override {}  ///< A formula remembers nothing.
   [[nodiscard]] VectorSample sample(const Vec3& p_W,
                                     FieldCache& /*cache*/) const noexcept override {
     return p_W.allFinite() ? formula_(p_W) : VectorSample{};
-  }
+  }  ///< The formula's; no data where p_W is not finite.
 
  private:
   Formula formula_;

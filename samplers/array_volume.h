@@ -17,10 +17,11 @@ namespace palpate {
 /// A view of an array of scalars or of vectors, in any order in memory. The value (i, j, k) stands
 /// at origin + axes (i, j, k) of the volume's own space.
 struct VoxelArray {
+  /// What a scalar, or a component of a vector, is stored as: 32 or 64 bits.
   enum class Type : std::uint8_t { kFloat, kDouble };
 
-  const void* values = nullptr;
-  Type type = Type::kFloat;
+  const void* values = nullptr;            ///< Of (0, 0, 0), at any address; read, never kept.
+  Type type = Type::kFloat;                ///< Of the array, and of the grid that is made of it.
   bool vector = false;                     ///< Three components a value, in W's order.
   std::array<std::int64_t, 3> size{};      ///< Values along i, j and k, each > 0.
   std::array<std::ptrdiff_t, 3> stride{};  ///< From one to the next along each [bytes].

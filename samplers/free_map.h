@@ -18,8 +18,8 @@ class FreeMap {
  public:
   /// Voxels from `lower` to `upper`, both included.
   struct Voxels {
-    std::array<int, 3> lower;
-    std::array<int, 3> upper;
+    std::array<int, 3> lower;  ///< Least index along each axis.
+    std::array<int, 3> upper;  ///< Greatest index along each axis, one of them.
   };
 
   /// Of a grid without data.
@@ -52,6 +52,7 @@ class FreeMap {
     return blocks == 0 ? 0.0 : edge_ * (blocks - 1);
   }
 
+  /// Of the blocks' distances, a byte each [bytes]; 0 of a grid without data.
   [[nodiscard]] std::uint64_t memory() const noexcept { return distance_.capacity(); }
 
  private:

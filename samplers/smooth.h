@@ -64,7 +64,7 @@ Smoothing smooth(GridT& grid, int width) {
 }
 
 // Of vectors OpenVDB's library has no filter: in smooth_vec3s.cpp and smooth_vec3d.cpp.
-extern template Smoothing smooth(openvdb::Vec3SGrid&, int);
-extern template Smoothing smooth(openvdb::Vec3DGrid&, int);
+extern template Smoothing smooth(openvdb::Vec3SGrid&, int);  ///< As above, of float vectors.
+extern template Smoothing smooth(openvdb::Vec3DGrid&, int);  ///< As above, of double vectors.
 
 }  // namespace palpate::detail

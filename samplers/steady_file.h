@@ -21,7 +21,7 @@ namespace palpate {
 /// Not for writing. Costs two system calls; a copy what it takes to copy.
 class SteadyFile {
  public:
-  using Clock = std::chrono::steady_clock;
+  using Clock = std::chrono::steady_clock;  ///< Of keptAt(): never set back.
 
   /// Throws VolumeError: it cannot be read, or others may change it and it cannot be copied.
   explicit SteadyFile(const std::filesystem::path& path);

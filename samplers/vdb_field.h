@@ -14,16 +14,16 @@ namespace palpate {
 /// Where a volume stands in W: p_W = translate + rotation * scale * p_F, p_F in the file's own
 /// world space. The only place where anything is scaled.
 struct Placement {
-  double scale = 1.0;  ///< Metres of hand travel per unit of the file, > 0.
-  Mat3 rotation = Mat3::Identity();
-  Vec3 translate = Vec3::Zero();  ///< [m]
+  double scale = 1.0;                ///< Metres of hand travel per unit of the file, > 0.
+  Mat3 rotation = Mat3::Identity();  ///< Orthonormal: turns the file's axes into W's.
+  Vec3 translate = Vec3::Zero();     ///< [m]
 
   [[nodiscard]] Vec3 operator()(const Vec3& p_F) const noexcept {
     return translate + rotation * (scale * p_F);
-  }
+  }  ///< Where a place p_F of the file stands: p_W [m].
   [[nodiscard]] bool operator==(const Placement& other) const noexcept {
     return scale == other.scale && rotation == other.rotation && translate == other.translate;
-  }
+  }  ///< Exact: places that differ by a rounding differ.
 };
 
 /// Centred in W, the longest side of the active bounds `size` metres long. Throws VolumeError where
@@ -46,11 +46,11 @@ enum class Interpolation : std::uint8_t {
 
 /// How a volume is read.
 struct Sampling {
-  Interpolation interpolation = Interpolation::kTrilinear;
+  Interpolation interpolation = Interpolation::kTrilinear;  ///< Trilinear where nobody asks.
   bool axial = false;  ///< A vector without a sign, as a fibre's direction: in each cell the signs
                        ///< of the voxels are aligned before they are blended. Trilinear only.
 
-  [[nodiscard]] bool operator==(const Sampling&) const = default;
+  [[nodiscard]] bool operator==(const Sampling&) const = default;  ///< Equal ones read alike.
 };
 
 /// A scalar or vector field over a volume, by its type.

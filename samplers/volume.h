@@ -31,23 +31,23 @@ struct GridInfo {
   std::string name;  ///< Unique in the file: grids of equal name are density[0], density[1].
   std::string
       type;  ///< OpenVDB's: float, double, vec3s, ...; "3 x float" for a vector by component.
-  GridClass grid_class = GridClass::kUnknown;
-  bool vector = false;
-  bool half = false;                ///< Stored in 16 bits, read as 32.
-  Vec3 voxel = Vec3::Zero();        ///< Edges of a voxel, file.
-  std::uint64_t active_voxels = 0;  ///< Active tiles counted by their voxels.
-  Box bounds;                       ///< Of the active voxels' centres, file. Empty if none.
-  std::uint64_t memory = 0;         ///< [bytes]
-  double lowest = 0.0;              ///< Of the active values, magnitudes for a vector grid.
-  double highest = 0.0;
-  double mean = 0.0;
+  GridClass grid_class = GridClass::kUnknown;  ///< Decides where there are data (makeVdbField).
+  bool vector = false;                         ///< Vectors of floats, in one grid or by component.
+  bool half = false;                           ///< Stored in 16 bits, read as 32.
+  Vec3 voxel = Vec3::Zero();                   ///< Edges of a voxel, file.
+  std::uint64_t active_voxels = 0;             ///< Active tiles counted by their voxels.
+  Box bounds;                    ///< Of the active voxels' centres, file. Empty if none.
+  std::uint64_t memory = 0;      ///< [bytes]
+  double lowest = 0.0;           ///< Of the active values, magnitudes for a vector grid.
+  double highest = 0.0;          ///< Of the active values, likewise.
+  double mean = 0.0;             ///< Likewise, tiles counted by their voxels.
   double background = 0.0;       ///< Magnitude for a vector grid.
   std::uint64_t non_finite = 0;  ///< NaN, infinite or above 1e100: voxels, tiles, background.
   std::uint64_t filled = 0;      ///< Of these, made the background and inactive at load.
-  Smoothing smoothing;
-  bool was_local = false;  ///< Vectors stored in the grid's own index space, turned at load.
-  std::string source;      ///< The file that it was imported from, as its metadata say.
-  std::string refusal;     ///< "why: remedy" if it cannot be felt, else empty.
+  Smoothing smoothing;           ///< By LoadOptions::smooth.
+  bool was_local = false;        ///< Vectors stored in the grid's own index space, turned at load.
+  std::string source;            ///< The file that it was imported from, as its metadata say.
+  std::string refusal;           ///< "why: remedy" if it cannot be felt, else empty.
 };
 
 /// One grid in memory, const after loading, shared by its placements and by all threads.
@@ -61,8 +61,8 @@ class Volume {
   /// Frees the grid: milliseconds. Never let the haptic thread drop the last reference.
   ~Volume();
 
-  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }
-  [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }
+  [[nodiscard]] const GridInfo& info() const noexcept { return info_; }  ///< As found at load.
+  [[nodiscard]] const Grid& grid() const noexcept { return *grid_; }  ///< Its values, for samplers.
   /// Of the grid, and of the B-spline coefficients and maps of free space made so far [bytes].
   [[nodiscard]] std::uint64_t memory() const;
 
@@ -81,8 +81,9 @@ enum class NonFinite : std::uint8_t {
             ///< becomes zero.
 };
 
+/// What is done to a grid at load before it is looked at, and who is told how far it is.
 struct LoadOptions {
-  NonFinite non_finite = NonFinite::kRefuse;
+  NonFinite non_finite = NonFinite::kRefuse;  ///< Of NaN, infinite and above 1e100.
   /// OpenVDB's Gaussian at load: four box filters of so many voxels to each side; 0 for none. For a
   /// level set its LevelSetFilter, else its Filter; active voxels only. Takes twice the grid's
   /// memory more while it works.
@@ -118,18 +119,18 @@ struct LoadOptions {
 
 /// One of several volumes to be loaded together.
 struct VolumeRequest {
-  std::filesystem::path file;
-  std::string grid;
-  NonFinite non_finite = NonFinite::kRefuse;
-  int smooth = 0;
+  std::filesystem::path file;                 ///< A .vdb.
+  std::string grid;                           ///< Its name; empty: the only grid of the file.
+  NonFinite non_finite = NonFinite::kRefuse;  ///< As LoadOptions.
+  int smooth = 0;                             ///< As LoadOptions, voxels.
 
-  [[nodiscard]] bool operator==(const VolumeRequest&) const = default;
+  [[nodiscard]] bool operator==(const VolumeRequest&) const = default;  ///< For the same load.
 };
 
 /// The volume, or what loadVolume threw.
 struct LoadResult {
-  std::shared_ptr<const Volume> volume;
-  std::exception_ptr error;
+  std::shared_ptr<const Volume> volume;  ///< Null where it could not be loaded.
+  std::exception_ptr error;              ///< Why, as a rule a VolumeError; null where it could.
 };
 
 /// Loads in parallel, equal requests once; opens each file once. `progress` is told of all

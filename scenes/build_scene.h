@@ -25,13 +25,14 @@ using Progress = std::function<void(double done)>;
 
 /// Where a volume stands in the hand's world, as the scene file's "place" says.
 struct PlaceSpec {
+  /// Which of the members below place the volume, and how.
   enum class Kind : std::uint8_t {
     kFit,   ///< The longest side of the active bounds is `size` metres, centred.
     kUnit,  ///< True size: one unit of the file is `size` metres, centred.
     kMap,   ///< p = translate + R scale x.
     kLike,  ///< The same map as another volume's: co-registered. Moves with it.
   };
-  Kind kind = Kind::kFit;
+  Kind kind = Kind::kFit;                           ///< Decides which of the next five count.
   double size = 0.1;                                ///< [m]
   double scale = 1.0;                               ///< [m per unit of the file]
   std::array<double, 4> rotation_wxyz{1, 0, 0, 0};  ///< Normalised when used.
@@ -44,25 +45,25 @@ struct PlaceSpec {
 
 /// One volume: a grid of a file, one already in memory, or a field of the user's own.
 struct VolumeSpec {
-  std::filesystem::path file;
-  std::string grid;  ///< Empty: the only one.
-  NonFinite non_finite = NonFinite::kRefuse;
-  int smooth = 0;  ///< As LoadOptions, voxels.
-  PlaceSpec place;
+  std::filesystem::path file;  ///< A .vdb; not read where `volume` or `field` is set.
+  std::string grid;            ///< Empty: the only one.
+  NonFinite non_finite = NonFinite::kRefuse;  ///< As LoadOptions.
+  int smooth = 0;                             ///< As LoadOptions, voxels.
+  PlaceSpec place;                            ///< Where it stands, and how it moves.
   std::vector<PlaceSpec> instances;  ///< Where it stands instead, many times; not with kLike, no
                                      ///< keyframes. What is placed like it stands there as well.
-  Sampling sampling;
+  Sampling sampling;                 ///< How its values between voxels come about.
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
   FieldPtr field;                        ///< If set, of the above only the keyframes count.
 };
 
 /// A whole scene, as a scene file says it; C++ builds the same and has it checked the same.
 struct SceneSpec {
-  std::string source;  ///< Named in errors: the scene file.
-  CouplingParams coupling;
+  std::string source;          ///< Named in errors: the scene file.
+  CouplingParams coupling;     ///< The spring from probe to proxy; `graph.stiffness` may vary it.
   bool any_stiffness = false;  ///< Nobody has asked for that stiffness: fitCoupling may lower it.
-  StepParams step;
-  std::map<std::string, VolumeSpec> volumes;
+  StepParams step;             ///< How exactly the proxy moves within a tick.
+  std::map<std::string, VolumeSpec> volumes;         ///< By the names that fields and modes use.
   GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
   std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
                                                      ///< guide is given, else metres of W.
@@ -93,10 +94,10 @@ struct BuiltScene {
                                                                  ///< the computed fields.
   std::map<std::string, Placement> placements;                   ///< Of many the first.
   std::map<std::string, Sampling> samplings;                     ///< Of the volumes.
-  std::map<std::string, FieldPtr> fields;    ///< All volumes, placed, as they rest.
-  std::map<std::string, MotionPtr> motions;  ///< Of those that move.
-  std::map<std::string, ComputedField> computed;
-  std::vector<PartGroup> parts;    ///< All of them, in the order of their modes.
+  std::map<std::string, FieldPtr> fields;         ///< All volumes, placed, as they rest.
+  std::map<std::string, MotionPtr> motions;       ///< Of those that move.
+  std::map<std::string, ComputedField> computed;  ///< By name; each is in `volumes` too.
+  std::vector<PartGroup> parts;                   ///< All of them, in the order of their modes.
   Box bounds;                      ///< Of all fields in W, wherever they move or stand [m].
   std::vector<std::string> notes;  ///< What was filled or smoothed away, and what is valid but can
                                    ///< hardly be meant, one line each.

@@ -150,8 +150,8 @@ void palpate_clear(palpate_hand* hand) {
 
 const char* palpate_fault_words(int fault) {
   static const auto all_words = [] {
-    std::array<std::string, palpate::kFaults + 1> all;
-    for (std::size_t i = 1; i <= palpate::kFaults; ++i) {
+    std::array<std::string, palpate::kFaults> all;
+    for (std::size_t i = 1; i < palpate::kFaults; ++i) {
       const auto one = static_cast<palpate::Fault>(i);
       all[i] = std::string(palpate::wordsFor(one)) + ": " + palpate::remedyFor(one);
     }

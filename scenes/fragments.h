@@ -25,14 +25,14 @@ struct FragmentOrder {
   std::uint64_t seed = 1;         ///< Where they break and lie.
 };
 
-inline constexpr int kMostPieces = 1000;
-inline constexpr int kMostFragments = 1000000;
+inline constexpr int kMostPieces = 1000;        ///< Of FragmentOrder::pieces: each is a file.
+inline constexpr int kMostFragments = 1000000;  ///< Of FragmentOrder::places.
 
 /// What came of it.
 struct Fragments {
   int pieces = 0;  ///< Fewer than ordered where a site was drawn twice or a piece has only
                    ///< a few voxels.
-  int places = 0;
+  int places = 0;  ///< Instances in the scene, as ordered, dealt out to the pieces in turn.
   std::uint64_t voxels = 0;  ///< Active in all files.
   double size = 0.0;         ///< Mean of the pieces' longest sides [m].
   double overlap = 0.0;      ///< Fragments' boxes that hold a point of the room, in the mean.

@@ -15,12 +15,12 @@ namespace palpate {
 
 /// A volume that writeMade can make.
 struct MadeVolume {
-  std::string name;
-  std::string what;         ///< In a few words.
-  std::string length_unit;  ///< Of the file's own space.
-  double voxel = 0.0;       ///< By default, in that unit.
-  double least_voxel = 0.0;
-  double most_voxel = 0.0;
+  std::string name;          ///< As writeMade takes it.
+  std::string what;          ///< In a few words.
+  std::string length_unit;   ///< Of the file's own space.
+  double voxel = 0.0;        ///< By default, in that unit.
+  double least_voxel = 0.0;  ///< The finest that writeMade takes, in that unit,
+  double most_voxel = 0.0;   ///< and the coarsest.
 };
 
 /// All of them.
@@ -28,11 +28,11 @@ struct MadeVolume {
 
 /// A grid as it was written.
 struct MadeGrid {
-  std::string name;
-  std::string what;
-  std::string value_unit;
-  std::uint64_t active_voxels = 0;
-  double voxel = 0.0;
+  std::string name;                 ///< In the file.
+  std::string what;                 ///< In a few words, as in its metadata.
+  std::string value_unit;           ///< As "m/s"; empty for values without one.
+  std::uint64_t active_voxels = 0;  ///< Active tiles counted by their voxels.
+  double voxel = 0.0;               ///< Edge of its cubes, in MadeVolume::length_unit.
 };
 
 /// Makes a volume and writes it as a .vdb; its metadata say by which version, and of what unit.
@@ -80,7 +80,7 @@ struct Fibre {
   Vec3 direction = Vec3::Zero();  ///< Unit, its sign means nothing; zero outside the bundles.
   double anisotropy = 0.0;        ///< 0 to 1.
 };
-[[nodiscard]] Fibre fibre(const Vec3& p_F);
+[[nodiscard]] Fibre fibre(const Vec3& p_F);  ///< At p_F [mm]; all zero outside the bundles.
 
 /// The sign that a voxel's direction is stored with, +1 or -1: a hash of its index. Eigenvectors of
 /// measured tensors come with signs as arbitrary.

@@ -17,9 +17,10 @@ struct PartPlan {
                        ///< it is there once.
 };
 
+/// What planParts makes of a graph: each mode is in one of its graphs.
 struct ScenePlan {
-  GraphSpec base;  ///< What is always there.
-  std::vector<PartPlan> parts;
+  GraphSpec base;               ///< What is always there.
+  std::vector<PartPlan> parts;  ///< In the order of their first modes; may be empty.
 };
 
 /// Volumes of a graph, and where they are many times.

@@ -32,11 +32,11 @@ class SceneCache {
                                const Placement& placement, const Sampling& sampling);
   /// What stands somewhere, and how it is read.
   struct Placed {
-    std::shared_ptr<const Volume> volume;
-    Placement placement;
-    Sampling sampling;
+    std::shared_ptr<const Volume> volume;  ///< Not null.
+    Placement placement;                   ///< Where in W.
+    Sampling sampling;                     ///< How it is read between voxels.
 
-    [[nodiscard]] bool operator==(const Placed&) const = default;
+    [[nodiscard]] bool operator==(const Placed&) const = default;  ///< By the volume's address.
   };
   /// As makeVdbField of each, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);

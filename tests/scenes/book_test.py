@@ -2,7 +2,7 @@
 """The book's first pages: every block of commands runs as it stands, in the order of its page.
 
 book_test.py BIN_DIR. A block of JSON is the scene that the next commands name. Then the book is built,
-where mkdocs is.
+where mkdocs is, and the API reference, where doxygen is.
 """
 import os
 import re
@@ -82,6 +82,18 @@ class Book(unittest.TestCase):
                 self.assertTrue((Path(folder) / page.with_suffix(".html").name).exists())
             self.assertIn("Your CT in five minutes",
                           (Path(folder) / "index.html").read_text(encoding="utf-8"))
+
+
+class Api(unittest.TestCase):
+    def test_no_public_name_is_undocumented(self):
+        if shutil.which("doxygen") is None:
+            self.skipTest("needs doxygen")
+        with tempfile.TemporaryDirectory() as folder:
+            said = subprocess.run(["doxygen", "-"], cwd=ROOT, text=True, check=False,
+                                  input=f"@INCLUDE = docs/Doxyfile\nOUTPUT_DIRECTORY = {folder}\n",
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            self.assertEqual((said.returncode, said.stdout.replace(f"{ROOT}/", "")), (0, ""))
+            self.assertTrue((Path(folder) / "html" / "structpalpate_1_1StepReport.html").exists())
 
 
 if __name__ == "__main__":

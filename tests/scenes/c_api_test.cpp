@@ -9,6 +9,7 @@
 
 #include <catch2/catch.hpp>
 
+#include "palpate/engine/safety.h"
 #include "tests/support/counters.h"
 #include "tests/support/vdb_files.h"
 
@@ -109,7 +110,8 @@ TEST_CASE("a host in C is cut until it clears, and told why", "[c]") {
   CHECK(host.press().force[2] > 0.1);
   palpate_cut(host.hand);
   CHECK(host.tick(0.04).force[2] == 0.0);
-  for (const int none : {0, -1, 1000}) CHECK(std::string(palpate_fault_words(none)).empty());
+  for (const int none : {0, -1, static_cast<int>(kFaults), 1000})
+    CHECK(std::string(palpate_fault_words(none)).empty());
 }
 
 TEST_CASE("a host in C asks why, and gets all of it or as much as it has room for", "[c]") {
