@@ -134,6 +134,16 @@ class Programs(unittest.TestCase):
                                 f"{page.name} shows what no source has:\n{block}")
         self.assertGreater(shown, 8)
 
+    def test_the_session_is_shown_as_it_is(self):
+        """Every cell of the script, without its title."""
+        script = (ROOT / "scenes" / "python" / "session.py").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
+        cells = re.findall(r"^# %% (.*)\n((?:(?!# %%).*\n)*)", script, flags=re.M)
+        self.assertGreater(len(cells), 4)
+        self.assertEqual(re.findall(r"^## (.*)$", page, flags=re.M), [title for title, _ in cells])
+        self.assertEqual(re.findall(r"^```python\n(.*?)^```$", page, flags=re.S | re.M),
+                         [cell.strip("\n") + "\n" for _, cell in cells])
+
 
 class Paper(unittest.TestCase):
     @classmethod

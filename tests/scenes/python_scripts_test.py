@@ -1,0 +1,52 @@
+"""Scripts that use the Python module, by pytest, with PYTHONPATH on the module: they run, and say what is so."""
+
+import importlib.util
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+def script(path, folder, *words):
+    """What it prints; without a display, so that nothing waits for a window."""
+    env = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    done = subprocess.run([sys.executable, str(ROOT / path), *map(str, words)], cwd=folder, text=True,
+                          env={**env, "MPLBACKEND": "Agg"}, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def test_the_session_of_the_page(tmp_path):
+    said = script("scenes/python/session.py", tmp_path)
+    shown = re.findall(r"^```text\n(.*?)^```$", (ROOT / "docs/notebook.md").read_text(), flags=re.S | re.M)
+    assert len(shown) == 3
+    for block in shown:
+        assert block in said
+    assert 2.5 < float(re.search(r"at most ([0-9.]+) N", said)[1]) < 3
+    assert 20_000 < (tmp_path / "session.png").stat().st_size < 150_000
+    assert ("750 has " in said) == (importlib.util.find_spec("vtk") is not None)
+
+
+def test_speed_and_accuracy_from_python(tmp_path):
+    """Errors are tested, times are not."""
+    said = script("bench/speed_accuracy_from_python.py", tmp_path, "--ticks", 300, "--rounds", 1, "--out",
+                  tmp_path / "chart.png")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in said.splitlines() if line[:1] == "|"]
+    of = {(r[0], float(r[1]), int(r[2])): (float(r[4]), float(r[5]), float(r[6])) for r in rows[2:]}
+    assert len(of) == 27
+    assert all(ns > 0 for ns, _, _ in of.values())
+    off = [of[how, 1e-4, 64][1] for how in ("trilinear", "quadratic", "cubic")]
+    # An interpolant's own error is (k1 + k2) / 8 at most: of a ball of 8 voxels, 1 / 32.
+    assert off[0] == pytest.approx(1 / 32, rel=0.1)
+    assert off[1] < off[0] / 4 and off[2] < off[1] / 10
+    for how in ("trilinear", "quadratic", "cubic"):
+        loose, tight, single, finest = (of[how, *setting][2] for setting in
+                                        ((1, 64), (1e-4, 64), (1e-4, 1), (1e-8, 64)))
+        assert finest == 0 and tight < 1e-4 < loose < single < 0.1
+    for name in ("chart.png", "chart.svg"):
+        assert (tmp_path / name).stat().st_size > 10_000
