@@ -45,6 +45,9 @@ done
 grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
+# What draws is no command of its own.
+for script in feel stability; do test -x usr/share/palpate/${script}_picture.py; done
+! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
     for verb in said.*; do grep -q "^.TH" "usr/share/man/man1/palpate-${verb#said.}.1"; done
 fi
