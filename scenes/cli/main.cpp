@@ -36,15 +36,16 @@ void addCheck(CLI::App& app, Body& body);
 void addExplain(CLI::App& app, Body& body);
 void addPress(CLI::App& app, Body& body);
 void addFeel(CLI::App& app, Body& body);
+void addPlot(CLI::App& app, Body& body);
 void addStability(CLI::App& app, Body& body);
 void addDevices(CLI::App& app, Body& body);
 void addSchema(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,      addImport,  addMake,    addShatter, addSample,
-                            addSolve,     addCheck,   addExplain, addPress,   addFeel,
-                            addStability, addDevices, addSchema};
+constexpr std::array kVerbs{addInfo,  addImport,    addMake,    addShatter, addSample,
+                            addSolve, addCheck,     addExplain, addPress,   addFeel,
+                            addPlot,  addStability, addDevices, addSchema};
 
 }  // namespace
 }  // namespace palpate::cli

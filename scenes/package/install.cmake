@@ -12,6 +12,7 @@ if(NOT PALPATE_ENGINE_ONLY)
   # Run by palpate alone: nobody types their names.
   install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/feel_picture.py
                    ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
+                   ${PROJECT_SOURCE_DIR}/scenes/trace_picture.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
     DESTINATION lib/udev/rules.d COMPONENT programs)

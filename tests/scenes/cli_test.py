@@ -56,7 +56,7 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "stability", "devices", "schema"):
+                     "plot", "stability", "devices", "schema"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")
@@ -86,7 +86,7 @@ class Documents(unittest.TestCase):
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
         for verb in ("info", "import", "make", "shatter", "sample", "solve", "check", "explain",
-                     "press", "feel", "stability", "devices", "schema"):
+                     "press", "feel", "plot", "stability", "devices", "schema"):
             self.assertIn(f"\n## {verb} ", text)
 
 

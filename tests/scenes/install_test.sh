@@ -13,7 +13,7 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 # A verb each, and what only it says. Those that none is here for are found out below.
 declare -A says=(
     [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
-    [feel]=ticks [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
+    [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
     [make]=voxels [import]=voxels)
 run() {
     case $1 in
@@ -24,6 +24,8 @@ run() {
         explain) "$palpate" explain bodies.vdb --at 0,0,0.02 --push 0,0,-0.001 ;;
         press) "$palpate" press bodies.vdb --at 0,0,0.06 --along 0,0,-0.02 ;;
         feel) "$palpate" feel bodies.vdb --seconds 1 ;;
+        plot) "$palpate" feel bodies.vdb --seconds 1 --trace bodies.csv >/dev/null &&
+            "$palpate" plot bodies.csv --out bodies.png && test -s bodies.png ;;
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;
@@ -46,7 +48,7 @@ grep -q uaccess usr/lib/udev/rules.d/70-palpate-arms.rules
 "$palpate" devices usr/share/palpate/profiles/teensy-arm.json | grep current_a >/dev/null
 test -f usr/share/palpate/scene.schema.json
 # What draws is no command of its own.
-for script in feel stability; do test -x usr/share/palpate/${script}_picture.py; done
+for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
 ! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
     for verb in said.*; do grep -q "^.TH" "usr/share/man/man1/palpate-${verb#said.}.1"; done
