@@ -13,13 +13,29 @@
 namespace palpate {
 namespace {
 
+std::unique_ptr<Device> makeSimulated(ArmParams arm, const HandTarget& target,
+                                      const DeviceOptions& options) {
+  if (options.passive) arm.tank = TankUse::kAct;
+  arm.refill = options.refill;
+  return std::make_unique<SimulatedDevice>(arm, GripParams{}, target, options.rate);
+}
+
 std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
   // On time all is as at a hand that a force could hurt.
   ArmParams arm;
   arm.hand = options.realtime;
-  if (options.passive) arm.tank = TankUse::kAct;
-  arm.refill = options.refill;
-  return std::make_unique<SimulatedDevice>(arm, GripParams{}, options.target, options.rate);
+  return makeSimulated(arm, options.target, options);
+}
+
+std::unique_ptr<Device> openMouse(const DeviceOptions& options) {
+  if (!options.mouse.at) {
+    throw DeviceError("--device", "the mouse is in a window, and there is none",
+                      "use palpate view SCENE");
+  }
+  // No motor is behind it: a machine that is busy for a while hurts nobody.
+  ArmParams arm;
+  arm.late = 60.0;
+  return makeSimulated(arm, options.mouse, options);
 }
 
 std::unique_ptr<Device> openPath(const std::string& file, const DeviceOptions& options) {
@@ -56,6 +72,7 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
 
 std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions& options) {
   if (name == "simulated") return openSimulated(options);
+  if (name == "mouse") return openMouse(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
   if (parseArmName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not in this version",

@@ -14,6 +14,7 @@ namespace palpate {
 struct DeviceOptions {
   double rate = 1000.0;  ///< Ticks a second [Hz], > 0.
   HandTarget target;     ///< Of a simulated hand.
+  HandTarget mouse;      ///< Where a window's mouse means the hand to be; may be empty.
   bool realtime =
       false;  ///< The loop keeps time: an arm wants it; a simulated one is as a real one.
   bool passive = false;                         ///< The energy tank acts.
@@ -27,8 +28,9 @@ struct DeviceOptions {
 /// | name | |
 /// |---|---|
 /// | simulated | an arm and a hand made of numbers |
+/// | mouse | such a hand that a window's mouse leads |
 /// | path:FILE.csv | a hand that follows a path exactly; - is standard input |
-/// | hid, hid:PROFILE, hid:PROFILE@SERIAL, hid:FILE.json | an arm (openArm) |
+/// | `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json` | an arm (openArm) |
 ///
 /// Throws Error: what is wrong with it, and what to write. Slow: an arm may home itself.
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,

@@ -74,6 +74,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
 
   info_.name = "simulated";
   info_.hand = arm.hand;
+  info_.watch.late = arm.late;
   info_.limits = {7.9, 2000.0};
   info_.max_stiffness = 1000.0;
   info_.mass = arm.mass;

@@ -20,6 +20,7 @@ struct ArmParams {
   TankUse tank = TankUse::kObserve;  ///< Of the energy tank, which relies on just these numbers.
   double refill = 0.0;               ///< TankParams::refill [W].
   bool hand = false;  ///< True: treated as one that a force could hurt (DeviceInfo::hand).
+  double late = WatchLimits{}.late;  ///< Of its limits, the longest delay of a tick [s].
 };
 
 /// The hand that holds it: a spring and damper to where it means to be. Relaxed by default; firm is

@@ -27,10 +27,19 @@ namespace {
 
 constexpr double kDefaultSeconds = 10.0;
 
-DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds) {
+DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, Window* window) {
   DeviceOptions asked;
   asked.rate = options.rate;
-  asked.target = explore(bounds, options.seconds.value_or(kDefaultSeconds));
+  // A picture is of a moment of the whole exploration.
+  const double seconds = options.seconds.value_or(kDefaultSeconds);
+  asked.target =
+      explore(bounds, options.still.empty() ? seconds : std::max(seconds, kDefaultSeconds));
+  if (window != nullptr) {
+    // In front of all there is, as the window looks at it.
+    Vec3 start = bounds.centre();
+    start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
+    asked.mouse = window->mouse(start);
+  }
   asked.realtime = options.realtime;
   asked.passive = options.passive;
   asked.refill = options.refill;
@@ -84,7 +93,7 @@ std::string traceOf(const FeelOptions& options, std::size_t hand) {
 
 /// No two outputs may go to one place, and none to what is read.
 void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
-  std::vector<std::string> places{options.summary, options.picture};
+  std::vector<std::string> places{options.summary, options.picture, options.still};
   for (std::size_t i = 0; i < options.devices.size(); ++i) places.push_back(traceOf(options, i));
   if (options.json) places.emplace_back("-");
   std::vector<std::filesystem::path> inputs = inputsOf(options.scene, spec);
@@ -166,6 +175,8 @@ int feel(const FeelOptions& options) {
   std::optional<Guardian> guardian;
   if (options.realtime) guardian.emplace();
   noteInterrupts();
+  std::optional<Window> window;
+  if (options.window) window.emplace(options.rate);
 
   // Everything that can be refused is refused before anything runs.
   const auto written = writtenAt(options.scene);
@@ -177,7 +188,8 @@ int feel(const FeelOptions& options) {
   for (const std::string& note : built.notes) complain(note);
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
-    devices.push_back(openDevice(name, deviceOptions(options, built.bounds)));
+    devices.push_back(
+        openDevice(name, deviceOptions(options, built.bounds, window ? &*window : nullptr)));
   }
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());
@@ -185,6 +197,8 @@ int feel(const FeelOptions& options) {
   if (fitToAll(spec, rendered)) built = buildScene(spec, {}, &cache);
   std::optional<Picture> picture;
   if (!options.picture.empty()) picture.emplace(options.picture);
+  std::optional<WholeFile> still;
+  if (!options.still.empty()) still.emplace(pngName(options.still));
   std::optional<WholeFile> summary_file;
   if (!options.summary.empty()) summary_file.emplace(options.summary);
   Hands hands;
@@ -194,13 +208,22 @@ int feel(const FeelOptions& options) {
                                            picture && h == 0 ? &*picture : nullptr));
   }
 
-  Run run{options, hands, built.scene, written, cache};
+  if (window) {
+    hands[0]->log.live = &window->writer();
+    window->writer().expect(*built.scene);
+    if (options.still.empty()) window->open(options.scene);
+  }
+
+  Run run{options, hands, built.scene, spec, written, cache};
+  if (window) run.window = &*window;
   run.whole_path = !options.seconds &&
                    std::all_of(options.devices.begin(), options.devices.end(),
                                [](const std::string& d) { return d.rfind("path:", 0) == 0; });
-  run.ticks = run.whole_path ? std::numeric_limits<std::int64_t>::max()
-                             : static_cast<std::int64_t>(std::llround(
-                                   options.seconds.value_or(kDefaultSeconds) * options.rate));
+  // A window ends the run when it is closed.
+  const bool endless = run.whole_path || (options.realtime && window && !options.seconds);
+  run.ticks = endless ? std::numeric_limits<std::int64_t>::max()
+                      : static_cast<std::int64_t>(
+                            std::llround(options.seconds.value_or(kDefaultSeconds) * options.rate));
   if (options.realtime) {
     guardian->catchSignals(&interrupted);
     runOnTime(run, *guardian);
@@ -219,6 +242,10 @@ int feel(const FeelOptions& options) {
     summary_file->commit();
   }
   if (picture) picture->draw(spec, built);
+  if (still) {
+    window->draw(options.scene, still->place());
+    still->commit();
+  }
   if (options.json) {
     sayJson(summary);
   } else if (options.trace != "-" && options.summary != "-") {
@@ -272,6 +299,42 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
       "Example:\n  palpate feel head.json --seconds 10 --trace trace.csv --summary "
       "summary.json --picture felt.png");
   verb->callback([=, &body] { body = [=] { return feel(*options); }; });
+}
+
+void addView(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "view", "Feels a scene in a window: the mouse is a hand where there is no arm");
+  auto options = std::make_shared<FeelOptions>();
+  options->devices.clear();
+  verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_option("--device", options->devices,
+                   "mouse (the default; with --picture simulated), or as palpate feel has it; "
+                   "again for another hand")
+      ->take_all()
+      ->type_name("D");
+  verb->add_option("--seconds", options->seconds,
+                   "How long (default: until the window is closed; with --picture 10)");
+  verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  verb->add_flag("--passive", options->passive,
+                 "Let no energy out that the hand has not put in (docs/passivity.md)");
+  verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
+  verb->add_option("--trace", options->trace, "CSV, one row a tick");
+  verb->add_option("--summary", options->summary, "JSON");
+  verb->add_option("--picture", options->still,
+                   "No window: feel in virtual time, and draw its last tick as a PNG of 300 dpi");
+  verb->footer(
+      "Example:\n  palpate view head.json\n  palpate view head.json --seconds 4 --picture "
+      "head.png");
+  verb->callback([=, &body] {
+    body = [=] {
+      options->window = true;
+      options->realtime = options->still.empty();
+      if (options->devices.empty()) {
+        options->devices.emplace_back(options->realtime ? "mouse" : "simulated");
+      }
+      return feel(*options);
+    };
+  });
 }
 
 }  // namespace palpate::cli

@@ -36,6 +36,7 @@ void addCheck(CLI::App& app, Body& body);
 void addExplain(CLI::App& app, Body& body);
 void addPress(CLI::App& app, Body& body);
 void addFeel(CLI::App& app, Body& body);
+void addView(CLI::App& app, Body& body);
 void addPlot(CLI::App& app, Body& body);
 void addStability(CLI::App& app, Body& body);
 void addDevices(CLI::App& app, Body& body);
@@ -43,9 +44,9 @@ void addSchema(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,  addImport,    addMake,    addShatter, addSample,
-                            addSolve, addCheck,     addExplain, addPress,   addFeel,
-                            addPlot,  addStability, addDevices, addSchema};
+constexpr std::array kVerbs{addInfo,  addImport, addMake,      addShatter, addSample,
+                            addSolve, addCheck,  addExplain,   addPress,   addFeel,
+                            addView,  addPlot,   addStability, addDevices, addSchema};
 
 }  // namespace
 }  // namespace palpate::cli
@@ -75,11 +76,8 @@ int run(int argc, char** argv) {
   std::function<int()> body;
   for (const auto& add : cli::kVerbs) add(app, body);
 
-  // A verb of the contract that is not built yet, or a slip, deserves its own word.
+  // A slip deserves its own word.
   const std::string first = argc > 1 ? argv[1] : "";
-  if (first == "view") {
-    throw Error(first, "this version does not have it yet", "see palpate --help for what it has");
-  }
   std::vector<std::string> verbs;
   for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
   if (!first.empty() && first[0] != '-' &&

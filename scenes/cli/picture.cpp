@@ -117,16 +117,15 @@ std::vector<std::string> mostTouched(const BuiltScene& built,
   return names;
 }
 
-/// A name that says what it will be.
-std::string checked(const std::string& path) {
+}  // namespace
+
+const std::string& pngName(const std::string& path) {
   if (std::filesystem::path(path).extension() == ".png") return path;
   throw Error(path, "it is not named .png", "give a file name that ends in .png");
 }
 
-}  // namespace
-
 Picture::Picture(const std::string& path)
-    : path_(path), file_(checked(path)), script_("feel_picture.py", "--picture") {}
+    : path_(path), file_(pngName(path)), script_("feel_picture.py", "--picture") {}
 
 void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;

@@ -13,6 +13,9 @@
 
 namespace palpate::cli {
 
+/// The path, which says what it will be; throws Error where it does not.
+[[nodiscard]] const std::string& pngName(const std::string& path);
+
 /// Collects a run and has feel_picture.py (matplotlib) draw it.
 class Picture {
  public:

@@ -78,7 +78,7 @@ class OnTime {
     return thread_->running() && now.tick < run_.ticks;
   }
   void feel(const std::shared_ptr<const Scene>& scene) {
-    hand_.log.felt.expect(*scene);
+    hand_.log.expect(*scene);
     thread_->publish(scene);
   }
   void end() {
@@ -144,7 +144,10 @@ void runOnTime(const Run& run, Guardian& guardian) {
   std::vector<const Device*> devices;
   for (const auto& hand : run.hands) devices.push_back(hand->device.get());
   std::optional<Watcher> watcher;
-  if (run.options.watch) watcher.emplace(run.options.scene, run.written, devices, run.cache);
+  if (run.options.watch || run.window != nullptr) {
+    watcher.emplace(run.spec, run.options.scene, run.written, run.options.watch, devices,
+                    run.cache);
+  }
   std::vector<std::unique_ptr<OnTime>> hands;
   std::vector<HapticThread*> threads;
   for (std::size_t h = 0; h < run.hands.size(); ++h) {
@@ -160,6 +163,10 @@ void runOnTime(const Run& run, Guardian& guardian) {
     std::this_thread::sleep_for(kLook);
     feeling = false;
     for (const auto& hand : hands) feeling = hand->look() || feeling;
+    if (run.window != nullptr) {
+      if (!run.window->look(threads)) break;
+      if (auto factors = run.window->dialled()) watcher->turn(std::move(*factors));
+    }
     if (!watcher || looks % kWatch != 0) continue;
     if (const auto built = watcher->look()) {
       for (const auto& hand : hands) hand->feel(built->scene);

@@ -20,6 +20,8 @@
 #include "palpate/scenes/cli/felt.h"
 #include "palpate/scenes/cli/picture.h"
 #include "palpate/scenes/cli/trace.h"
+#include "palpate/scenes/cli/window.h"
+#include "palpate/scenes/live.h"
 #include "palpate/scenes/scene_cache.h"
 
 namespace palpate::cli {
@@ -34,6 +36,8 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
+  bool window = false;
+  std::string still;  ///< A picture by the window's program.
   std::string trace;
   std::string summary;
   std::string picture;
@@ -49,6 +53,7 @@ class Log final : public TickSink {
   }
   void take(const Telemetry& tick, const ProxyState& state) noexcept override {
     felt.add(tick, state);
+    if (live != nullptr) live->take(tick, state);
     if (ring_ && !ring_->try_enqueue(tick)) ++lost_;
   }
   /// On the thread that writes.
@@ -60,7 +65,14 @@ class Log final : public TickSink {
   /// Rows for which there was no room.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
+  /// Told before the scene of the next ticks is published.
+  void expect(const Scene& scene) {
+    felt.expect(scene);
+    if (live != nullptr) live->expect(scene);
+  }
+
   Felt felt;
+  LiveWriter* live = nullptr;  ///< Of a window.
 
  private:
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
@@ -97,10 +109,12 @@ struct Run {
   const FeelOptions& options;
   Hands& hands;
   std::shared_ptr<const Scene> scene;
+  const SceneSpec& spec;                                   ///< What the scene was built of.
   std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
   SceneCache& cache;
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
+  Window* window = nullptr;
 
   /// Before a message about one of several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {

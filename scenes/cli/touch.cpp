@@ -166,6 +166,16 @@ Rest restAt(const Scene& scene, Reader& reader, ProxyState& state, const Vec3& a
   return rest;
 }
 
+Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& report) {
+  Load load;
+  load.primitive = primitive;
+  load.force = force;
+  // As near as the balance knows the loads.
+  load.known = 1e-9 * primitive.strength + report.stiffness * report.error_bound;
+  load.hold = holdOf(load, report);
+  return load;
+}
+
 std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report, std::size_t i) {
   std::size_t first = 0;
   for (std::size_t j = 0; j < i; ++j) first += static_cast<std::size_t>(state.memory(j).emitted);
@@ -175,18 +185,13 @@ std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report, std
   std::vector<Load> loads;
   if (report.status == StepStatus::kFault || first + count > items.size()) return loads;
   for (std::size_t j = first; j < first + count; ++j) {
-    Load load;
-    load.primitive = items[j];
-    load.force = forces[j];
+    Load load = loadOf(items[j], forces[j], report);
     for (const FrictionLink& link : state.primitives().links()) {
       if (link.line != j) continue;
       load.friction = true;
       load.coefficient = link.coefficient;
       load.plane = link.plane - first;
     }
-    // As near as the balance knows the loads.
-    load.known = 1e-9 * items[j].strength + report.stiffness * report.error_bound;
-    load.hold = holdOf(load, report);
     loads.push_back(load);
   }
   return loads;

@@ -91,6 +91,8 @@ struct Load {
   std::size_t plane = 0;     ///< Of friction: its plane's index among the mode's.
 };
 
+/// A primitive's load in the balance of a report: how exactly it is known, and what it does there.
+[[nodiscard]] Load loadOf(const Primitive& primitive, const Vec3& force, const StepReport& report);
 /// What mode i placed in the last sub-step, with its loads. None after a fault.
 [[nodiscard]] std::vector<Load> loadsOf(const ProxyState& state, const StepReport& report,
                                         std::size_t i);

@@ -1,5 +1,6 @@
 #include "palpate/scenes/cli/watcher.h"
 
+#include <algorithm>
 #include <chrono>
 #include <exception>
 #include <new>
@@ -29,13 +30,40 @@ bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices) {
   return lowered;
 }
 
+void dial(SceneSpec& spec, const std::vector<double>& factors) {
+  constexpr double kOff = 1e-9;
+  const std::size_t count = std::min(factors.size(), spec.graph.modes.size());
+  for (std::size_t i = 0; i < count; ++i) {
+    ModeSpec& mode = spec.graph.modes[i];
+    if (factors[i] == 1.0 || mode.kind == ModeKind::kUser) continue;
+    mode.strength.factors.push_back({TransferFunction(std::max(factors[i], kOff)), ""});
+  }
+}
+
+bool Watcher::changed() {
+  if (!files_) return false;
+  const auto now = writtenAt(file_);
+  if (!now || now == seen_) return false;
+  seen_ = now;
+  std::error_code error;
+  if (std::filesystem::is_regular_file(file_, error) ||
+      std::filesystem::is_directory(file_, error)) {
+    return true;
+  }
+  complain(file_ + ": it is not a file any more; the scene before it goes on");
+  return false;
+}
+
 std::optional<BuiltScene> Watcher::look() {
   if (made_.valid()) {
     if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
     try {
-      BuiltScene built = made_.get();
-      sayAside("feel: {} has changed: it is felt now\n", file_);
-      return built;
+      Made made = made_.get();
+      if (made.read) {
+        spec_ = std::move(made.spec);
+        sayAside("feel: {} has changed: it is felt now\n", file_);
+      }
+      return std::move(made.built);
     } catch (const std::bad_alloc&) {
       complain(file_ +
                ": there is not enough memory for a second scene: use smaller volumes; the "
@@ -45,22 +73,21 @@ std::optional<BuiltScene> Watcher::look() {
     }
     return std::nullopt;
   }
-  const auto now = writtenAt(file_);
-  if (!now || now == seen_) return std::nullopt;
-  seen_ = now;
-  std::error_code error;
-  if (!std::filesystem::is_regular_file(file_, error) &&
-      !std::filesystem::is_directory(file_, error)) {
-    complain(file_ + ": it is not a file any more; the scene before it goes on");
-    return std::nullopt;
-  }
-  made_ = std::async(std::launch::async, [this] {
-    SceneSpec spec = openScene(file_, {});
+  const bool read = changed();
+  if (!read && !turned_) return std::nullopt;
+  turned_ = false;
+  made_ = std::async(std::launch::async, [this, read, factors = factors_] {
+    Made made;
+    made.read = read;
+    made.spec = read ? openScene(file_, {}) : spec_;
+    SceneSpec spec = made.spec;
+    dial(spec, factors);
     (void)fitToAll(spec, devices_);
-    BuiltScene built = buildScene(spec, {}, &cache_);
+    made.built = buildScene(spec, {}, &cache_);
+    if (!read) return made;
     for (const std::string& note : spec.notes) complain(note);
-    for (const std::string& note : built.notes) complain(note);
-    return built;
+    for (const std::string& note : made.built.notes) complain(note);
+    return made;
   });
   return std::nullopt;
 }

@@ -2,6 +2,7 @@
 #
 #   programs  palpate          what a person with an arm needs
 #   import    palpate-import   the importer with VTK
+#   view      palpate-view     the window
 #   library   libpalpate-dev   for find_package(palpate)
 #   python    python3-palpate  for import palpate
 include(GNUInstallDirs)
@@ -31,6 +32,10 @@ if(NOT PALPATE_ENGINE_ONLY)
   if(PALPATE_VTK)
     install(TARGETS palpate-import
       RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT import)
+  endif()
+  if(TARGET palpate-view)
+    install(TARGETS palpate-view
+      RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT view)
   endif()
   if(PALPATE_PYTHON)
     # Debian's folder for what packages bring, where the prefix is the system's.
@@ -116,7 +121,7 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_COMPONENTS_ALL programs library)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, python3-matplotlib")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, palpate-view, python3-matplotlib")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
     ${here}/postinst ${here}/postrm ${here}/triggers)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
@@ -129,6 +134,13 @@ if(PALPATE_VTK)
   list(APPEND CPACK_COMPONENTS_ALL import)
   set(CPACK_DEBIAN_IMPORT_PACKAGE_NAME palpate-import)
   set(CPACK_DEBIAN_IMPORT_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
+endif()
+if(TARGET palpate-view)
+  list(APPEND CPACK_COMPONENTS_ALL view)
+  set(CPACK_DEBIAN_VIEW_PACKAGE_NAME palpate-view)
+  set(CPACK_DEBIAN_VIEW_PACKAGE_DEPENDS "palpate (= ${PROJECT_VERSION})")
+  # Pictures where there is no display.
+  set(CPACK_DEBIAN_VIEW_PACKAGE_RECOMMENDS "libgl1-mesa-dri, xvfb")
 endif()
 if(PALPATE_PYTHON)
   list(APPEND CPACK_COMPONENTS_ALL python)
@@ -145,6 +157,8 @@ Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, i
 NIfTI, NRRD, MetaImage and raw values, its manual, the rules that let a user open an arm.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
 Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files.")
+set(CPACK_COMPONENT_VIEW_DESCRIPTION "\
+A window for palpate view: the volumes, the hand and its forces, and why they are what they are.")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\
 Static libraries and headers for find_package(palpate).")
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "\

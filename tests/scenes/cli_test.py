@@ -56,7 +56,7 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "plot", "stability", "devices", "schema"):
+                     "view", "plot", "stability", "devices", "schema"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")
@@ -71,7 +71,6 @@ class Program(Case):
         self.refused(says="usage")
         self.refused("tickle", says="is no verb")
         self.refused("fel", says='did you mean "feel"?')
-        self.refused("view", says="does not have it yet")
         self.refused("feel", says="see palpate feel --help")
         self.refused("info", "a", "--nonsense", says="nonsense")
 

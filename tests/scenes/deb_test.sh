@@ -31,6 +31,10 @@ done
 if ls palpate-import_*.deb >/dev/null 2>&1; then
     wants palpate-import | grep vtk >/dev/null || fail "palpate-import asks for no VTK"
 fi
+if ls palpate-view_*.deb >/dev/null 2>&1; then
+    holds palpate-view ./usr/bin/palpate-view
+    wants palpate-view | grep -i vtk >/dev/null || fail "palpate-view asks for no VTK"
+fi
 # A member of the group gets what the loop asks for, and an administrator's own file stays.
 dpkg-deb -e palpate_*.deb control
 [ "$(cat control/triggers)" = "activate-noawait ldconfig" ] || fail "no ldconfig"

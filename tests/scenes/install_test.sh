@@ -14,7 +14,7 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 declare -A says=(
     [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
-    [make]=voxels [import]=voxels)
+    [make]=voxels [import]=voxels [view]=felt)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
@@ -24,6 +24,12 @@ run() {
         explain) "$palpate" explain bodies.vdb --at 0,0,0.02 --push 0,0,-0.001 ;;
         press) "$palpate" press bodies.vdb --at 0,0,0.06 --along 0,0,-0.02 ;;
         feel) "$palpate" feel bodies.vdb --seconds 1 ;;
+        # Where no window is installed, it says what to install.
+        view) if [ -x usr/bin/palpate-view ]; then
+                "$palpate" view bodies.vdb --seconds 1 --picture view.png && test -s view.png
+            else
+                ! "$palpate" view bodies.vdb && echo "nothing was felt"
+            fi ;;
         plot) "$palpate" feel bodies.vdb --seconds 1 --trace bodies.csv >/dev/null &&
             "$palpate" plot bodies.csv --out bodies.png && test -s bodies.png ;;
         stability) "$palpate" stability --size 9 --map map.json ;;

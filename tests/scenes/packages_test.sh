@@ -67,6 +67,11 @@ chroot "$root" palpate import /cloud.vtk /cloud.vdb >"$place/said" 2>&1 || true
 grep -q "install the package palpate-import" "$place/said" || { cat "$place/said"; exit 1; }
 install palpate-import
 chroot "$root" palpate import /cloud.vtk /cloud.vdb | sed -n 1p
+install palpate-view
+chroot "$root" env DEBIAN_FRONTEND=noninteractive \
+    apt-get -qq install -y --no-install-recommends xvfb libgl1-mesa-dri >/dev/null 2>&1
+chroot "$root" palpate view /head.vdb --seconds 3 --picture /view.png | sed -n 1p
+[ -s "$root/view.png" ]
 install python3-palpate
 chroot "$root" python3 -c '
 import palpate

@@ -1,0 +1,174 @@
+#include "palpate/scenes/cli/window.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <memory>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
+
+namespace palpate::cli {
+namespace {
+
+constexpr double kFarthest = 10.0;  ///< Of a hand that a mouse leads, from the origin [m].
+constexpr double kFollow = 0.02;    ///< Time constant of a hand behind its mouse [s].
+constexpr double kMostDial = 8.0;
+
+std::string programPath() {
+  return (programFolder() / "palpate-view").string();
+}
+
+std::vector<char*> argumentsOf(std::vector<std::string>& words) {
+  std::vector<char*> argv;
+  argv.reserve(words.size() + 1);
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  return argv;
+}
+
+[[noreturn]] void refuse(int error) {
+  throw Error("palpate-view",
+              error == ENOENT ? "the window is not installed" : std::strerror(error),
+              "install the package palpate-view, or build with VTK");
+}
+
+/// "it was ended by signal 9 (Killed)"
+std::string endOf(int status) {
+  if (WIFSIGNALED(status)) {
+    return fmt::format("it was ended by signal {} ({})", WTERMSIG(status),
+                       strsignal(WTERMSIG(status)));
+  }
+  return fmt::format("its exit status is {}", WEXITSTATUS(status));
+}
+
+}  // namespace
+
+Window::Window(double rate) : writer_(share_.block(), rate) {
+  wishes_.dials.fill(1.0F);
+  if (access(programPath().c_str(), X_OK) != 0) refuse(errno);
+}
+
+Window::~Window() {
+  share_.block().over = 1;
+  if (child_ < 0) return;
+  // It looks thirty times a second.
+  constexpr auto kPatience = std::chrono::milliseconds(1500);
+  const auto end = std::chrono::steady_clock::now() + kPatience;
+  while (waitpid(child_, nullptr, WNOHANG) == 0) {
+    if (std::chrono::steady_clock::now() > end) {
+      kill(child_, SIGKILL);
+      waitpid(child_, nullptr, 0);
+      return;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+}
+
+void Window::start(const std::vector<std::string>& arguments) {
+  std::vector<std::string> words{"palpate-view", "--live", std::to_string(share_.descriptor())};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  posix_spawn_file_actions_t files;
+  posix_spawn_file_actions_init(&files);
+  // Given to itself, a descriptor stays open in the program.
+  posix_spawn_file_actions_adddup2(&files, share_.descriptor(), share_.descriptor());
+  posix_spawnattr_t with;
+  posix_spawnattr_init(&with);
+  sigset_t usual;
+  sigemptyset(&usual);
+  for (const int signal : {SIGPIPE, SIGXFSZ, SIGINT, SIGTERM, SIGHUP, SIGQUIT}) {
+    sigaddset(&usual, signal);
+  }
+  posix_spawnattr_setsigdefault(&with, &usual);
+  posix_spawnattr_setflags(&with, POSIX_SPAWN_SETSIGDEF);
+  pid_t child = -1;
+  const int error =
+      posix_spawn(&child, programPath().c_str(), &files, &with, argumentsOf(words).data(), environ);
+  posix_spawnattr_destroy(&with);
+  posix_spawn_file_actions_destroy(&files);
+  if (error != 0) refuse(error);
+  child_ = child;
+}
+
+void Window::open(const std::string& scene) {
+  start({scene});
+}
+
+void Window::draw(const std::string& scene, const std::string& picture) {
+  start({scene, "--picture", picture});
+  int status = 0;
+  while (waitpid(child_, &status, 0) < 0 && errno == EINTR) {
+  }
+  child_ = -1;
+  if (status != 0) {
+    throw Error(picture, "the picture was not drawn: " + endOf(status),
+                "see the message of palpate-view above");
+  }
+}
+
+HandTarget Window::mouse(const Vec3& start) {
+  // The hand follows its mouse as through a low-pass: a mouse leaps, thirty times a second.
+  struct Follower {
+    Vec3 at = Vec3::Zero();
+    double time = 0.0;
+  };
+  auto follower = std::make_shared<Follower>();
+  follower->at = start;
+  const LiveBlock* block = &share_.block();
+  const auto at = [follower, block](double now) {
+    LiveHand hand;
+    if (!block->hand.read(hand)) return follower->at;
+    Vec3 target{hand.target[0], hand.target[1], hand.target[2]};
+    if (!target.allFinite()) return follower->at;
+    target = target.cwiseMax(-kFarthest).cwiseMin(kFarthest);
+    const double share = -std::expm1(-std::max(0.0, now - follower->time) / kFollow);
+    follower->time = now;
+    follower->at += share * (target - follower->at);
+    return follower->at;
+  };
+  constexpr double kForEver = 1e9;  // [s]
+  return {at, kForEver};
+}
+
+bool Window::look(const std::vector<HapticThread*>& hands) {
+  if (child_ >= 0) {
+    int status = 0;
+    if (waitpid(child_, &status, WNOHANG) == child_) {
+      child_ = -1;
+      LiveWishes last;
+      if (share_.block().wishes.read(last) && last.closed != 0) return false;
+      complain("view: the window has ended: " + endOf(status) +
+               ": the hand is felt on without it; Ctrl-C ends the run");
+    }
+  }
+  LiveWishes now;
+  if (!share_.block().wishes.read(now)) return true;
+  for (HapticThread* hand : hands) {
+    if (now.cuts != wishes_.cuts) hand->cut();
+    // A cut that came with it stays.
+    if (now.clears != wishes_.clears && now.cuts == wishes_.cuts) hand->clear();
+  }
+  wishes_ = now;
+  return now.closed == 0;
+}
+
+std::optional<std::vector<double>> Window::dialled() {
+  if (wishes_.dialled == dialled_) return std::nullopt;
+  dialled_ = wishes_.dialled;
+  std::vector<double> factors(wishes_.dials.size());
+  std::transform(wishes_.dials.begin(), wishes_.dials.end(), factors.begin(), [](float dial) {
+    return std::isfinite(dial) ? std::clamp<double>(dial, 0.0, kMostDial) : 1.0;
+  });
+  return factors;
+}
+
+}  // namespace palpate::cli

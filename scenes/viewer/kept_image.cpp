@@ -1,0 +1,57 @@
+#include "palpate/scenes/viewer/kept_image.h"
+
+#include <vtkOpenGLState.h>
+#include <vtk_glew.h>
+
+namespace palpate::view {
+namespace {
+
+/// From one framebuffer to the other, whatever part was drawn last.
+void copy(vtkOpenGLState& state, const int* size) {
+  const vtkOpenGLState::ScopedglEnableDisable scissor(&state, GL_SCISSOR_TEST);
+  state.vtkglDisable(GL_SCISSOR_TEST);
+  glBlitFramebuffer(0, 0, size[0], size[1], 0, 0, size[0], size[1],
+                    GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT, GL_NEAREST);
+}
+
+}  // namespace
+
+void KeptImage::take(vtkOpenGLRenderWindow& window) {
+  vtkOpenGLState* state = window.GetState();
+  const int* size = window.GetSize();
+  state->PushFramebufferBindings();
+  if (image_ == nullptr || size_[0] != size[0] || size_[1] != size[1]) {
+    image_ = vtkSmartPointer<vtkOpenGLFramebufferObject>::New();
+    image_->SetContext(&window);
+    // As the window's own: else neither is copied.
+    window.GetRenderFramebuffer()->Bind(GL_READ_FRAMEBUFFER);
+    GLint bits = 0;
+    glGetFramebufferAttachmentParameteriv(GL_READ_FRAMEBUFFER, GL_DEPTH_ATTACHMENT,
+                                          GL_FRAMEBUFFER_ATTACHMENT_DEPTH_SIZE, &bits);
+    image_->PopulateFramebuffer(size[0], size[1], true, 1, VTK_UNSIGNED_CHAR, true, bits, 0);
+    size_[0] = size[0];
+    size_[1] = size[1];
+  }
+  window.GetRenderFramebuffer()->Bind(GL_READ_FRAMEBUFFER);
+  image_->Bind(GL_DRAW_FRAMEBUFFER);
+  copy(*state, size_);
+  state->PopFramebufferBindings();
+}
+
+void KeptImage::putBack(vtkOpenGLRenderWindow& window) const {
+  const int* size = window.GetSize();
+  if (image_ == nullptr || size_[0] != size[0] || size_[1] != size[1]) return;
+  vtkOpenGLState* state = window.GetState();
+  state->PushFramebufferBindings();
+  image_->Bind(GL_READ_FRAMEBUFFER);
+  window.GetRenderFramebuffer()->Bind(GL_DRAW_FRAMEBUFFER);
+  copy(*state, size_);
+  state->PopFramebufferBindings();
+}
+
+void KeptImage::release(vtkOpenGLRenderWindow& window) {
+  if (image_ != nullptr) image_->ReleaseGraphicsResources(&window);
+  image_ = nullptr;
+}
+
+}  // namespace palpate::view

@@ -1,0 +1,123 @@
+/// `palpate-view`: the window of a run, started by `palpate view`. Loads the scene once more, to
+/// draw it, and reads of the loop what it tells through shared memory.
+#include <cerrno>
+#include <csignal>
+#include <cstdlib>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <new>
+#include <sched.h>
+#include <string>
+#include <thread>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <vtkObject.h>
+#include <vtkOutputWindow.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/version.h"
+#include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/live.h"
+#include "palpate/scenes/scene_file.h"
+#include "palpate/scenes/viewer/display.h"
+#include "palpate/scenes/viewer/shapes.h"
+#include "palpate/scenes/viewer/window.h"
+
+namespace {
+
+using namespace palpate;
+
+/// Gives the loop its turn on every core.
+void stepBack() {
+  constexpr int kNice = 10;
+  (void)!nice(kNice);
+  // A renderer in software takes as many threads as it is told.
+  const unsigned cores = std::thread::hardware_concurrency();
+  setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
+}
+
+/// Leaves the loop a core of its own. Once all is loaded: until then every core helps.
+void stepAside() {
+  cpu_set_t cores;
+  if (sched_getaffinity(0, sizeof cores, &cores) != 0) return;
+  const int count = CPU_COUNT(&cores);
+  for (int core = CPU_SETSIZE - 1; core >= 0 && count > 1; --core) {
+    if (!CPU_ISSET(core, &cores)) continue;
+    CPU_CLR(core, &cores);
+    (void)sched_setaffinity(0, sizeof cores, &cores);
+    return;
+  }
+}
+
+int run(int argc, char** argv) {
+  CLI::App app{"The window of palpate view, which starts it."};
+  app.name("palpate-view");
+  app.set_version_flag("--version", versionText());
+  std::string scene;
+  std::string picture;
+  std::string told;
+  std::string shot;
+  double told_every = 0.5;
+  int live = -1;
+  app.add_option("SCENE", scene)->required();
+  app.add_option("--live", live, "Descriptor of the loop's memory")->required();
+  app.add_option("--picture", picture, "Draw once, to a PNG");
+  // For tests.
+  app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
+  app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
+  app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::Success& e) {
+    return app.exit(e);
+  } catch (const CLI::ParseError& e) {
+    cli::complain(fmt::format("usage: {}: palpate view starts it", e.what()));
+    return cli::kBadInput;
+  }
+  LiveShare share(live);
+  stepBack();
+  view::needDisplay(!picture.empty());
+  vtkObject::GlobalWarningDisplayOff();
+  const BuiltScene built = buildScene(openScene(scene));
+  view::Shapes shapes(built, !picture.empty());
+  view::ViewWindow::Options options;
+  options.offscreen = !picture.empty();
+  if (options.offscreen) options.magnify = 2;
+  const std::string title = fmt::format(
+      "palpate: {}", cli::Legible(std::filesystem::path(scene).filename().string()).text());
+  view::ViewWindow window(share.block(), shapes, title, options);
+  if (!picture.empty()) {
+    window.draw(picture);
+    if (!told.empty()) std::ofstream(told) << window.told().dump(2) << "\n";
+    return cli::kDone;
+  }
+  stepAside();
+  view::endWithDisplay();
+  window.run(told_every, shot, told);
+  return cli::kDone;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace palpate;
+  // The loop ends the run; what comes of a terminal is for it.
+  std::signal(SIGINT, SIG_IGN);
+  std::signal(SIGPIPE, SIG_IGN);
+  try {
+    return run(argc, argv);
+  } catch (const Error& e) {
+    cli::complain(e.what());
+    return cli::kBadInput;
+  } catch (const std::bad_alloc&) {
+    cli::complain("window: there is not enough memory to draw this scene: it can be felt without");
+    return cli::kEndedEarly;
+  } catch (const std::exception& e) {
+    cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
+    return cli::kInternal;
+  }
+}

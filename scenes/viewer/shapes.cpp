@@ -1,0 +1,424 @@
+#include "palpate/scenes/viewer/shapes.h"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <utility>
+
+#include <fmt/format.h>
+#include <vtkActor.h>
+#include <vtkCellArray.h>
+#include <vtkColorTransferFunction.h>
+#include <vtkFixedPointVolumeRayCastMapper.h>
+#include <vtkFlyingEdges3D.h>
+#include <vtkImageShiftScale.h>
+#include <vtkLineSource.h>
+#include <vtkLookupTable.h>
+#include <vtkMatrix4x4.h>
+#include <vtkOutlineSource.h>
+#include <vtkPiecewiseFunction.h>
+#include <vtkPointData.h>
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkProperty.h>
+#include <vtkRegularPolygonSource.h>
+#include <vtkSphereSource.h>
+#include <vtkStreamTracer.h>
+#include <vtkVolume.h>
+#include <vtkVolumeProperty.h>
+
+#include "palpate/scenes/viewer/sampled.h"
+
+namespace palpate::view {
+namespace {
+
+// Points along the longest side of what is read.
+constexpr int kCoarsePoints = 80;
+constexpr int kPoints = 176;
+constexpr int kFinePoints = 320;
+constexpr int kCloudPoints = 112;
+constexpr int kStreamPoints = 64;
+constexpr std::size_t kMostClouds = 2;
+
+/// Of bodies: warm and light, so that what is felt stands out.
+constexpr std::array<Colour, 6> kBodies{{{0.87, 0.74, 0.64},
+                                         {0.93, 0.91, 0.84},
+                                         {0.72, 0.62, 0.66},
+                                         {0.66, 0.72, 0.66},
+                                         {0.80, 0.78, 0.62},
+                                         {0.64, 0.68, 0.76}}};
+/// Dark to light, in even steps for every eye (after cividis).
+constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
+                                        {0.26, 0.31, 0.42},
+                                        {0.49, 0.48, 0.47},
+                                        {0.73, 0.66, 0.42},
+                                        {1.00, 0.91, 0.27}}};
+
+Colour onScale(double share) {
+  const double at = std::clamp(share, 0.0, 1.0) * (kScale.size() - 1);
+  const auto i = std::min<std::size_t>(kScale.size() - 2, static_cast<std::size_t>(at));
+  Colour mixed;
+  for (std::size_t c = 0; c < 3; ++c) {
+    mixed[c] = kScale[i][c] + (at - static_cast<double>(i)) * (kScale[i + 1][c] - kScale[i][c]);
+  }
+  return mixed;
+}
+
+MotionPtr motionOf(const Graph& graph, int index) {
+  return index < 0 ? nullptr : graph.motions[static_cast<std::size_t>(index)];
+}
+
+/// The values between which nearly all lie; what is nowhere else than in the background counts
+/// once.
+std::pair<double, double> usual(vtkImageData& image) {
+  auto* values = static_cast<float*>(image.GetScalarPointer());
+  const vtkIdType count = image.GetNumberOfPoints();
+  std::vector<float> some;
+  for (vtkIdType i = 0; i < count; i += std::max<vtkIdType>(1, count / 50000)) {
+    some.push_back(values[i]);
+  }
+  std::sort(some.begin(), some.end());
+  const float low = some[some.size() / 50];
+  const float high = some[some.size() - 1 - some.size() / 200];
+  return {low, high > low ? high : low + 1.0F};
+}
+
+vtkSmartPointer<vtkActor> actorOf(vtkAlgorithmOutput* output) {
+  auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
+  mapper->SetInputConnection(output);
+  mapper->ScalarVisibilityOff();
+  auto actor = vtkSmartPointer<vtkActor>::New();
+  actor->SetMapper(mapper);
+  return actor;
+}
+
+/// Where a field's property comes from: the index of its field, or -1.
+int scalarFieldOf(const Graph& graph, int property) {
+  for (const ScalarRead& read : graph.scalar_reads) {
+    if (property >= 0 && read.value == property) return read.field;
+  }
+  return -1;
+}
+int vectorFieldOfScalar(const Graph& graph, int property) {
+  for (const MagnitudeStep& step : graph.magnitudes) {
+    if (step.to != property) continue;
+    for (const VectorRead& read : graph.vector_reads) {
+      if (read.value == step.from) return read.field;
+    }
+  }
+  return -1;
+}
+/// Of a vector itself, its curl, or its direction.
+int vectorFieldOf(const Graph& graph, int property) {
+  for (const UnitStep& step : graph.units) {
+    if (step.to == property) property = step.from;
+  }
+  for (const VectorRead& read : graph.vector_reads) {
+    if (property >= 0 && (read.value == property || read.curl == property)) return read.field;
+  }
+  return -1;
+}
+int scalarFieldOfGradient(const Graph& graph, int property) {
+  for (const ScalarRead& read : graph.scalar_reads) {
+    if (property >= 0 && read.gradient == property) return read.field;
+  }
+  return -1;
+}
+
+}  // namespace
+
+Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine_(fine) {
+  addGraph(built.scene->graph, fine);
+  const auto& parts = built.scene->parts;
+  for (std::size_t i = 0; i < std::min(parts.size(), kMostParts); ++i) {
+    addGraph(parts[i].graph, false);
+  }
+  if (parts.size() > kMostParts) {
+    notes_.push_back(
+        fmt::format("of {} things {} are drawn; all are felt", parts.size(), kMostParts));
+  }
+  auto outline = vtkSmartPointer<vtkOutlineSource>::New();
+  const Vec3& a = bounds_.lower;
+  const Vec3& b = bounds_.upper;
+  outline->SetBounds(a.x(), b.x(), a.y(), b.y(), a.z(), b.z());
+  auto box = actorOf(outline->GetOutputPort());
+  box->GetProperty()->SetColor(0.45, 0.45, 0.45);
+  box->GetProperty()->LightingOff();
+  add(box, When::kAlways, nullptr);
+}
+
+void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion) {
+  shapes_.push_back({std::move(prop), when, motion});
+}
+
+void Shapes::addGraph(const Graph& graph, bool fine) {
+  const auto draw = [&](std::size_t i, int scalar, int vector, const Transfer& strength,
+                        const std::string& name) {
+    if (const int field = scalarFieldOf(graph, scalar); field >= 0) {
+      addCloud(graph, i, false, static_cast<std::size_t>(field), strength, scalar, name);
+    } else if (const int of = vectorFieldOfScalar(graph, scalar); of >= 0) {
+      addCloud(graph, i, true, static_cast<std::size_t>(of), strength, scalar, name);
+    } else if (const int along = vectorFieldOf(graph, vector); along >= 0) {
+      addStreams(graph, static_cast<std::size_t>(along), name);
+    } else if (const int up = scalarFieldOfGradient(graph, vector); up >= 0) {
+      addCloud(graph, i, false, static_cast<std::size_t>(up), strength, -2, name);
+    }
+  };
+  for (std::size_t i = 0; i < graph.modes.size(); ++i) {
+    const std::string& name = graph.mode_names[i];
+    const Mode& mode = graph.modes[i];
+    if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) {
+      addSurface(graph, static_cast<std::size_t>(iso->skin.field), iso->level, i, name, fine);
+    } else if (const auto* surface = std::get_if<SurfaceMode>(&mode)) {
+      addCloud(graph, i, false, static_cast<std::size_t>(surface->skin.field), surface->strength,
+               surface->skin.value, name);
+    } else if (const auto* drag = std::get_if<ViscosityMode>(&mode)) {
+      draw(i, drag->scalar, -1, drag->strength, name);
+    } else if (const auto* force = std::get_if<ForceMode>(&mode)) {
+      draw(i, -1, force->vector, force->strength, name);
+    } else if (const auto* follow = std::get_if<FollowMode>(&mode)) {
+      draw(i, -1, follow->vector, follow->strength, name);
+    } else if (const auto* front = std::get_if<FrontShapeMode>(&mode)) {
+      draw(i, -1, front->vector, front->strength, name);
+    } else if (const auto* tube = std::get_if<VortexTubeMode>(&mode)) {
+      draw(i, -1, tube->vector, tube->strength, name);
+    } else if (const auto* guide = std::get_if<GuideMode>(&mode)) {
+      addGuide(*guide, motionOf(graph, graph.mode_motions[i]), name);
+    }
+  }
+}
+
+void Shapes::addSurface(const Graph& graph, std::size_t field, double level, std::size_t /*mode*/,
+                        const std::string& name, bool fine) {
+  const ScalarField& of = *graph.scalar_fields[field];
+  const std::string key = fmt::format("surface {} {}", of.id(), level);
+  if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
+  known_.push_back(key);
+  const Colour colour = kBodies[surfaces_ % kBodies.size()];
+  const MotionPtr motion = motionOf(graph, graph.scalar_motions[field]);
+  const auto mesh = [&](int points, When when) {
+    auto contour = vtkSmartPointer<vtkFlyingEdges3D>::New();
+    contour->SetInputData(sampled(of, points));
+    contour->SetValue(0, level);
+    contour->ComputeNormalsOn();
+    contour->ComputeGradientsOff();
+    contour->ComputeScalarsOff();
+    contour->Update();
+    if (contour->GetOutput()->GetNumberOfCells() == 0) return false;
+    auto actor = actorOf(contour->GetOutputPort());
+    // An image is let go with the contour's own copy of it.
+    contour->SetInputData(nullptr);
+    auto kept = vtkSmartPointer<vtkPolyData>::New();
+    kept->ShallowCopy(contour->GetOutput());
+    static_cast<vtkPolyDataMapper*>(actor->GetMapper())->SetInputData(kept);
+    vtkProperty* look = actor->GetProperty();
+    look->SetColor(colour[0], colour[1], colour[2]);
+    look->SetSpecular(0.15);
+    look->SetSpecularPower(20.0);
+    // What lies within is seen through what lies without.
+    if (surfaces_ > 0 || !std::isfinite(level)) {
+      look->SetOpacity(1.0);
+    }
+    add(actor, when, motion);
+    return true;
+  };
+  const int points = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
+  if (!mesh(points, When::kFine)) {
+    notes_.push_back(fmt::format("{}: there is no surface at {}", name, level));
+    return;
+  }
+  (void)mesh(std::min(points, kCoarsePoints), When::kCoarse);
+  ++surfaces_;
+  legend_.push_back({name, colour});
+}
+
+void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,
+                      const Transfer& strength, int own, const std::string& name) {
+  const std::uint64_t id =
+      of_vector ? graph.vector_fields[field]->id() : graph.scalar_fields[field]->id();
+  const std::string key = fmt::format("cloud {} {}", id, mode);
+  if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
+  known_.push_back(key);
+  if (clouds_ == kMostClouds) {
+    notes_.push_back(name + ": not drawn, a third cloud would hide the others");
+    return;
+  }
+  const auto image = of_vector ? sampled(*graph.vector_fields[field], kCloudPoints)
+                               : sampled(*graph.scalar_fields[field], kCloudPoints);
+  const auto [low, high] = usual(*image);
+  // As 16 bits, which the mapper takes.
+  constexpr double kMost = 65535.0;
+  auto scaled = vtkSmartPointer<vtkImageShiftScale>::New();
+  scaled->SetInputData(image);
+  scaled->SetShift(-low);
+  scaled->SetScale(kMost / (high - low));
+  scaled->SetOutputScalarTypeToUnsignedShort();
+  scaled->ClampOverflowOn();
+  scaled->Update();
+  // As dense as it is strong; what does not follow the value, denser where that is higher.
+  const auto strong = [&](double value) {
+    double product = 1.0;
+    bool follows = false;
+    for (const Transfer::Factor& factor : strength.factors) {
+      const bool reads = factor.scalar == own && own >= 0 && !factor.curve.isConstant();
+      follows = follows || reads;
+      product *= reads ? factor.curve(value) : factor.curve.highest();
+    }
+    return std::pair(product, follows);
+  };
+  auto opacity = vtkSmartPointer<vtkPiecewiseFunction>::New();
+  auto colours = vtkSmartPointer<vtkColorTransferFunction>::New();
+  constexpr int kKnots = 64;
+  double most = 0.0;
+  for (int i = 0; i <= kKnots; ++i) {
+    most = std::max(most, strong(low + (high - low) * i / kKnots).first);
+  }
+  for (int i = 0; i <= kKnots; ++i) {
+    const double share = static_cast<double>(i) / kKnots;
+    const auto [force, follows] = strong(low + (high - low) * share);
+    const double dense = follows && most > 0.0 ? force / most : share * share;
+    opacity->AddPoint(kMost * share, i == 0 ? 0.0 : 0.35 * dense);
+    const Colour colour = onScale(share);
+    colours->AddRGBPoint(kMost * share, colour[0], colour[1], colour[2]);
+  }
+  auto mapper = vtkSmartPointer<vtkFixedPointVolumeRayCastMapper>::New();
+  mapper->SetInputData(scaled->GetOutput());
+  mapper->AutoAdjustSampleDistancesOff();
+  mapper->SetSampleDistance(static_cast<float>(image->GetSpacing()[0]));
+  auto look = vtkSmartPointer<vtkVolumeProperty>::New();
+  look->SetScalarOpacity(opacity);
+  look->SetColor(colours);
+  look->SetInterpolationTypeToLinear();
+  look->SetScalarOpacityUnitDistance(6.0 * image->GetSpacing()[0]);
+  auto volume = vtkSmartPointer<vtkVolume>::New();
+  volume->SetMapper(mapper);
+  volume->SetProperty(look);
+  const int motion = of_vector ? graph.vector_motions[field] : graph.scalar_motions[field];
+  add(volume, When::kAlways, motionOf(graph, motion));
+  ++clouds_;
+  legend_.push_back({name, onScale(0.8)});
+}
+
+void Shapes::addStreams(const Graph& graph, std::size_t field, const std::string& name) {
+  const VectorField& of = *graph.vector_fields[field];
+  const std::string key = fmt::format("streams {}", of.id());
+  if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
+  known_.push_back(key);
+  const auto image = sampled(of, kStreamPoints);
+  const auto [low, high] = usual(*image);
+  // Seeds where something flows, the same in every run.
+  constexpr int kSeeds = 160;
+  auto seeds = vtkSmartPointer<vtkPolyData>::New();
+  auto points = vtkSmartPointer<vtkPoints>::New();
+  std::mt19937 random(7);  // NOLINT(cert-msc51-cpp): a picture is the same twice
+  const auto* sizes = static_cast<float*>(image->GetPointData()->GetScalars()->GetVoidPointer(0));
+  const vtkIdType count = image->GetNumberOfPoints();
+  for (int i = 0; i < 50 * kSeeds && points->GetNumberOfPoints() < kSeeds; ++i) {
+    const auto at = static_cast<vtkIdType>(random() % static_cast<std::uint64_t>(count));
+    if (sizes[at] > low + 0.1 * (high - low)) points->InsertNextPoint(image->GetPoint(at));
+  }
+  if (points->GetNumberOfPoints() == 0) {
+    notes_.push_back(name + ": nothing flows, no streams are drawn");
+    return;
+  }
+  seeds->SetPoints(points);
+  auto tracer = vtkSmartPointer<vtkStreamTracer>::New();
+  tracer->SetInputData(image);
+  tracer->SetSourceData(seeds);
+  tracer->SetIntegratorTypeToRungeKutta4();
+  tracer->SetIntegrationDirectionToBoth();
+  tracer->SetInitialIntegrationStep(0.5);
+  tracer->SetMaximumPropagation(0.7 * of.frame().bounds.size().maxCoeff());
+  tracer->SetComputeVorticity(false);
+  tracer->Update();
+  auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
+  auto kept = vtkSmartPointer<vtkPolyData>::New();
+  kept->ShallowCopy(tracer->GetOutput());
+  mapper->SetInputData(kept);
+  auto table = vtkSmartPointer<vtkLookupTable>::New();
+  constexpr int kColours = 64;
+  table->SetNumberOfTableValues(kColours);
+  for (int i = 0; i < kColours; ++i) {
+    const Colour colour = onScale(0.15 + 0.85 * i / (kColours - 1));
+    table->SetTableValue(i, colour[0], colour[1], colour[2]);
+  }
+  mapper->SetLookupTable(table);
+  mapper->SetScalarModeToUsePointFieldData();
+  mapper->SelectColorArray("value");
+  mapper->SetScalarRange(low, high);
+  auto actor = vtkSmartPointer<vtkActor>::New();
+  actor->SetMapper(mapper);
+  actor->GetProperty()->SetLineWidth(1.5F);
+  actor->GetProperty()->LightingOff();
+  add(actor, When::kAlways, motionOf(graph, graph.vector_motions[field]));
+  legend_.push_back({name, onScale(0.8)});
+}
+
+void Shapes::addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name) {
+  const double size = bounds_.empty() ? 0.1 : bounds_.size().maxCoeff();
+  vtkSmartPointer<vtkActor> actor;
+  const Vec3& p = guide.position;
+  const Vec3& q = guide.direction;
+  if (guide.shape == PrimitiveKind::kPoint) {
+    auto ball = vtkSmartPointer<vtkSphereSource>::New();
+    ball->SetCenter(p.x(), p.y(), p.z());
+    ball->SetRadius(0.01 * size);
+    actor = actorOf(ball->GetOutputPort());
+  } else if (guide.shape == PrimitiveKind::kLine) {
+    auto line = vtkSmartPointer<vtkLineSource>::New();
+    const Vec3 a = p - size * q;
+    const Vec3 b = p + size * q;
+    line->SetPoint1(a.x(), a.y(), a.z());
+    line->SetPoint2(b.x(), b.y(), b.z());
+    actor = actorOf(line->GetOutputPort());
+  } else {
+    auto disc = vtkSmartPointer<vtkRegularPolygonSource>::New();
+    disc->SetNumberOfSides(48);
+    disc->SetCenter(p.x(), p.y(), p.z());
+    disc->SetNormal(q.x(), q.y(), q.z());
+    disc->SetRadius(0.4 * size);
+    disc->GeneratePolygonOff();
+    actor = actorOf(disc->GetOutputPort());
+  }
+  const Colour colour{0.85, 0.85, 0.85};
+  actor->GetProperty()->SetColor(colour[0], colour[1], colour[2]);
+  actor->GetProperty()->SetLineWidth(2.0F);
+  add(actor, When::kAlways, motion);
+  legend_.push_back({name, colour});
+}
+
+void Shapes::addTo(vtkRenderer& renderer) const {
+  for (const Shape& shape : shapes_) renderer.AddViewProp(shape.prop);
+}
+
+void Shapes::coarse(bool on) {
+  for (const Shape& shape : shapes_) {
+    if (shape.when != When::kAlways) {
+      shape.prop->SetVisibility((shape.when == When::kCoarse) == on);
+    }
+    if (auto* volume = vtkVolume::SafeDownCast(shape.prop)) {
+      auto* mapper = static_cast<vtkFixedPointVolumeRayCastMapper*>(volume->GetMapper());
+      mapper->SetImageSampleDistance(on ? 4.0F : 1.0F);
+    }
+  }
+}
+
+void Shapes::moveTo(double time) {
+  for (const Shape& shape : shapes_) {
+    if (!shape.motion) continue;
+    const Pose pose = shape.motion->poseAt(time);
+    auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) matrix->SetElement(i, j, pose.rotation(i, j));
+      matrix->SetElement(i, 3, pose.translate[i]);
+    }
+    shape.prop->SetUserMatrix(matrix);
+  }
+}
+
+bool Shapes::moves() const noexcept {
+  return std::any_of(shapes_.begin(), shapes_.end(), [](const Shape& s) { return !!s.motion; });
+}
+
+}  // namespace palpate::view

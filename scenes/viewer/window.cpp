@@ -1,0 +1,515 @@
+#include "palpate/scenes/viewer/window.h"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <map>
+
+#include <Eigen/Geometry>
+#include <fmt/format.h>
+#include <vtkCallbackCommand.h>
+#include <vtkCamera.h>
+#include <vtkCommand.h>
+#include <vtkOpenGLState.h>
+#include <vtkPNGWriter.h>
+#include <vtkTextProperty.h>
+#include <vtkWindowToImageFilter.h>
+#include <vtk_glew.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/scenes/cli/common.h"
+
+namespace palpate::view {
+namespace {
+
+constexpr int kFrame = 33;            // [ms]
+constexpr int kSparingFrame = 100;    // [ms], while the loop is late
+constexpr double kPanelEvery = 0.12;  // [s]
+constexpr double kSpan = 2.0;         // of the strips [s]
+constexpr double kStalled = 0.5;      // [s] without a tick
+constexpr double kSettled = 0.25;     // of a camera, until the backdrop is refined [s]
+constexpr double kMoving = 0.2;       // [s] between two backdrops of a scene that moves
+constexpr double kGhost = 0.35;
+constexpr double kDial = 1.25;
+constexpr double kMostDial = 8.0;
+
+double secondsSince(std::chrono::steady_clock::time_point since) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
+}
+
+double cpu() {
+  timespec now{};
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+  return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
+}
+
+const char* const kHelp =
+    "mouse: the hand    wheel: nearer, farther\n"
+    "left button: turn    middle: shift    right: zoom\n"
+    "1-9, up, down: choose a mode    o: off, on    + -: strength\n"
+    "Esc: force off    Enter: on again\n"
+    "r, v: camera    space: record    ?: keys    q: close";
+
+template <class Call>
+void observe(vtkObject& of, unsigned long event, Call call) {
+  auto command = vtkSmartPointer<vtkCallbackCommand>::New();
+  auto* kept = new Call(std::move(call));
+  command->SetClientData(kept);
+  command->SetClientDataDeleteCallback([](void* data) { delete static_cast<Call*>(data); });
+  command->SetCallback(
+      [](vtkObject*, unsigned long, void* data, void*) { (*static_cast<Call*>(data))(); });
+  of.AddObserver(event, command);
+}
+
+}  // namespace
+
+/// Passes on what the user does.
+class ViewWindow::Events {
+ public:
+  explicit Events(ViewWindow& window) {
+    vtkRenderWindowInteractor& from = *window.interactor_;
+    observe(from, vtkCommand::TimerEvent, [&window] { window.frame(); });
+    observe(from, vtkCommand::KeyPressEvent, [&window, &from] {
+      const char* name = from.GetKeySym();
+      if (name != nullptr) window.key(name);
+    });
+    observe(from, vtkCommand::MouseMoveEvent, [&window, &from] {
+      const int* at = from.GetEventPosition();
+      window.move(at[0], at[1]);
+    });
+    const std::map<unsigned long, int> presses{{vtkCommand::LeftButtonPressEvent, 1},
+                                               {vtkCommand::MiddleButtonPressEvent, 2},
+                                               {vtkCommand::RightButtonPressEvent, 3}};
+    for (const auto& [event, button] : presses) {
+      observe(from, event, [&window, &from, button = button] {
+        window.turning_ = button;
+        window.last_ = {from.GetEventPosition()[0], from.GetEventPosition()[1]};
+      });
+    }
+    for (const auto event :
+         {vtkCommand::LeftButtonReleaseEvent, vtkCommand::MiddleButtonReleaseEvent,
+          vtkCommand::RightButtonReleaseEvent}) {
+      observe(from, event, [&window] { window.turning_ = 0; });
+    }
+    observe(from, vtkCommand::MouseWheelForwardEvent, [&window] { window.wheel(1.0); });
+    observe(from, vtkCommand::MouseWheelBackwardEvent, [&window] { window.wheel(-1.0); });
+    observe(from, vtkCommand::ConfigureEvent, [&window] { window.stale_ = true; });
+    observe(from, vtkCommand::ExitEvent, [&window] { window.key("q"); });
+  }
+};
+
+ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& title,
+                       const Options& options)
+    : block_(block),
+      shapes_(shapes),
+      options_(options),
+      window_(vtkSmartPointer<vtkOpenGLRenderWindow>::Take(
+          vtkOpenGLRenderWindow::SafeDownCast(vtkRenderWindow::New()))),
+      scene_(vtkSmartPointer<vtkRenderer>::New()),
+      restored_(vtkSmartPointer<vtkRenderer>::New()),
+      hidden_(vtkSmartPointer<vtkRenderer>::New()),
+      side_(vtkSmartPointer<vtkRenderer>::New()) {
+  wishes_.dials.fill(1.0F);
+  const int width = options.width * options.magnify;
+  const int height = options.height * options.magnify;
+  window_->SetOffScreenRendering(options.offscreen ? 1 : 0);
+  window_->SetSize(width, height);
+  window_->SetWindowName(title.c_str());
+  window_->SetMultiSamples(options.offscreen ? 8 : 0);
+  window_->SetNumberOfLayers(3);
+  const double split = 1.0 - static_cast<double>(Panel::kWidth) / options.width;
+  for (auto& renderer : {scene_, restored_, hidden_}) {
+    renderer->SetViewport(0.0, 0.0, split, 1.0);
+    renderer->SetActiveCamera(scene_->GetActiveCamera());
+    renderer->SetInteractive(0);
+    window_->AddRenderer(renderer);
+  }
+  scene_->SetBackground(0.13, 0.15, 0.18);
+  scene_->SetBackground2(0.24, 0.27, 0.31);
+  scene_->GradientBackgroundOn();
+  restored_->SetLayer(1);
+  restored_->SetPreserveDepthBuffer(1);
+  hidden_->SetLayer(2);
+  hidden_->SetPreserveDepthBuffer(1);
+  side_->SetViewport(split, 0.0, 1.0, 1.0);
+  side_->SetBackground(0.10, 0.11, 0.13);
+  side_->SetInteractive(0);
+  window_->AddRenderer(side_);
+
+  const double size = std::max(1e-6, shapes_.bounds().size().maxCoeff());
+  shapes_.addTo(*scene_);
+  overlay_.emplace(*restored_, size, 1.0);
+  ghost_.emplace(*hidden_, size, kGhost);
+  panel_.emplace(*side_, options.magnify);
+  newtons_ = vtkSmartPointer<vtkTextActor>::New();
+  newtons_->GetTextProperty()->SetFontSize(15 * options.magnify);
+  newtons_->GetTextProperty()->SetBold(1);
+  newtons_->GetTextProperty()->SetColor(kForce[0], kForce[1], kForce[2]);
+  newtons_->GetTextProperty()->SetShadow(1);
+  hidden_->AddActor2D(newtons_);
+  help_ = vtkSmartPointer<vtkTextActor>::New();
+  help_->SetInput(kHelp);
+  help_->SetPosition(14.0, 14.0);
+  help_->GetTextProperty()->SetFontSize(13);
+  help_->GetTextProperty()->SetColor(0.92, 0.92, 0.92);
+  help_->GetTextProperty()->SetShadow(1);
+  help_->VisibilityOff();
+  hidden_->AddActor2D(help_);
+
+  // What is hidden passes where what is in front of it was drawn before.
+  observe(*hidden_, vtkCommand::StartEvent,
+          [this] { window_->GetState()->vtkglDepthFunc(GL_GREATER); });
+  observe(*hidden_, vtkCommand::EndEvent,
+          [this] { window_->GetState()->vtkglDepthFunc(GL_LEQUAL); });
+  if (!options.offscreen) {
+    observe(*restored_, vtkCommand::StartEvent, [this] { backdrop_.putBack(*window_); });
+  }
+  resetCamera();
+}
+
+ViewWindow::~ViewWindow() {
+  backdrop_.release(*window_);
+}
+
+void ViewWindow::resetCamera() {
+  const Box& box = shapes_.bounds();
+  const Vec3 centre = box.centre();
+  const double size = std::max(1e-6, box.size().norm());
+  vtkCamera& camera = *scene_->GetActiveCamera();
+  // From the front, a little from the side and above; z is up.
+  const Vec3 from = centre + 1.65 * size * Vec3(0.35, -0.87, 0.35);
+  camera.SetFocalPoint(centre.x(), centre.y(), centre.z());
+  camera.SetPosition(from.x(), from.y(), from.z());
+  camera.SetViewUp(0.0, 0.0, 1.0);
+  constexpr double kAngle = 32.0;
+  camera.SetViewAngle(kAngle);
+  scene_->ResetCameraClippingRange();
+  stale_ = true;
+}
+
+bool ViewWindow::refresh() {
+  over_ = over_ || block_.over.load() != 0;
+  LiveTick tick;
+  bool fresh = false;
+  // A writer that is in the middle of one is done before the next try.
+  for (int i = 0; i < 3 && !fresh; ++i) fresh = block_.tick.read(tick);
+  if (fresh && tick.tick != tick_.tick) {
+    tick_ = tick;
+    tick_at_ = Clock::now();
+  } else {
+    fresh = false;
+  }
+  LiveScene modes;
+  if (block_.scene.read(modes) && modes.id != modes_.id) modes_ = modes;
+  const std::int64_t newest = block_.newest.load(std::memory_order_acquire);
+  const std::int64_t oldest = newest - static_cast<std::int64_t>(kLiveRows) + 64;
+  std::int64_t next = rows_.empty() ? oldest : rows_.back().tick + 1;
+  for (next = std::max({next, oldest, std::int64_t{1}}); next <= newest; ++next) {
+    LiveRow row;
+    if (block_.rows[static_cast<std::size_t>(next) % kLiveRows].read(row) && row.tick == next) {
+      rows_.push_back(row);
+    }
+  }
+  if (!rows_.empty()) {
+    const double since = rows_.back().time - kSpan;
+    rows_.erase(rows_.begin(), std::find_if(rows_.begin(), rows_.end(),
+                                            [&](const LiveRow& row) { return row.time >= since; }));
+  }
+  stalled_ = tick_.tick > 0 && secondsSince(tick_at_) > kStalled;
+  return fresh;
+}
+
+std::array<double, 2> ViewWindow::onScreen(const Vec3& p) const {
+  double shown[3];
+  scene_->SetWorldPoint(p.x(), p.y(), p.z(), 1.0);
+  scene_->WorldToDisplay();
+  scene_->GetDisplayPoint(shown);
+  return {shown[0], shown[1]};
+}
+
+void ViewWindow::drawBackdrop(bool coarse) {
+  const double before = cpu();
+  shapes_.coarse(coarse);
+  if (shapes_.moves()) shapes_.moveTo(tick_.time);
+  scene_->ResetCameraClippingRange();
+  for (auto& renderer : {restored_, hidden_}) renderer->DrawOff();
+  scene_->DrawOn();
+  // Nobody is to see it without the hand.
+  window_->SetSwapBuffers(0);
+  window_->Render();
+  backdrop_.take(*window_);
+  window_->SetSwapBuffers(1);
+  scene_->DrawOff();
+  for (auto& renderer : {restored_, hidden_}) renderer->DrawOn();
+  coarse_ = coarse;
+  stale_ = false;
+  backdrop_cost_ = cpu() - before;
+}
+
+void ViewWindow::drawFrame() {
+  overlay_->show(tick_);
+  ghost_->show(tick_);
+  const Vec3 force(tick_.force[0], tick_.force[1], tick_.force[2]);
+  const auto at = onScreen(overlay_->tip());
+  const bool felt = force.norm() > 0.005;
+  newtons_->SetVisibility(felt);
+  if (felt) {
+    newtons_->SetInput(fmt::format("{:.2f} N", force.norm()).c_str());
+    newtons_->SetPosition(at[0] + 8.0, at[1] + 6.0);
+  }
+  window_->Render();
+  ++frames_;
+}
+
+void ViewWindow::fillPanel() {
+  Panel::Content content;
+  bars_ = barsOf(tick_, modes_, wishes_);
+  content.bars = bars_;
+  content.selected = selected_;
+  content.rows = rows_;
+  content.legend = shapes_.legend();
+  content.status = statusOf(tick_);
+  if (stalled_ && !over_) {
+    content.status = {"THE LOOP HAS STOPPED", "no tick for half a second: see its terminal"};
+  }
+  if (over_) content.status = {"the run is over"};
+  content.notes = shapes_.notes();
+  if (!message_.empty() && Clock::now() < message_until_) content.notes = {message_};
+  if (content.notes.empty() && !options_.offscreen) content.notes = {"?: keys"};
+  panel_->show(content, static_cast<double>(window_->GetSize()[1]) / options_.magnify);
+  panel_at_ = Clock::now();
+}
+
+void ViewWindow::frame() {
+  const double before = cpu();
+  const std::int64_t late = tick_.late_ticks;
+  (void)refresh();
+  if (over_ && !options_.offscreen) {
+    interactor_->TerminateApp();
+    return;
+  }
+  if (!hand_known_ && tick_.tick > 0) {
+    hand_ = {tick_.probe[0], tick_.probe[1], tick_.probe[2]};
+    hand_known_ = true;
+  }
+  // The loop comes first: fewer frames while it is late.
+  const bool sparing = tick_.late_ticks > late;
+  if (sparing) rest_since_ = Clock::now();
+  stale_ = stale_ || (shapes_.moves() && secondsSince(rest_since_) > kMoving);
+  const double before_backdrop = cpu();
+  if (stale_) {
+    drawBackdrop(true);
+    rest_since_ = Clock::now();
+  } else if (coarse_ && !shapes_.moves() && turning_ == 0 && secondsSince(rest_since_) > kSettled) {
+    drawBackdrop(false);
+  }
+  const double backdrop = cpu() - before_backdrop;
+  if (secondsSince(panel_at_) > kPanelEvery) fillPanel();
+  drawFrame();
+  const double cost = cpu() - before - backdrop;
+  frame_cost_ += 0.1 * (cost - frame_cost_);
+  if (sparing) {
+    const timespec pause{0, (kSparingFrame - kFrame) * 1000000L};
+    nanosleep(&pause, nullptr);
+  }
+}
+
+void ViewWindow::wish() {
+  block_.wishes.write(wishes_);
+}
+
+void ViewWindow::dial(double factor) {
+  if (selected_ >= bars_.size()) return;
+  const int source = bars_[selected_].source;
+  if (source < 0 || static_cast<std::size_t>(source) >= wishes_.dials.size()) return;
+  float& dial = wishes_.dials[static_cast<std::size_t>(source)];
+  // 0 turns it off, and on again.
+  dial = factor == 0.0 ? (dial == 0.0F ? 1.0F : 0.0F)
+                       : static_cast<float>(std::clamp(dial * factor, 1.0 / kMostDial, kMostDial));
+  ++wishes_.dialled;
+  wish();
+}
+
+void ViewWindow::key(const std::string& name) {
+  if (name == "Escape") {
+    ++wishes_.cuts;
+    wish();
+  } else if (name == "Return" || name == "KP_Enter") {
+    ++wishes_.clears;
+    wish();
+  } else if (name == "q") {
+    wishes_.closed = 1;
+    wish();
+    interactor_->TerminateApp();
+  } else if (name == "r") {
+    resetCamera();
+  } else if (name == "v") {
+    scene_->GetActiveCamera()->Azimuth(90.0);
+    stale_ = true;
+  } else if (name == "question") {
+    help_->SetVisibility(help_->GetVisibility() == 0 ? 1 : 0);
+  } else if (name == "space") {
+    message_ = "recording is not in this version";
+    message_until_ = Clock::now() + std::chrono::seconds(3);
+  } else if (name.size() == 1 && name[0] >= '1' && name[0] <= '9') {
+    selected_ = static_cast<std::size_t>(name[0] - '1');
+  } else if (name == "Down" && selected_ + 1 < bars_.size()) {
+    ++selected_;
+  } else if (name == "Up" && selected_ > 0) {
+    --selected_;
+  } else if (name == "o") {
+    dial(0.0);
+  } else if (name == "plus" || name == "KP_Add" || name == "equal") {
+    dial(kDial);
+  } else if (name == "minus" || name == "KP_Subtract") {
+    dial(1.0 / kDial);
+  }
+}
+
+void ViewWindow::move(int x, int y) {
+  const int dx = x - last_[0];
+  const int dy = y - last_[1];
+  last_ = {x, y};
+  vtkCamera& camera = *scene_->GetActiveCamera();
+  const int* size = window_->GetSize();
+  if (turning_ == 0) {
+    if (!hand_known_ || x > size[0] - Panel::kWidth) return;
+    // On the plane through the hand that is parallel to the screen.
+    double shown[3];
+    double world[4];
+    scene_->SetWorldPoint(hand_.x(), hand_.y(), hand_.z(), 1.0);
+    scene_->WorldToDisplay();
+    scene_->GetDisplayPoint(shown);
+    scene_->SetDisplayPoint(x, y, shown[2]);
+    scene_->DisplayToWorld();
+    scene_->GetWorldPoint(world);
+    if (world[3] == 0.0) return;
+    hand_ = Vec3(world[0], world[1], world[2]) / world[3];
+    block_.hand.write({{hand_.x(), hand_.y(), hand_.z()}});
+    return;
+  }
+  constexpr double kTurn = 0.4;  // degrees a pixel
+  if (turning_ == 1) {
+    camera.Azimuth(-kTurn * dx);
+    camera.Elevation(std::clamp(-kTurn * dy, -5.0, 5.0));
+    camera.OrthogonalizeViewUp();
+  } else if (turning_ == 2) {
+    const double scale =
+        camera.GetDistance() * std::tan(0.5 * camera.GetViewAngle() * M_PI / 180.0) * 2.0 / size[1];
+    double up[3];
+    camera.GetViewUp(up);
+    const Vec3 u(up);
+    const Vec3 along(camera.GetDirectionOfProjection());
+    const Vec3 shift = scale * (-dx * along.cross(u).normalized() - dy * u);
+    const Vec3 position = Vec3(camera.GetPosition()) + shift;
+    const Vec3 focus = Vec3(camera.GetFocalPoint()) + shift;
+    camera.SetPosition(position.x(), position.y(), position.z());
+    camera.SetFocalPoint(focus.x(), focus.y(), focus.z());
+  } else {
+    camera.Dolly(std::clamp(1.0 + 0.005 * dy, 0.8, 1.25));
+  }
+  stale_ = true;
+}
+
+void ViewWindow::wheel(double steps) {
+  if (!hand_known_) return;
+  const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
+  hand_ += steps * 0.01 * shapes_.bounds().size().maxCoeff() * along;
+  block_.hand.write({{hand_.x(), hand_.y(), hand_.z()}});
+}
+
+Told ViewWindow::told() const {
+  Told told;
+  const auto vector = [](const std::array<double, 3>& a) {
+    return cli::toJson(Vec3(a[0], a[1], a[2]));
+  };
+  told["tick"] = tick_.tick;
+  told["time"] = tick_.time;
+  told["probe"] = vector(tick_.probe);
+  told["proxy"] = vector(tick_.proxy);
+  told["force"] = vector(tick_.force);
+  const auto pixel = [&](const Vec3& p) {
+    const auto at = onScreen(p);
+    return Told{at[0], at[1]};
+  };
+  told["hand"] = cli::toJson(hand_);
+  told["size"] = {window_->GetSize()[0], window_->GetSize()[1]};
+  told["pixels"]["probe"] = pixel({tick_.probe[0], tick_.probe[1], tick_.probe[2]});
+  told["pixels"]["proxy"] = pixel({tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]});
+  told["pixels"]["tip"] = pixel(overlay_->tip());
+  told["pixels"]["centre"] = pixel(shapes_.bounds().centre());
+  told["bars"] = Told::array();
+  for (const Bar& bar : bars_) {
+    told["bars"].push_back({{"name", bar.name},
+                            {"load", bar.load},
+                            {"strength", bar.strength},
+                            {"state", cli::wordFor(bar.hold)},
+                            {"dial", bar.dial}});
+  }
+  told["status"] = statusOf(tick_);
+  told["stalled"] = stalled_;
+  told["late_ticks"] = tick_.late_ticks;
+  told["rows"] = rows_.size();
+  told["frames"] = frames_;
+  told["coarse"] = coarse_;
+  told["frame_cpu_ms"] = 1e3 * frame_cost_;
+  told["backdrop_cpu_ms"] = 1e3 * backdrop_cost_;
+  return told;
+}
+
+void ViewWindow::draw(const std::string& file) {
+  (void)refresh();
+  stalled_ = false;
+  over_ = false;
+  shapes_.coarse(false);
+  if (shapes_.moves()) shapes_.moveTo(tick_.time);
+  scene_->ResetCameraClippingRange();
+  help_->VisibilityOff();
+  fillPanel();
+  drawFrame();
+  write(file, false);
+}
+
+void ViewWindow::write(const std::string& picture, bool rendered) {
+  auto image = vtkSmartPointer<vtkWindowToImageFilter>::New();
+  image->SetInput(window_);
+  image->ReadFrontBufferOff();
+  image->SetShouldRerender(rendered ? 0 : 1);
+  auto writer = vtkSmartPointer<vtkPNGWriter>::New();
+  writer->SetInputConnection(image->GetOutputPort());
+  writer->SetFileName(picture.c_str());
+  writer->Write();
+  if (writer->GetErrorCode() != 0) {
+    throw Error(picture, "it cannot be written", "check the place and the disk");
+  }
+}
+
+void ViewWindow::tell(const std::string& shot, const std::string& told_file) {
+  if (!shot.empty()) write(shot, true);
+  // Whoever reads it finds a whole one.
+  const std::string partial = told_file + ".partial";
+  std::ofstream(partial) << told().dump(2) << "\n";
+  std::filesystem::rename(partial, told_file);
+}
+
+void ViewWindow::run(double every, const std::string& shot, const std::string& told_file) {
+  interactor_ = vtkSmartPointer<vtkRenderWindowInteractor>::New();
+  interactor_->SetInteractorStyle(nullptr);
+  interactor_->SetRenderWindow(window_);
+  events_ = std::make_unique<Events>(*this);
+  interactor_->Initialize();
+  interactor_->CreateRepeatingTimer(kFrame);
+  if (!told_file.empty()) {
+    observe(*interactor_, vtkCommand::TimerEvent,
+            [this, every, shot, told_file, last = Clock::now()]() mutable {
+              if (secondsSince(last) < every || frames_ == 0) return;
+              tell(shot, told_file);
+              last = Clock::now();
+            });
+  }
+  interactor_->Start();
+}
+
+}  // namespace palpate::view

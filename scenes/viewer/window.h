@@ -1,0 +1,114 @@
+/// The window: a backdrop that is drawn when it changes, the hand in front of it every frame, the
+/// panel beside it, and what its user asks for.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+#include <vtkOpenGLRenderWindow.h>
+#include <vtkRenderWindowInteractor.h>
+#include <vtkRenderer.h>
+#include <vtkSmartPointer.h>
+#include <vtkTextActor.h>
+
+#include "palpate/scenes/live.h"
+#include "palpate/scenes/viewer/kept_image.h"
+#include "palpate/scenes/viewer/overlay.h"
+#include "palpate/scenes/viewer/panel.h"
+#include "palpate/scenes/viewer/shapes.h"
+
+namespace palpate::view {
+
+/// What was drawn last, for tests: in pixels from the window's lower left corner, and in numbers.
+using Told = nlohmann::ordered_json;
+
+/// Shows a running loop until it is closed.
+class ViewWindow {
+ public:
+  struct Options {
+    int width = 960;   ///< [pixels]
+    int height = 640;  ///< [pixels]
+    bool offscreen = false;
+    int magnify = 1;  ///< Of a picture: as many times as many pixels each way.
+  };
+  ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& title, const Options& options);
+  ~ViewWindow();
+  ViewWindow(const ViewWindow&) = delete;
+  ViewWindow& operator=(const ViewWindow&) = delete;
+
+  /// Until it is closed, or the run is over. `told`: a file that gets what was drawn, and `shot` a
+  /// picture of the window, every so many seconds; empty: none.
+  void run(double every, const std::string& shot, const std::string& told);
+  /// Draws the newest tick once, and writes it as a PNG.
+  void draw(const std::string& file);
+  /// What was drawn last.
+  [[nodiscard]] Told told() const;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  class Events;
+
+  void frame();
+  /// Reads what is new; false where nothing is.
+  bool refresh();
+  void drawBackdrop(bool coarse);
+  void drawFrame();
+  void fillPanel();
+  void wish();  ///< Tells the loop what is wished for.
+  void write(const std::string& picture, bool rendered);
+  void tell(const std::string& shot, const std::string& told_file);
+  [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
+
+  // What the user does.
+  void key(const std::string& name);
+  void move(int x, int y);
+  void wheel(double steps);
+  void resetCamera();
+  void dial(double factor);
+
+  LiveBlock& block_;
+  Shapes& shapes_;
+  Options options_;
+  vtkSmartPointer<vtkOpenGLRenderWindow> window_;
+  vtkSmartPointer<vtkRenderer> scene_;     ///< The backdrop.
+  vtkSmartPointer<vtkRenderer> restored_;  ///< Puts it back, and what is seen in front of it.
+  vtkSmartPointer<vtkRenderer> hidden_;    ///< What is behind it, faintly.
+  vtkSmartPointer<vtkRenderer> side_;      ///< The panel.
+  vtkSmartPointer<vtkRenderWindowInteractor> interactor_;
+  std::unique_ptr<Events> events_;
+  std::optional<Overlay> overlay_;
+  std::optional<Overlay> ghost_;
+  std::optional<Panel> panel_;
+  vtkSmartPointer<vtkTextActor> newtons_;
+  vtkSmartPointer<vtkTextActor> help_;
+  KeptImage backdrop_;
+
+  LiveTick tick_;
+  LiveScene modes_;
+  LiveWishes wishes_;
+  std::vector<LiveRow> rows_;
+  std::vector<Bar> bars_;
+  std::size_t selected_ = 0;
+  Vec3 hand_ = Vec3::Zero();  ///< Where the mouse means the hand to be [m].
+  bool hand_known_ = false;
+  bool over_ = false;
+  bool stalled_ = false;
+  bool coarse_ = true;
+  bool stale_ = true;  ///< The backdrop is to be drawn.
+  int turning_ = 0;    ///< Button that is held: 1 turns, 2 shifts, 3 nears.
+  std::array<int, 2> last_{};
+  std::string message_;  ///< For a while, in the panel.
+  Clock::time_point message_until_;
+  Clock::time_point rest_since_;
+  Clock::time_point panel_at_;
+  Clock::time_point tick_at_;
+  double frame_cost_ = 0.0;     ///< CPU of the last frames, smoothed [s].
+  double backdrop_cost_ = 0.0;  ///< Of the last backdrop [s].
+  std::int64_t frames_ = 0;
+};
+
+}  // namespace palpate::view

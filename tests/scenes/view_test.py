@@ -1,0 +1,315 @@
+#!/usr/bin/env python3
+"""The window and its stills, under Xvfb with a synthetic mouse: what is seen is what the trace says.
+view_test.py BIN_DIR VOLUMES_PROGRAM. Exit status 77 where Xvfb, xdotool or matplotlib are missing."""
+import csv
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+BIN = Path(sys.argv[1]).resolve()
+VOLUMES = str(Path(sys.argv[2]).resolve())
+PALPATE = str(BIN / "palpate")
+PATIENCE = int(os.environ.get("PALPATE_PATIENCE", "240"))  # [s], of a loaded machine
+
+if not all(shutil.which(program) for program in ("Xvfb", "xdotool")):
+    print("view_test: skipped: needs xvfb and xdotool")
+    sys.exit(77)
+try:
+    from matplotlib.image import imread
+except ImportError:
+    print("view_test: skipped: needs python3-matplotlib")
+    sys.exit(77)
+
+RADIUS = 0.04  # [m]
+SCENE = {
+    "palpate": 1,
+    "coupling": {"stiffness": 500, "damping": 0.5},
+    "volumes": {"ball": {"file": "ball.vdb", "grid": "ball", "place": {"scale": 0.02}}},
+    "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "below",
+               "strength": 3},
+              {"name": "pin", "mode": "guide", "shape": "point", "at": [0, 0, 0.2],
+               "snap": 0.01, "strength": 1}],
+}
+
+
+def near(image, at, colour, reach):
+    """Pixels about a place that are of a colour's hue."""
+    height = image.shape[0]
+    x, y = round(at[0]), round(height - 1 - at[1])
+    part = image[max(0, y - reach):y + reach + 1, max(0, x - reach):x + reach + 1, :3]
+    # The hue by which channels lead; light and shade are left out.
+    grey = part.mean(axis=2, keepdims=True)
+    hue = part - grey
+    want = [c - sum(colour) / 3 for c in colour]
+    size = math.sqrt(sum(c * c for c in want))
+    along = (hue * [c / size for c in want]).sum(axis=2)
+    across = ((hue**2).sum(axis=2) - along**2).clip(0)**0.5
+    return int(((along > 0.12) & (across < 0.45 * along)).sum())
+
+
+PROXY, FORCE, PROBE = (0.34, 0.71, 0.91), (0.80, 0.47, 0.65), (0.90, 0.62, 0.00)
+
+
+def rows(path):
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def vector(row, of):
+    return [float(row[f"{of}_{a}"]) for a in "xyz"]
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        self.holder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.holder.cleanup)
+        self.dir = Path(self.holder.name)
+        subprocess.run([VOLUMES, str(self.dir)], check=True)
+        self.scene = self.dir / "scene.json"
+        self.scene.write_text(json.dumps(SCENE), encoding="utf-8")
+        self.told_file = self.dir / "told.json"
+        self.shot_file = self.dir / "shot.png"
+        self.env = {**os.environ, "PALPATE_VIEW_TOLD": str(self.told_file),
+                    "PALPATE_VIEW_SHOT": str(self.shot_file), "PALPATE_VIEW_TOLD_EVERY": "0.2"}
+
+    def told(self):
+        try:
+            return json.loads(self.told_file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
+
+
+class Still(Case):
+    def still(self, *words, env=None, status=0):
+        done = subprocess.run([PALPATE, "view", str(self.scene), *words], cwd=self.dir, text=True,
+                              env=env or self.env, capture_output=True, timeout=PATIENCE, check=False)
+        self.assertEqual(done.returncode, status, done.stderr)
+        return done
+
+    def test_what_is_drawn_is_the_last_tick(self):
+        """Without a display of ours: it starts one."""
+        env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
+        # From the camera's side into the ball, 4 mm deep.
+        (self.dir / "path.csv").write_text("t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n",
+                                           encoding="utf-8")
+        self.still("--device", "path:path.csv", "--picture", "still.png", "--trace", "t.csv", env=env)
+        told = self.told()
+        # Whole ticks are told a hundred times a second.
+        trace = {round(1e6 * float(row["t"])): row for row in rows(self.dir / "t.csv")}
+        row = trace[round(1e6 * told["time"])]
+        self.assertLess(float(rows(self.dir / "t.csv")[-1]["t"]) - told["time"], 0.0105)
+        for of in ("probe", "proxy", "force"):
+            for mine, his in zip(told[of], vector(row, of)):
+                self.assertAlmostEqual(mine, his, places=15)
+        force = math.hypot(*told["force"])
+        self.assertGreater(force, 0.5)
+        # The proxy is on the ball, and the bar is what the spring pulls with, less its damper.
+        self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
+        skin, pin = told["bars"]
+        self.assertEqual((skin["name"], skin["strength"], skin["state"]), ("skin", 3.0, "holds"))
+        self.assertAlmostEqual(skin["load"], 500 * math.dist(told["probe"], told["proxy"]), delta=1e-6)
+        self.assertEqual((pin["load"], pin["state"]), (0.0, "idle"))
+        # And it is seen where it is.
+        image = imread(self.dir / "still.png")
+        self.assertEqual(image.shape[:2][::-1], tuple(told["size"]))
+        pixels = told["pixels"]
+        self.assertGreater(near(image, pixels["tip"], FORCE, 12), 5)
+        self.assertGreater(near(image, pixels["proxy"], PROXY, 14), 8)
+        self.assertGreater(near(image, pixels["probe"], PROBE, 14), 8)
+        nowhere = [told["size"][0] * 0.04, told["size"][1] * 0.95]
+        for colour in (FORCE, PROXY, PROBE):
+            self.assertEqual(near(image, nowhere, colour, 14), 0)
+        self.assertEqual([p for p in self.dir.iterdir() if "partial" in p.name], [])
+
+    def test_what_cannot_be_drawn_leaves_nothing(self):
+        done = self.still("--picture", "still.gif", status=2)
+        self.assertRegex(done.stderr, r"^palpate: .*still\.gif: it is not named \.png: .*\n$")
+        bare = {**self.env, "PATH": str(self.dir), "DISPLAY": ":7777"}
+        done = self.still("--seconds", "0.1", "--picture", "still.png", env=bare, status=2)
+        self.assertRegex(done.stderr, r"palpate: display: :7777 does not answer: install xvfb")
+        self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
+
+
+class Live(Case):
+    def setUp(self):
+        super().setUp()
+        ends = os.pipe()
+        server = subprocess.Popen(["Xvfb", "-displayfd", str(ends[1]), "-screen", "0", "1100x760x24",
+                                   "-nolisten", "tcp"], pass_fds=[ends[1]], stderr=subprocess.DEVNULL)
+        self.addCleanup(server.wait)
+        self.addCleanup(server.kill)
+        os.close(ends[1])
+        with os.fdopen(ends[0]) as number:
+            self.env["DISPLAY"] = ":" + number.readline().strip()
+        self.server = server
+
+    def start(self, *words):
+        self.log = open(self.dir / "log", "w+", encoding="utf-8")  # pylint: disable=consider-using-with
+        self.addCleanup(self.log.close)
+        self.feel = subprocess.Popen([PALPATE, "view", str(self.scene), *words], cwd=self.dir,
+                                     env=self.env, stdout=subprocess.DEVNULL, stderr=self.log)
+        self.addCleanup(self.feel.wait)
+        self.addCleanup(self.feel.kill)
+        return self.feel
+
+    def said(self):
+        return (self.dir / "log").read_text(encoding="utf-8")
+
+    def until(self, what, true):
+        """Waits for what was drawn to be so."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            told = self.told()
+            if told and true(told):
+                return told
+            if not told and self.feel.poll() is not None:
+                break
+            time.sleep(0.1)
+        raise AssertionError(f"never {what}: {self.told()}, {self.said()}")
+
+    def do(self, *words):
+        done = subprocess.run(["xdotool", *map(str, words)], env=self.env, text=True,
+                              capture_output=True, timeout=PATIENCE, check=True)
+        return done.stdout.split()
+
+    def close(self, window):
+        """Gone before the key is up, the window makes xdotool complain."""
+        subprocess.run(["xdotool", "key", "--window", window, "q"], env=self.env, timeout=PATIENCE,
+                       stderr=subprocess.DEVNULL, check=False)
+
+    def window(self):
+        """Once it draws."""
+        self.until("a frame", lambda told: told["frames"] > 2)
+        return self.do("search", "--onlyvisible", "--name", "^palpate:")[0]
+
+    def child(self, feel):
+        return int(subprocess.run(["pgrep", "-P", str(feel.pid), "-x", "palpate-view"], text=True,
+                                  capture_output=True, check=True).stdout.split()[0])
+
+    def ended(self, feel):
+        return feel.wait(timeout=PATIENCE)
+
+    def press(self, window):
+        """The mouse brings the hand to the ball and into it."""
+        told = self.until("a hand", lambda told: told["tick"] > 0)
+        x, y = told["pixels"]["centre"][0], told["size"][1] - told["pixels"]["centre"][1]
+        end = time.monotonic() + PATIENCE
+        step = 0
+        while math.hypot(*told["force"]) < 0.3 and time.monotonic() < end:
+            step += 1
+            self.do("mousemove", "--window", window, round(x + step % 2), round(y))
+            before = self.told()["hand"]
+            self.do("click", 4)
+            # What it comes to is seen before the next: too deep, the skin gives way.
+            told = self.until("a step", lambda told, before=before: math.dist(told["hand"], before) > 5e-4)
+            told = self.until("a later tick", lambda later, told=told: later["time"] > told["time"] + 0.15)
+
+    def test_a_mouse_feels_a_ball_and_keys_do_what_they_say(self):
+        feel = self.start("--seconds", "900", "--trace", "t.csv")
+        window = self.window()
+        self.press(window)
+        felt = lambda told: math.hypot(*told["force"]) > 0.2 and told["bars"][0]["state"] == "holds"
+        told = self.until("a force", felt)
+        # The proxy stays on the ball whatever the mouse does: that is the resistance that is seen.
+        self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
+        self.assertLess(math.hypot(*told["probe"]), math.hypot(*told["proxy"]))
+        # Stronger, off and on again: the strength that the loop balances.
+        self.do("key", "--window", window, "plus")
+        self.until("a stronger skin", lambda t: abs(t["bars"][0]["strength"] - 3.75) < 1e-6)
+        self.do("key", "--window", window, "o")
+        self.until("no skin", lambda t: t["bars"][0]["dial"] == 0 and math.hypot(*t["force"]) < 0.05)
+        self.do("key", "--window", window, "o")
+        self.until("a skin", lambda t: t["bars"][0]["dial"] == 1)
+        # Off, latched, and on again.
+        self.do("key", "--window", window, "Escape")
+        off = self.until("the force off", lambda t: t["status"][0].startswith("FORCE OFF"))
+        self.assertEqual(off["force"], [0, 0, 0])
+        self.do("key", "--window", window, "Return")
+        self.until("the force on", lambda t: not t["status"][0].startswith("FORCE OFF"))
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+        words = {row["status"] for row in rows(self.dir / "t.csv")}
+        self.assertIn("fault", words)
+
+    def test_the_picture_moves_and_is_refined(self):
+        feel = self.start("--seconds", str(PATIENCE))
+        window = self.window()
+        self.until("a fine backdrop", lambda told: not told["coarse"])
+        before = self.until("a frame", lambda told: told["pixels"])["pixels"]["centre"]
+        self.do("mousemove", "--window", window, 300, 300, "mousedown", 2, "mousemove", "--window", window,
+                360, 330, "mouseup", 2)
+        after = self.until("another view", lambda t: math.dist(t["pixels"]["centre"], before) > 30)
+        self.assertAlmostEqual(after["pixels"]["centre"][0] - before[0], 60, delta=8)
+        self.until("a fine backdrop again", lambda told: not told["coarse"])
+        self.do("key", "--window", window, "r")
+        self.until("the first view", lambda t: math.dist(t["pixels"]["centre"], before) < 2)
+        image = imread(self.shot_file)
+        self.assertGreater(image[..., :3].std(), 0.05)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_a_killed_window_leaves_the_loop(self):
+        feel = self.start("--seconds", "60", "--trace", "t.csv")
+        self.window()
+        os.kill(self.child(feel), signal.SIGKILL)
+        end = time.monotonic() + PATIENCE
+        while "the window has ended" not in self.said() and time.monotonic() < end:
+            time.sleep(0.1)
+        self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): the hand is felt "
+                      "on without it; Ctrl-C ends the run", self.said())
+        self.assertIsNone(feel.poll())
+        feel.send_signal(signal.SIGINT)
+        self.assertEqual(self.ended(feel), 130)
+
+    def test_a_lost_display_leaves_the_loop(self):
+        feel = self.start("--seconds", "60")
+        self.window()
+        self.server.kill()
+        end = time.monotonic() + PATIENCE
+        while "the window has ended" not in self.said() and time.monotonic() < end:
+            time.sleep(0.1)
+        self.assertRegex(self.said(), "palpate: display: it is gone")
+        self.assertIsNone(feel.poll())
+        feel.send_signal(signal.SIGINT)
+        self.assertEqual(self.ended(feel), 130)
+
+    def test_a_killed_loop_is_told(self):
+        feel = self.start("--seconds", "60")
+        window = self.window()
+        child = self.child(feel)
+        feel.kill()
+        feel.wait()
+        self.until("the end", lambda told: told["stalled"])
+        self.assertTrue(Path(f"/proc/{child}").exists())
+        self.close(window)
+        end = time.monotonic() + PATIENCE
+        while re.search(r"State:\s+[^ZX]", self.state(child)) and time.monotonic() < end:
+            time.sleep(0.1)
+        self.assertNotRegex(self.state(child), r"State:\s+[^ZX]")
+
+    @staticmethod
+    def state(pid):
+        try:
+            return Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return ""
+
+    def test_without_a_display_the_loop_goes_on(self):
+        self.env["DISPLAY"] = ":7777"
+        feel = self.start("--seconds", "3")
+        self.assertEqual(self.ended(feel), 0)
+        self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: start it on a desktop, "
+                         r"or add --picture FILE\.png\n")
+        self.assertIn("view: the window has ended: its exit status is 2", self.said())
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)
