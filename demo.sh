@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # From nothing to a felt head: installs what is missing, builds, imports an MRI that Debian ships
 # (mricron-data), feels its skin and then its brain, and says what it did. Output: out/.
-# demo.sh --all builds as well what few need: the importer with VTK (DICOM, meshes), import palpate.
+# demo.sh --all builds as well: the window, the importer with VTK (DICOM, meshes), import palpate.
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -11,7 +11,7 @@ case "${1:-}" in
     "") ;;
     --all)
         groups+=(vtk python)
-        targets+=(palpate-import palpate_python) ;;
+        targets+=(palpate-import palpate-view palpate_python) ;;
     *)
         echo "demo: $1 is nothing it knows: use ./demo.sh, or ./demo.sh --all" >&2
         exit 2 ;;
