@@ -176,7 +176,9 @@ int feel(const FeelOptions& options) {
   if (options.realtime) guardian.emplace();
   noteInterrupts();
   std::optional<Window> window;
-  if (options.window) window.emplace(options.rate);
+  // Of a still the last tick is told, whichever that is.
+  constexpr double kEveryTick = 1.0;
+  if (options.window) window.emplace(options.still.empty() ? options.rate : kEveryTick);
 
   // Everything that can be refused is refused before anything runs.
   const auto written = writtenAt(options.scene);
@@ -309,7 +311,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
   verb->add_option("--device", options->devices,
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
-                   "again for another hand")
+                   "again for another hand, of which the first is drawn")
       ->take_all()
       ->type_name("D");
   verb->add_option("--seconds", options->seconds,
@@ -317,11 +319,10 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");
-  verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->still,
-                   "No window: feel in virtual time, and draw its last tick as a PNG of 300 dpi");
+                   "No window: feel in virtual time, and draw its last tick: PNG, 1920 x 1280");
   verb->footer(
       "Example:\n  palpate view head.json\n  palpate view head.json --seconds 4 --picture "
       "head.png");

@@ -41,7 +41,8 @@ struct Bar {
 /// A panel of fixed width at the right of a window.
 class Panel {
  public:
-  static constexpr int kWidth = 300;  ///< [pixels]
+  static constexpr int kWidth = 300;            ///< [pixels]
+  static constexpr std::size_t kMostBars = 12;  ///< Modes that are shown.
 
   /// `scale`: pixels of the picture for one of the panel's.
   Panel(vtkRenderer& renderer, double scale);

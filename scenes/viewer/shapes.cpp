@@ -69,8 +69,7 @@ MotionPtr motionOf(const Graph& graph, int index) {
   return index < 0 ? nullptr : graph.motions[static_cast<std::size_t>(index)];
 }
 
-/// The values between which nearly all lie; what is nowhere else than in the background counts
-/// once.
+/// The values between which nearly all lie.
 std::pair<double, double> usual(vtkImageData& image) {
   auto* values = static_cast<float*>(image.GetScalarPointer());
   const vtkIdType count = image.GetNumberOfPoints();
@@ -216,10 +215,6 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level, std
     look->SetColor(colour[0], colour[1], colour[2]);
     look->SetSpecular(0.15);
     look->SetSpecularPower(20.0);
-    // What lies within is seen through what lies without.
-    if (surfaces_ > 0 || !std::isfinite(level)) {
-      look->SetOpacity(1.0);
-    }
     add(actor, when, motion);
     return true;
   };
@@ -303,10 +298,19 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
 void Shapes::addStreams(const Graph& graph, std::size_t field, const std::string& name) {
   const VectorField& of = *graph.vector_fields[field];
   const std::string key = fmt::format("streams {}", of.id());
-  if (std::find(known_.begin(), known_.end(), key) != known_.end()) return;
+  if (std::find(known_.begin(), known_.end(), key) != known_.end()) {
+    legend_.push_back({name, onScale(0.8)});
+    return;
+  }
   known_.push_back(key);
   const auto image = sampled(of, kStreamPoints);
   const auto [low, high] = usual(*image);
+  // Directions alone may be axes: their signs are nobody's, and no lattice can be followed.
+  constexpr double kUnit = 1e-3;
+  if (std::abs(high - 1.0) < kUnit && (std::abs(low - 1.0) < kUnit || std::abs(low) < kUnit)) {
+    notes_.push_back(name + ": directions alone, not drawn");
+    return;
+  }
   // Seeds where something flows, the same in every run.
   constexpr int kSeeds = 160;
   auto seeds = vtkSmartPointer<vtkPolyData>::New();

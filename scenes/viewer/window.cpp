@@ -50,7 +50,7 @@ const char* const kHelp =
     "left button: turn    middle: shift    right: zoom\n"
     "1-9, up, down: choose a mode    o: off, on    + -: strength\n"
     "Esc: force off    Enter: on again\n"
-    "r, v: camera    space: record    ?: keys    q: close";
+    "r, v: camera    space: record (not yet)    ?: keys    q: close";
 
 template <class Call>
 void observe(vtkObject& of, unsigned long event, Call call) {
@@ -95,7 +95,7 @@ class ViewWindow::Events {
     }
     observe(from, vtkCommand::MouseWheelForwardEvent, [&window] { window.wheel(1.0); });
     observe(from, vtkCommand::MouseWheelBackwardEvent, [&window] { window.wheel(-1.0); });
-    observe(from, vtkCommand::ConfigureEvent, [&window] { window.stale_ = true; });
+    observe(from, vtkCommand::ConfigureEvent, [&window] { window.layOut(); });
     observe(from, vtkCommand::ExitEvent, [&window] { window.key("q"); });
   }
 };
@@ -112,16 +112,15 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
       hidden_(vtkSmartPointer<vtkRenderer>::New()),
       side_(vtkSmartPointer<vtkRenderer>::New()) {
   wishes_.dials.fill(1.0F);
+  before_off_.fill(1.0F);
   const int width = options.width * options.magnify;
   const int height = options.height * options.magnify;
   window_->SetOffScreenRendering(options.offscreen ? 1 : 0);
   window_->SetSize(width, height);
   window_->SetWindowName(title.c_str());
   window_->SetMultiSamples(options.offscreen ? 8 : 0);
-  window_->SetNumberOfLayers(3);
-  const double split = 1.0 - static_cast<double>(Panel::kWidth) / options.width;
+  window_->SetNumberOfLayers(4);
   for (auto& renderer : {scene_, restored_, hidden_}) {
-    renderer->SetViewport(0.0, 0.0, split, 1.0);
     renderer->SetActiveCamera(scene_->GetActiveCamera());
     renderer->SetInteractive(0);
     window_->AddRenderer(renderer);
@@ -133,10 +132,11 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   restored_->SetPreserveDepthBuffer(1);
   hidden_->SetLayer(2);
   hidden_->SetPreserveDepthBuffer(1);
-  side_->SetViewport(split, 0.0, 1.0, 1.0);
-  side_->SetBackground(0.10, 0.11, 0.13);
+  // In front of the backdrop, which is put back in all of the window.
+  side_->SetLayer(3);
   side_->SetInteractive(0);
   window_->AddRenderer(side_);
+  layOut();
 
   const double size = std::max(1e-6, shapes_.bounds().size().maxCoeff());
   shapes_.addTo(*scene_);
@@ -189,6 +189,18 @@ void ViewWindow::resetCamera() {
   stale_ = true;
 }
 
+void ViewWindow::layOut() {
+  const int* size = window_->GetSize();
+  if (laid_out_[0] == size[0] && laid_out_[1] == size[1]) return;
+  laid_out_ = {size[0], size[1]};
+  const double panel = std::min(0.9, 1.0 * Panel::kWidth * options_.magnify / std::max(1, size[0]));
+  for (auto& renderer : {scene_, restored_, hidden_}) {
+    renderer->SetViewport(0.0, 0.0, 1.0 - panel, 1.0);
+  }
+  side_->SetViewport(1.0 - panel, 0.0, 1.0, 1.0);
+  stale_ = true;
+}
+
 bool ViewWindow::refresh() {
   over_ = over_ || block_.over.load() != 0;
   LiveTick tick;
@@ -234,7 +246,7 @@ void ViewWindow::drawBackdrop(bool coarse) {
   shapes_.coarse(coarse);
   if (shapes_.moves()) shapes_.moveTo(tick_.time);
   scene_->ResetCameraClippingRange();
-  for (auto& renderer : {restored_, hidden_}) renderer->DrawOff();
+  for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
   scene_->DrawOn();
   // Nobody is to see it without the hand.
   window_->SetSwapBuffers(0);
@@ -242,7 +254,7 @@ void ViewWindow::drawBackdrop(bool coarse) {
   backdrop_.take(*window_);
   window_->SetSwapBuffers(1);
   scene_->DrawOff();
-  for (auto& renderer : {restored_, hidden_}) renderer->DrawOn();
+  for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOn();
   coarse_ = coarse;
   stale_ = false;
   backdrop_cost_ = cpu() - before;
@@ -286,6 +298,7 @@ void ViewWindow::frame() {
   const double before = cpu();
   const std::int64_t late = tick_.late_ticks;
   (void)refresh();
+  layOut();
   if (over_ && !options_.offscreen) {
     interactor_->TerminateApp();
     return;
@@ -325,9 +338,14 @@ void ViewWindow::dial(double factor) {
   const int source = bars_[selected_].source;
   if (source < 0 || static_cast<std::size_t>(source) >= wishes_.dials.size()) return;
   float& dial = wishes_.dials[static_cast<std::size_t>(source)];
-  // 0 turns it off, and on again.
-  dial = factor == 0.0 ? (dial == 0.0F ? 1.0F : 0.0F)
-                       : static_cast<float>(std::clamp(dial * factor, 1.0 / kMostDial, kMostDial));
+  float& before = before_off_[static_cast<std::size_t>(source)];
+  if (factor == 0.0) {
+    // Off, and on again as it was.
+    if (dial != 0.0F) before = dial;
+    dial = dial == 0.0F ? before : 0.0F;
+  } else if (dial != 0.0F) {
+    dial = static_cast<float>(std::clamp(dial * factor, 1.0 / kMostDial, kMostDial));
+  }
   ++wishes_.dialled;
   wish();
 }
@@ -354,8 +372,9 @@ void ViewWindow::key(const std::string& name) {
     message_ = "recording is not in this version";
     message_until_ = Clock::now() + std::chrono::seconds(3);
   } else if (name.size() == 1 && name[0] >= '1' && name[0] <= '9') {
-    selected_ = static_cast<std::size_t>(name[0] - '1');
-  } else if (name == "Down" && selected_ + 1 < bars_.size()) {
+    const auto chosen = static_cast<std::size_t>(name[0] - '1');
+    if (chosen < bars_.size()) selected_ = chosen;
+  } else if (name == "Down" && selected_ + 1 < std::min(bars_.size(), Panel::kMostBars)) {
     ++selected_;
   } else if (name == "Up" && selected_ > 0) {
     --selected_;
@@ -487,8 +506,11 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
 }
 
 void ViewWindow::tell(const std::string& shot, const std::string& told_file) {
-  if (!shot.empty()) write(shot, true);
-  // Whoever reads it finds a whole one.
+  // Whoever reads one finds it whole.
+  if (!shot.empty()) {
+    write(shot + ".partial", true);
+    std::filesystem::rename(shot + ".partial", shot);
+  }
   const std::string partial = told_file + ".partial";
   std::ofstream(partial) << told().dump(2) << "\n";
   std::filesystem::rename(partial, told_file);

@@ -58,7 +58,8 @@ class ViewWindow {
   void drawBackdrop(bool coarse);
   void drawFrame();
   void fillPanel();
-  void wish();  ///< Tells the loop what is wished for.
+  void layOut();  ///< Panel and picture, by the window's size.
+  void wish();    ///< Tells the loop what is wished for.
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
@@ -90,6 +91,8 @@ class ViewWindow {
   LiveTick tick_;
   LiveScene modes_;
   LiveWishes wishes_;
+  std::array<float, kLiveModes> before_off_{};  ///< Dials of modes that are off.
+  std::array<int, 2> laid_out_{};
   std::vector<LiveRow> rows_;
   std::vector<Bar> bars_;
   std::size_t selected_ = 0;
