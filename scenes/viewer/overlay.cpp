@@ -19,20 +19,6 @@ Vec3 vectorOf(const std::array<double, 3>& a) {
   return {a[0], a[1], a[2]};
 }
 
-Colour colourOf(cli::Hold hold) {
-  switch (hold) {
-    case cli::Hold::kHolds:
-      return kHolds;
-    case cli::Hold::kYields:
-      return kYields;
-    case cli::Hold::kPushes:
-      return kPushes;
-    case cli::Hold::kIdle:
-      break;
-  }
-  return kIdle;
-}
-
 /// Shows an actor at a place, its own axis (0 to 2) turned along a direction and stretched to a
 /// length, the others to a width.
 void put(vtkActor& actor, int axis, const Vec3& at, const Vec3& along, double length,
@@ -70,6 +56,20 @@ vtkSmartPointer<vtkSphereSource> ball() {
 }
 
 }  // namespace
+
+Colour colourOf(cli::Hold hold) {
+  switch (hold) {
+    case cli::Hold::kHolds:
+      return kHolds;
+    case cli::Hold::kYields:
+      return kYields;
+    case cli::Hold::kPushes:
+      return kPushes;
+    case cli::Hold::kIdle:
+      break;
+  }
+  return kIdle;
+}
 
 cli::Load loadIn(const LiveTick& tick, const LivePrimitive& primitive) {
   StepReport report;

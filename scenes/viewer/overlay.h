@@ -16,6 +16,9 @@
 
 namespace palpate::view {
 
+/// What is drawn in which colour: by what it does.
+[[nodiscard]] Colour colourOf(cli::Hold hold);
+
 /// The primitive as the last balance left it: whether it holds or yields.
 [[nodiscard]] cli::Load loadIn(const LiveTick& tick, const LivePrimitive& primitive);
 

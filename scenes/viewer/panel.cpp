@@ -23,20 +23,6 @@ constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
 
-Colour colourOf(const Bar& bar) {
-  switch (bar.hold) {
-    case cli::Hold::kHolds:
-      return kHolds;
-    case cli::Hold::kYields:
-      return kYields;
-    case cli::Hold::kPushes:
-      return kPushes;
-    case cli::Hold::kIdle:
-      break;
-  }
-  return kIdle;
-}
-
 /// What to do about a tick that did not arrive.
 const char* adviceFor(StepStatus status) {
   switch (status) {
@@ -240,7 +226,8 @@ void Panel::show(const Content& content, double height) {
     y -= 12.0;
     quad(kMargin, y, kMargin + kInner, y + 7.0, kTrack);
     const double share = bar.strength > 0.0 ? std::min(1.0, bar.load / bar.strength) : 0.0;
-    if (!off && share > 0.0) quad(kMargin, y, kMargin + share * kInner, y + 7.0, colourOf(bar));
+    if (!off && share > 0.0)
+      quad(kMargin, y, kMargin + share * kInner, y + 7.0, colourOf(bar.hold));
     y -= 22.0;
   }
   y -= 2.0;

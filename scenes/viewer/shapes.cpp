@@ -168,7 +168,7 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
     const std::string& name = graph.mode_names[i];
     const Mode& mode = graph.modes[i];
     if (const auto* iso = std::get_if<IsosurfaceMode>(&mode)) {
-      addSurface(graph, static_cast<std::size_t>(iso->skin.field), iso->level, i, name, fine);
+      addSurface(graph, static_cast<std::size_t>(iso->skin.field), iso->level, name, fine);
     } else if (const auto* surface = std::get_if<SurfaceMode>(&mode)) {
       addCloud(graph, i, false, static_cast<std::size_t>(surface->skin.field), surface->strength,
                surface->skin.value, name);
@@ -188,7 +188,7 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
   }
 }
 
-void Shapes::addSurface(const Graph& graph, std::size_t field, double level, std::size_t /*mode*/,
+void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
                         const std::string& name, bool fine) {
   const ScalarField& of = *graph.scalar_fields[field];
   const std::string key = fmt::format("surface {} {}", of.id(), level);

@@ -61,8 +61,8 @@ class Shapes {
     MotionPtr motion;
   };
   void addGraph(const Graph& graph, bool fine);
-  void addSurface(const Graph& graph, std::size_t field, double level, std::size_t mode,
-                  const std::string& name, bool fine);
+  void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,
+                  bool fine);
   void addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,
                 const Transfer& strength, int own, const std::string& name);
   void addStreams(const Graph& graph, std::size_t field, const std::string& name);
