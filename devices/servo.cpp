@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <string>
 #include <utility>
 
 #include "palpate/engine/error.h"
@@ -10,9 +9,12 @@
 namespace palpate {
 namespace {
 
+constexpr double kSlowest = 100.0;  // [Hz]: three periods are still no time to hold a force for
+constexpr double kFastest = 1e5;
+
 double checkedRate(const DeviceInfo& arm, double rate) {
-  if (rate > 0.0 && std::isfinite(rate)) return rate;
-  throw DeviceError(arm.name, "the servo's rate is " + std::to_string(rate), "give Hz");
+  if (rate >= kSlowest && rate <= kFastest) return rate;
+  throw DeviceError(arm.name, "the servo's rate is none for a hand", "give 100 to 100000 Hz");
 }
 
 }  // namespace
@@ -21,12 +23,17 @@ Servo::Servo(DeviceInfo arm, double rate)
     : arm_(std::move(arm)), loop_(arm_, checkedRate(arm_.info(), rate)), period_(1.0 / rate) {}
 
 Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
+  const bool goes_on = dt > 0.0 && std::isfinite(dt);
+  const double step = goes_on ? dt : period_;
+  if (goes_on) now_ += dt;  // else the clock would never tell again
+  stood_ = goes_on ? 0.0 : stood_ + period_;
+  still_ = hand.position == arm_.hand.position ? still_ + step : 0.0;
   arm_.hand = hand;
+  if (arm_.info().hand) arm_.hand.still = std::max(hand.still, still_);
   TickTime time;
-  if (dt > 0.0 && std::isfinite(dt)) now_ += dt;  // else the clock would never tell again
   time.now = now_;
   time.dt = dt;
-  time.late = std::max(0.0, dt - period_);
+  time.late = std::max({0.0, dt - period_, stood_});
   time.missed = time.late >= period_;
   time.real = true;
   loop_.tick(time);

@@ -18,16 +18,19 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
  public:
   /// @param arm   What the arm can do, in particular its limits. `hand` is to be false only where
   ///              no hand can be on it: then forces do not engage and positions are not watched.
-  /// @param rate  Of the servo, as it should be [Hz], > 0.
+  /// @param rate  Of the servo, as it should be [Hz], 100 to 100000.
   /// Throws DeviceError where a number is none that can be used.
   Servo(DeviceInfo arm, double rate);
 
   /// One tick. The servo sends the force as it is, and sends zero where it has not called this.
   ///
   /// @param hand  In W, in metres, as HandState: usually the position alone. A fault that the arm
-  ///              reports goes into HandState::fault.
+  ///              reports goes into HandState::fault, how old the position is into HandState::age.
+  ///              Where the same position comes again, bit by bit, HandState::still counts from the
+  ///              first: a driver that stopped to read its arm loses its force (StillFade).
   /// @param dt    Time since the last call [s]. Longer than 5 ms, or three periods where these are
-  ///              longer (WatchLimits::late), is a fault: the force is cut until clear().
+  ///              longer (WatchLimits::late), is a fault: the force is cut until clear(). So are so
+  ///              many periods of a time that does not go on (dt <= 0, or no number).
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;
@@ -59,8 +62,10 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
 
   Arm arm_;
   HapticLoop loop_;
-  double period_;  ///< [s]
-  double now_ = 0.0;
+  double period_;       ///< [s]
+  double now_ = 0.0;    ///< [s]
+  double still_ = 0.0;  ///< How long the position has been the same [s].
+  double stood_ = 0.0;  ///< Periods in which the caller's time has not gone on [s].
 };
 
 }  // namespace palpate

@@ -126,9 +126,11 @@ void palpate_unload(palpate_hand* hand) {
   delete hand;  // NOLINT(cppcoreguidelines-owning-memory): C has no owner
 }
 
-int palpate_tick(palpate_hand* hand, const double position[3], double dt, palpate_felt* felt) {
+int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,
+                 palpate_felt* felt) {
   palpate::HandState state;
   state.position = vectorOf(position);
+  state.age = age;
   const Vec3 force = hand->servo.tick(state, dt);
   const palpate::Telemetry& tick = hand->servo.latest();
   for (int axis = 0; axis < 3; ++axis) {

@@ -42,7 +42,7 @@ palpate_arm palpate_weakest_arm(void);
 
 /** A scene file, a .vdb file or a folder of them. Slow: loads volumes.
  *  @param arm    Copied.
- *  @param rate   Ticks a second that the host will make [Hz], > 0.
+ *  @param rate   Ticks a second that the host will make [Hz], 100 to 100000.
  *  @param error  Takes the line where it fails; may be null.
  *  @return       Null where it fails. Free it with palpate_unload. */
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,
@@ -57,11 +57,15 @@ int palpate_reload(palpate_hand* hand, const char* path, char* error, size_t siz
 void palpate_unload(palpate_hand* hand);
 
 /** One tick. Real-time: no allocation, no lock, no system call. From one thread at a time.
- *  @param position  Of the hand [m].
- *  @param dt        Time since the last tick [s]; 5 ms or more (or three periods) is a fault.
+ *  @param position  Of the hand [m]. The same one again and again, bit by bit, for more than half a
+ *                   second is an arm that is not read any more: its force fades.
+ *  @param age       How old the position is [s]; more than 50 ms is a fault. 0 if it is not known.
+ *  @param dt        Time since the last tick [s]; 5 ms or more (or three periods) is a fault, and
+ *                   so is a time that does not go on.
  *  @param felt      Filled in.
  *  @return          felt->fault. */
-int palpate_tick(palpate_hand* hand, const double position[3], double dt, palpate_felt* felt);
+int palpate_tick(palpate_hand* hand, const double position[3], double age, double dt,
+                 palpate_felt* felt);
 
 /** Cuts the force with the next tick until palpate_clear. From any thread. */
 void palpate_cut(palpate_hand* hand);

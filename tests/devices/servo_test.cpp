@@ -34,12 +34,13 @@ std::shared_ptr<const Scene> ball() {
   return makeScene(graph, {{"ball", makeSphere(Vec3::Zero(), 0.04)}});
 }
 
-/// Comes down to 2 mm below the surface and stays; the last force.
+/// Comes down to 2 mm below the surface and stays there as a hand does, never quite still; the last
+/// force.
 Vec3 press(Servo& servo, int ticks = 2000) {
   Vec3 force = Vec3::Zero();
   for (int i = 0; i < ticks; ++i) {
     HandState hand;
-    hand.position = {0.0, 0.0, std::max(0.06 - 5e-5 * i, 0.038)};
+    hand.position = {1e-9 * (i % 2), 0.0, std::max(0.06 - 5e-5 * i, 0.038)};
     force = servo.tick(hand, kDt);
   }
   return force;
@@ -106,6 +107,47 @@ TEST_CASE("a servo cuts where its caller or its arm is wrong", "[servo]") {
   CHECK(faultOf(hand, kDt) == Fault::kNotFinite);
 }
 
+TEST_CASE("a driver that stopped to read its arm loses the servo's force", "[servo]") {
+  for (const bool hand_on_it : {true, false}) {
+    DeviceInfo info = arm();
+    info.hand = hand_on_it;
+    Servo servo(info, 1.0 / kDt);
+    servo.publish(ball());
+    (void)press(servo);
+    HandState same;
+    same.position = {0.0, 0.0, 0.038};
+    Vec3 force;
+    for (int i = 0; i < 400; ++i) force = servo.tick(same, kDt);
+    CHECK(force.z() == Approx(1.0).epsilon(1e-6));  // a hand may rest
+    for (int i = 0; i < 700; ++i) force = servo.tick(same, kDt);
+    CHECK(force.z() == Approx(hand_on_it ? 0.0 : 1.0).margin(1e-6));
+    CHECK(servo.latest().fault == Fault::kNone);
+    for (int i = 0; i < 700; ++i) {  // it lives: the force comes back
+      same.position.x() = 1e-9 * (i % 2);
+      force = servo.tick(same, kDt);
+    }
+    CHECK(force.z() == Approx(1.0).epsilon(1e-6));
+  }
+}
+
+TEST_CASE("a servo whose time stands is late", "[servo]") {
+  for (const double dt : {0.0, -1e-3, std::numeric_limits<double>::quiet_NaN()}) {
+    Servo servo(arm(), 1.0 / kDt);
+    servo.publish(ball());
+    (void)press(servo);
+    HandState hand;
+    hand.position = {0.0, 0.0, 0.038};
+    int ticks = 0;
+    while (ticks < 3000 && servo.latest().fault == Fault::kNone) {
+      (void)servo.tick(hand, dt);
+      ++ticks;
+    }
+    CHECK(std::abs(ticks - arm().watch.late / kDt) <= 1.0);
+    CHECK(servo.latest().fault == Fault::kLate);
+    CHECK(servo.latest().report.force == Vec3::Zero());
+  }
+}
+
 TEST_CASE("a servo's time that is none lets no force grow", "[servo]") {
   for (const double dt : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN(),
                           std::numeric_limits<double>::infinity()}) {
@@ -131,7 +173,7 @@ TEST_CASE("a servo's tick takes no memory, and numbers that are none are refused
     (void)press(servo);
     CHECK(test::CountScope::counts().allocations == 0);
   }
-  for (const double rate : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double rate : {0.0, -1.0, 1e-320, 1e300, std::numeric_limits<double>::quiet_NaN()}) {
     CHECK_THROWS_AS(Servo(arm(), rate), DeviceError);
   }
   DeviceInfo weak = arm();

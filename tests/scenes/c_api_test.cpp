@@ -37,7 +37,7 @@ class Host {
   palpate_felt tick(double z) const {
     const double position[3] = {0.0, 0.0, z};
     palpate_felt felt{};
-    CHECK(palpate_tick(hand, position, 1e-3, &felt) == felt.fault);
+    CHECK(palpate_tick(hand, position, 0.0, 1e-3, &felt) == felt.fault);
     return felt;
   }
   /// From outside to within its surface.

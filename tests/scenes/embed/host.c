@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
   int i;
   for (i = 0; i < 3000; ++i) {
     const double position[3] = {0.0, 0.0, 0.06 - 2e-5 * i};
-    if (palpate_tick(hand, position, 1e-3, &felt) != 0) {
+    if (palpate_tick(hand, position, 0.0, 1e-3, &felt) != 0) {
       printf("fault: %s\n", palpate_fault_words(felt.fault));
       break;
     }
