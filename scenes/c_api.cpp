@@ -4,6 +4,7 @@
 #include <array>
 #include <cstring>
 #include <exception>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <utility>
@@ -20,7 +21,7 @@ struct palpate_hand {
 
   palpate::DeviceInfo arm;
   double rate;
-  std::string path;
+  std::filesystem::path path;  // absolute: the host may go to another folder
   palpate::Servo servo;
 };
 
@@ -43,7 +44,7 @@ std::string failureOf(F&& f) {
     f();
     return "";
   } catch (const std::exception& e) {
-    return e.what();
+    return palpate::cli::sentence(e.what()).text();  // names of files hold what they please
   } catch (...) {
     return "palpate: it failed for a reason that is not known: please report it";
   }
@@ -53,7 +54,7 @@ void require(const void* given, const char* what) {
   if (given == nullptr) throw palpate::Error(what, "it is null", "give one");
 }
 
-palpate::SceneSpec specFor(const palpate_hand& hand, const std::string& path) {
+palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path& path) {
   palpate::SceneSpec spec = palpate::openScene(path);
   (void)palpate::fitCoupling(spec, hand.arm);
   palpate::checkDevice(spec, hand.arm);
@@ -61,9 +62,10 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::string& path) {
 }
 
 /// The scene is whole before the hand hears of it.
-void load(palpate_hand& hand, const std::string& path) {
+void load(palpate_hand& hand, const std::filesystem::path& path) {
+  std::filesystem::path whole = std::filesystem::absolute(path);
   hand.servo.publish(palpate::buildScene(specFor(hand, path)).scene);
-  hand.path = path;
+  hand.path = std::move(whole);
 }
 
 /// What is a limit of forces is the servo's to check.
@@ -104,6 +106,7 @@ palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate
   const std::string failure = failureOf([&] {
     require(path, "path");
     require(arm, "arm");
+    palpate::cli::checkRate("rate", rate);
     hand = std::make_unique<palpate_hand>(infoOf(*arm), rate);
     load(*hand, path);
   });
@@ -171,9 +174,9 @@ long palpate_explain(palpate_hand* hand, const double at[3], const double push[3
     require(at, "at");
     require(push, "push");
     const auto silent = [](const std::string&) {};
-    out = palpate::cli::explainTick(specFor(*hand, hand->path), vectorOf(at), vectorOf(push),
-                                    hand->rate, nullptr, silent)
-              .json.dump();
+    out = palpate::cli::dump(palpate::cli::explainTick(specFor(*hand, hand->path), vectorOf(at),
+                                                       vectorOf(push), hand->rate, nullptr, silent)
+                                 .json);
   });
   copyTo(text, size, failure.empty() ? out : failure);
   const auto length = static_cast<long>((failure.empty() ? out : failure).size());

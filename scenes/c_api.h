@@ -42,7 +42,7 @@ palpate_arm palpate_weakest_arm(void);
 
 /** A scene file, a .vdb file or a folder of them. Slow: loads volumes.
  *  @param arm    Copied.
- *  @param rate   Ticks a second that the host will make [Hz], 100 to 100000.
+ *  @param rate   Ticks a second that the host will make [Hz], 10 to 100000.
  *  @param error  Takes the line where it fails; may be null.
  *  @return       Null where it fails. Free it with palpate_unload. */
 palpate_hand* palpate_load(const char* path, const palpate_arm* arm, double rate, char* error,

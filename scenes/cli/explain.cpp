@@ -14,7 +14,7 @@ struct ExplainOptions {
 };
 
 int explain(const ExplainOptions& options) {
-  checkRate(options.rate);
+  checkRate("--rate", options.rate);
   const Vec3 at = readVector("--at", options.at);
   const Vec3 push = readVector("--push", options.push);
   checkReach("--push", at + push);

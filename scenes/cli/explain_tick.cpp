@@ -576,9 +576,10 @@ OrderedJson report(const Told& told) {
 
 Explained explainTick(SceneSpec spec, const Vec3& at, const Vec3& push, double rate,
                       const Progress& progress, const Say& say) {
-  checkRate(rate);
+  checkRate("rate", rate);
+  checkReach("at", at);
   const Vec3 hand = at + push;
-  checkReach("--push", hand);
+  checkReach("push", hand);
   const double dt = 1.0 / rate;
   const ForceLimits limits = pathLimits();
   const auto rehearse = [&](const BuiltScene& built) {

@@ -388,7 +388,7 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
 }
 
 int press(const PressOptions& options) {
-  checkRate(options.rate);
+  checkRate("--rate", options.rate);
   noteInterrupts();
   const Way way = wayOf(options);
   const auto rehearse = [&](const BuiltScene& built) {

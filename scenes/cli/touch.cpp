@@ -66,14 +66,14 @@ std::vector<std::filesystem::path> inputsOf(const std::string& scene, const Scen
   return inputs;
 }
 
-void checkReach(const std::string& option, const Vec3& p) {
-  if (p.cwiseAbs().maxCoeff() < kFarthest) return;
-  throw Error(option, "it leads farther than 1,000 km", "give metres");
+void checkReach(const std::string& name, const Vec3& p) {
+  if ((p.array().abs() < kFarthest).all()) return;  // not so where one is no number
+  throw Error(name, "it leads farther than 1,000 km", "give metres");
 }
 
-void checkRate(double rate) {
+void checkRate(const std::string& name, double rate) {
   if (rate >= 10.0 && rate <= 100000.0) return;
-  throw Error("--rate", fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
+  throw Error(name, fmt::format("{} Hz is not 10 to 100000", rate), "use 1000");
 }
 
 void complainOf(const std::string& line) {

@@ -25,11 +25,12 @@ namespace palpate::cli {
 [[nodiscard]] std::vector<std::filesystem::path> inputsOf(const std::string& scene,
                                                           const SceneSpec& spec);
 
-/// Throws Error where a place is farther than a tick takes for a hand.
-void checkReach(const std::string& option, const Vec3& p);
+/// Throws Error where a place is farther than a tick takes for a hand. `name` is what the caller
+/// gave it by: an option, or an argument of a function.
+void checkReach(const std::string& name, const Vec3& p);
 
 /// Throws Error where ticks a second are not 10 to 100000.
-void checkRate(double rate);
+void checkRate(const std::string& name, double rate);
 
 /// A scene with its notes told, refused where a `path` device would refuse it.
 struct Opened {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <limits>
 #include <string>
 
@@ -53,6 +54,18 @@ class Host {
   test::TemporaryFolder folder_;
 };
 
+/// Works in a folder for a while.
+class Folder {
+ public:
+  explicit Folder(const std::filesystem::path& to) { std::filesystem::current_path(to); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  ~Folder() { std::filesystem::current_path(before_); }
+
+ private:
+  std::filesystem::path before_ = std::filesystem::current_path();
+};
+
 }  // namespace
 
 TEST_CASE("a host in C feels a scene, and keeps it where another is wrong", "[c]") {
@@ -82,7 +95,12 @@ TEST_CASE("a host in C is told in one line what is wrong", "[c]") {
   };
   const palpate_arm good = palpate_weakest_arm();
   CHECK(refusal(nullptr, good, 1000.0).rfind("path: it is null", 0) == 0);
-  CHECK(refusal(host.file().c_str(), good, nan).find("rate") != std::string::npos);
+  for (const double rate : {nan, 0.0, -1000.0, 1e-320, 9.0, 1e6, 1e300}) {
+    CAPTURE(rate);
+    CHECK(refusal(host.file().c_str(), good, rate).rfind("rate: ", 0) == 0);
+  }
+  CHECK(refusal("no\nsuch\xff.vdb", good, 1000.0).rfind("no\\nsuch\\xff.vdb: no such file", 0) ==
+        0);
   for (double palpate_arm::*number : {&palpate_arm::peak, &palpate_arm::slew,
                                       &palpate_arm::max_stiffness, &palpate_arm::max_damping}) {
     for (const double value : {nan, -1.0}) {
@@ -130,5 +148,22 @@ TEST_CASE("a host in C asks why, and gets all of it or as much as it has room fo
   char why[200];
   const long refused = palpate_explain(host.hand, far, push, why, sizeof why);
   CHECK(refused == -static_cast<long>(std::strlen(why)));
-  CHECK(std::string(why).find(": ") != std::string::npos);
+  CHECK(std::string(why).rfind("at: ", 0) == 0);
+  CHECK(palpate_explain(host.hand, at, far, why, sizeof why) < 0);
+  CHECK(std::string(why).rfind("push: ", 0) == 0);  // as the function's own argument is called
+}
+
+TEST_CASE("a host in C may go to another folder after it has loaded", "[c]") {
+  const Host host;
+  const Folder before(std::filesystem::path(host.file()).parent_path());
+  char error[200];
+  REQUIRE(palpate_reload(host.hand, "ball.vdb", error, sizeof error) == 0);
+  std::filesystem::current_path("/");
+  const double at[3] = {0.0, 0.0, 0.03};
+  const double push[3] = {0.0, 0.0, -1e-3};
+  std::string text(100, '\0');
+  CHECK(palpate_explain(host.hand, at, push, text.data(), text.size()) > 100);
+  CAPTURE(text);
+  CHECK(palpate_reload(host.hand, "no_such.vdb", error, sizeof error) == -1);
+  CHECK(palpate_explain(host.hand, at, push, nullptr, 0) > 100);
 }
