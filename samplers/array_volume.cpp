@@ -155,6 +155,10 @@ void check(const VoxelArray& array) {
   if (array.background && !std::isfinite(*array.background)) {
     throw VolumeError(array.name, "its background is no number", "give what stands for no data");
   }
+  if (array.vector && array.background.value_or(0.0) != 0.0) {
+    throw VolumeError(array.name, "its background is a number, and its values are vectors",
+                      "leave it out: of vectors it is zero");
+  }
   const double volume = std::abs(array.axes.determinant());
   const double edges = array.axes.colwise().norm().prod();
   if (array.axes.allFinite() && array.origin.allFinite() && volume > 1e-9 * edges) return;

@@ -235,6 +235,7 @@ def test_solve_is_the_papers_balance():
     (lambda: palpate.volume([1, [2]]), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), spacing="wide"), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), origin=(0, 0, np.nan)), palpate.Error, "origin"),
+    (lambda: palpate.volume(np.ones((3, 3, 3, 3)), background=1), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), smooth=17), palpate.Error, "smooth"),
     (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).explain((0, 0, 0), (0, 0, np.nan)), palpate.Error, "push"),
     (lambda: ball(9).field("linear"), palpate.Error, "interpolation"),
