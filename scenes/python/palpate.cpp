@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "palpate/devices/json_node.h"
 #include "palpate/devices/path_device.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
@@ -65,7 +66,8 @@ for each in (Error, VolumeError, SceneError, DeviceError):
 
 void raise(const char* kind, const Error& e) {
   const py::object type = py::module_::import("palpate").attr(kind);
-  const py::object error = type(e.subject(), e.reason(), e.remedy());
+  const auto line = [](const std::string& text) { return cli::sentence(text).text(); };
+  const py::object error = type(line(e.subject()), line(e.reason()), line(e.remedy()));
   PyErr_SetObject(type.ptr(), error.ptr());
 }
 
@@ -470,6 +472,46 @@ class Hand {
   StepReport report_;
 };
 
+using Volumes = std::map<std::string, std::shared_ptr<const Volume>>;
+
+/// A text as it is, other things as Python's json writes them; numpy's as the lists and numbers
+/// that they are.
+std::string jsonOf(const py::object& given) {
+  try {
+    if (py::isinstance<py::str>(given)) return given.attr("encode")().cast<std::string>();
+    const py::cpp_function plain([](const py::object& one) -> py::object {
+      if (py::hasattr(one, "tolist")) return one.attr("tolist")();
+      const auto type = py::str(py::type::of(one).attr("__name__")).cast<std::string>();
+      throw py::type_error("a " + type + " is no number, text, list or dict");
+    });
+    return py::module_::import("json")
+        .attr("dumps")(given, "default"_a = plain, "allow_nan"_a = false)
+        .cast<std::string>();
+  } catch (const py::error_already_set& e) {
+    if (!e.matches(PyExc_TypeError) && !e.matches(PyExc_ValueError) &&
+        !e.matches(PyExc_RecursionError)) {
+      throw;
+    }
+    const auto why = py::str(e.value()).cast<std::string>();
+    throw SceneError("scene", "it cannot be written as JSON (" + why + ")",
+                     "give finite numbers, texts, lists and dicts, or numpy's");
+  }
+}
+
+/// A volume of the script's own needs no file, and may need no words at all.
+std::string withVolumes(const std::string& text, const Volumes& volumes) {
+  if (volumes.empty()) return text;
+  Json scene = parseJson(text, "scene", raiseAs<SceneError>);
+  if (!scene.is_object()) return text;
+  Json& listed = scene.emplace("volumes", Json::object()).first.value();
+  for (const auto& [name, volume] : volumes) {
+    if (!listed.is_object()) break;
+    Json& words = listed.emplace(name, Json::object()).first.value();
+    if (words.is_object()) words.emplace("file", name);
+  }
+  return scene.dump();
+}
+
 /// A scene that can be felt, and a hand in it for Scene.step.
 class PyScene {
  public:
@@ -482,33 +524,10 @@ class PyScene {
     return PyScene(openScene(path));
   }
 
-  [[nodiscard]] static PyScene parse(
-      const py::object& text, const std::map<std::string, std::shared_ptr<const Volume>>& volumes,
-      const std::filesystem::path& folder) {
-    const py::module_ json = py::module_::import("json");
-    py::object scene = text;
-    if (py::isinstance<py::str>(text)) {
-      if (volumes.empty()) return built(parseScene(text.cast<std::string>(), "scene", folder), {});
-      try {
-        scene = json.attr("loads")(text);
-      } catch (const py::error_already_set& e) {
-        if (!e.matches(PyExc_ValueError)) throw;
-        throw SceneError("scene", "it is not valid JSON", py::str(e.value()).cast<std::string>());
-      }
-    } else {
-      scene = py::module_::import("copy").attr("deepcopy")(text);
-    }
-    // A volume of the script's own needs no file, and may need no words at all.
-    if (py::isinstance<py::dict>(scene)) {
-      const py::object listed = scene.attr("setdefault")("volumes", py::dict());
-      for (const auto& [name, volume] : volumes) {
-        if (!py::isinstance<py::dict>(listed)) break;
-        const py::object words = listed.attr("setdefault")(name, py::dict());
-        if (py::isinstance<py::dict>(words)) words.attr("setdefault")("file", name);
-      }
-    }
-    return built(parseScene(json.attr("dumps")(scene).cast<std::string>(), "scene", folder),
-                 volumes);
+  [[nodiscard]] static PyScene parse(const py::object& given, const Volumes& volumes,
+                                     const std::filesystem::path& folder) {
+    SceneSpec spec = parseScene(withVolumes(jsonOf(given), volumes), "scene", folder);
+    return built(std::move(spec), volumes);
   }
 
   [[nodiscard]] py::array run(const Doubles& given, double rate) const {
@@ -576,13 +595,10 @@ class PyScene {
     for (const auto& [name, field] : built_.fields) named[name] = {field, name};
     return named;
   }
-  [[nodiscard]] std::map<std::string, std::shared_ptr<const Volume>> volumes() const {
-    return built_.volumes;
-  }
+  [[nodiscard]] Volumes volumes() const { return built_.volumes; }
 
  private:
-  [[nodiscard]] static PyScene built(
-      SceneSpec spec, const std::map<std::string, std::shared_ptr<const Volume>>& volumes) {
+  [[nodiscard]] static PyScene built(SceneSpec spec, const Volumes& volumes) {
     for (const auto& [name, volume] : volumes) spec.volumes.at(name).volume = volume;
     const py::gil_scoped_release released;
     return PyScene(std::move(spec));

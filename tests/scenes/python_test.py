@@ -158,6 +158,43 @@ def test_a_fault_stays_until_it_is_cleared():
     assert hand.fault == "" and hand.report["status"] == "converged"
 
 
+def test_numpys_numbers_may_stand_in_a_scene():
+    plain = {**SCENE, "volumes": {"ball": {"place": {"scale": 0.05, "translate": [0, 0, 0.01]}}},
+             "modes": [{**SKIN, "strength": {"piecewise": [[0, 0], [1, 4]]}}]}
+    numpys = {**SCENE, "palpate": np.int64(1),
+              "volumes": {"ball": {"place": {"scale": np.float64(0.05), "translate": np.array([0, 0, 0.01])}}},
+              "modes": [{**SKIN, "strength": {"piecewise": np.array([[0, 0], [1, 4]])}}]}
+    volumes = {"ball": ball(9)}
+    told = [palpate.Scene.parse(scene, volumes).explain((0, 0, 0.05), (0, 0, -0.002)) for scene in (plain, numpys)]
+    assert told[0] == told[1]
+    assert list(numpys["volumes"]["ball"]) == ["place"]  # the script's own dict stays as it is
+
+
+def deep(levels=100000):
+    scene = []
+    for _ in range(levels):
+        scene = [scene]
+    return scene
+
+
+@pytest.mark.parametrize("wrong, why", [
+    ({**SCENE, "modes": {1, 2}}, "a set is no number"),
+    ({**SCENE, (1, 2): 3}, "keys must be"),
+    ({**SCENE, "palpate": 1j}, "a complex is no number"),
+    ({**SCENE, "palpate": float("nan")}, "Out of range float"),
+    (deep(), "recursion"),
+    ("{ no", "it is not valid JSON (parse error at line 1, column 4"),
+    ("\udc80", "surrogates not allowed"),
+    ('{"modes": [], "modes": []}', "stands twice"),
+])
+@pytest.mark.parametrize("with_volume", [False, True])
+def test_why_a_scene_is_none(wrong, why, with_volume):
+    with pytest.raises(palpate.SceneError) as caught:
+        palpate.Scene.parse(wrong, {"ball": ball(9)} if with_volume else {})
+    error = caught.value
+    assert error.what == "scene" and why in error.why and why not in error.remedy
+
+
 def test_other_threads_run_during_a_run():
     scene = palpate.Scene.parse(SCENE, {"ball": ball()})
     path = np.repeat(press(), 150, axis=0)
@@ -236,6 +273,7 @@ def test_solve_is_the_papers_balance():
     (lambda: palpate.volume(np.ones((3, 3, 3)), spacing="wide"), palpate.VolumeError, "values"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), origin=(0, 0, np.nan)), palpate.Error, "origin"),
     (lambda: palpate.volume(np.ones((3, 3, 3, 3)), background=1), palpate.VolumeError, "values"),
+    (lambda: palpate.Volume.load("/no/such\nvolume.vdb"), palpate.VolumeError, "/no/such\\nvolume.vdb"),
     (lambda: palpate.volume(np.ones((3, 3, 3)), smooth=17), palpate.Error, "smooth"),
     (lambda: palpate.Scene.parse(SCENE, {"ball": ball(9)}).explain((0, 0, 0), (0, 0, np.nan)), palpate.Error, "push"),
     (lambda: ball(9).field("linear"), palpate.Error, "interpolation"),
