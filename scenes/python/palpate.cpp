@@ -115,6 +115,18 @@ LoadOptions optionsOf(bool fill, int smooth) {
   return options;
 }
 
+/// As `palpate import` tells it of floats.
+void warnOfRounding(const py::array& values, const std::string& name) {
+  const char kind = values.dtype().kind();
+  if ((kind != 'i' && kind != 'u') || values.itemsize() < 8 || values.size() == 0) return;
+  const py::int_ exact(std::int64_t{1} << 53U);
+  const bool held =
+      values.attr("max")().attr("item")() <= exact && values.attr("min")().attr("item")() >= -exact;
+  if (held) return;
+  const std::string told = name + ": whole numbers above 9,007,199,254,740,992 are rounded";
+  if (PyErr_WarnEx(PyExc_UserWarning, told.c_str(), 1) != 0) throw py::error_already_set();
+}
+
 /// Floats and doubles as they are, other numbers as the smaller of these that holds them exactly.
 py::array numbersOf(const py::object& given, const std::string& name) {
   if (py::isinstance(given, py::module_::import("numpy").attr("ma").attr("MaskedArray"))) {
@@ -130,6 +142,7 @@ py::array numbersOf(const py::object& given, const std::string& name) {
     throw VolumeError(name, "its values are no real numbers",
                       "give an array of floats or integers");
   }
+  warnOfRounding(values, name);
   const bool small = kind == 'f' ? size <= 4 : size <= 2;
   return values.attr("astype")(small ? "float32" : "float64").cast<py::array>();
 }

@@ -9,6 +9,7 @@ import re
 import subprocess
 import threading
 import time
+import warnings
 
 import numpy as np
 import palpate
@@ -68,6 +69,21 @@ def test_integers_become_floats_that_hold_them():
     many[1, 1, 1] = 2**30 + 1
     volume = palpate.volume(many)
     assert volume.info["type"] == "double" and volume.info["highest"] == 2**30 + 1
+
+
+def test_whole_numbers_that_no_double_holds_are_told_of():
+    counts = np.full((4, 4, 4), 7, "i8")
+    counts[2, 2, 2] = 2**53
+    counts[1, 1, 1] = -2**53
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert palpate.volume(counts).info["highest"] == 2**53
+        counts[2, 2, 2] += 1
+        with pytest.raises(UserWarning, match="counts: whole numbers above 9,007,199,254,740,992 are rounded"):
+            palpate.volume(counts, name="counts")
+    for value, dtype in ((-2**53 - 1, "i8"), (2**64 - 1, "u8")):
+        with pytest.warns(UserWarning, match="are rounded"):
+            palpate.volume(np.where(np.eye(4)[:, :, None] > 0, np.array(value, dtype), np.array(7, dtype)))
 
 
 def test_the_matrix_of_a_nifti_turns_the_axes():
