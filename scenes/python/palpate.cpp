@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <new>
 #include <optional>
 #include <pybind11/eval.h>
 #include <pybind11/numpy.h>
@@ -37,8 +38,6 @@ using namespace pybind11::literals;
 
 using Doubles = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
-constexpr double kSlowest = 10.0;  // [Hz], as palpate feel
-constexpr double kFastest = 1e5;   // [Hz]
 constexpr double kFarthest = 1e6;  // [m], as hapticStep
 
 // The module's errors are classes of Python's, so that a script can raise and pickle them.
@@ -82,6 +81,8 @@ void translate(std::exception_ptr thrown) {
     raise("DeviceError", e);
   } catch (const Error& e) {
     raise("Error", e);
+  } catch (const std::bad_alloc&) {
+    raise("Error", {"memory", "there is not enough of it", "ask for less at once"});
   }
 }
 
@@ -409,11 +410,6 @@ class Rows final : public TickSink {
   std::vector<TraceRow> rows;
 };
 
-void checkRate(double rate) {
-  if (rate >= kSlowest && rate <= kFastest) return;
-  throw Error("rate", std::to_string(rate) + " Hz is not 10 to 100000", "use 1000");
-}
-
 /// Positions, a tick each, or rows of t, x, y, z.
 std::vector<PathPoint> pathOf(const Doubles& given, double rate) {
   const py::ssize_t width = given.ndim() == 2 ? given.shape(1) : 0;
@@ -544,7 +540,7 @@ class PyScene {
   }
 
   [[nodiscard]] py::array run(const Doubles& given, double rate) const {
-    checkRate(rate);
+    cli::checkRate("rate", rate);
     std::vector<PathPoint> path = pathOf(given, rate);
     const double ticks = (path.back().t - path.front().t) * rate + 2.0;
     constexpr double kMost = 1e8;
@@ -552,10 +548,10 @@ class PyScene {
       throw DeviceError("path", "it takes more than 10^8 ticks", "run it in pieces");
     }
     PathDevice device(std::move(path), rate);
-    Rows rows(static_cast<std::size_t>(ticks));
+    auto rows = std::make_unique<Rows>(static_cast<std::size_t>(ticks));
     {
       const py::gil_scoped_release released;
-      HapticLoop loop(device, rate, &rows);
+      HapticLoop loop(device, rate, rows.get());
       loop.publish(built_.scene);
       TickTime time;
       time.dt = 1.0 / rate;
@@ -569,12 +565,14 @@ class PyScene {
         loop.tick(time);
       }
     }
-    // The array owns a copy of the rows.
-    return {traceType(), {rows.rows.size()}, {sizeof(TraceRow)}, rows.rows.data()};
+    const std::vector<TraceRow>& made = rows->rows;
+    const py::capsule owner(rows.get(), [](void* p) { delete static_cast<Rows*>(p); });
+    (void)rows.release();  // the capsule's now
+    return {traceType(), {made.size()}, {sizeof(TraceRow)}, made.data(), owner};
   }
 
   [[nodiscard]] std::unique_ptr<Hand> hand(double rate) const {
-    checkRate(rate);
+    cli::checkRate("rate", rate);
     return std::make_unique<Hand>(built_.scene, rate);
   }
   std::tuple<double, double, double> step(double x, double y, double z) {
@@ -585,7 +583,7 @@ class PyScene {
   [[nodiscard]] py::object explain(const Doubles& at, const Doubles& push, double rate) const {
     const Vec3 from = vectorOf(at, "at");
     const Vec3 by = vectorOf(push, "push");
-    checkRate(rate);
+    cli::checkRate("rate", rate);
     std::string text;
     {
       const py::gil_scoped_release released;

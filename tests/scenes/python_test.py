@@ -7,6 +7,7 @@ import pathlib
 import pickle
 import re
 import subprocess
+import sys
 import threading
 import time
 import warnings
@@ -209,6 +210,46 @@ def test_why_a_scene_is_none(wrong, why, with_volume):
         palpate.Scene.parse(wrong, {"ball": ball(9)} if with_volume else {})
     error = caught.value
     assert error.what == "scene" and why in error.why and why not in error.remedy
+
+
+def alone(script):
+    """What a script prints that has Python for itself."""
+    return subprocess.run([sys.executable, "-c", SCRIPT + script], check=True, capture_output=True, text=True).stdout
+
+
+SCRIPT = """
+import resource, signal, threading, time
+import numpy as np
+import palpate
+def scene():
+    x = np.linspace(-1, 1, 9)
+    r = np.sqrt(x[:, None, None]**2 + x[:, None]**2 + x**2)
+    ball = palpate.volume(0.8 - r, spacing=0.25, origin=(-1, -1, -1))
+    return palpate.Scene.parse({"palpate": 1, "volumes": {"ball": {}}, "modes": [
+        {"mode": "isosurface", "of": "ball", "value": 0, "solid": "above", "strength": 4}]}, {"ball": ball})
+"""
+
+
+def test_a_run_holds_its_rows_once():
+    rows, more = alone("""
+felt = scene().run([(0, 0, 0, 0.05), (1, 0, 0, 0.05)])
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+felt = scene().run([(0, 0, 0, 0.05), (400, 0, 0, 0.05)])
+print(felt.nbytes, 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before))
+""").split()
+    assert int(rows) > 5e7 and int(more) < 1.5 * int(rows)
+
+
+def test_a_run_of_more_than_there_is_memory_for_is_refused():
+    told = alone("""
+s = scene()
+resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+try:
+    s.run([(0, 0, 0, 0.05), (99999, 0, 0, 0.05)])
+except palpate.Error as e:
+    print(e)
+""")
+    assert told == "memory: there is not enough of it: ask for less at once\n"
 
 
 def test_other_threads_run_during_a_run():
