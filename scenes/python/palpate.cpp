@@ -1,10 +1,14 @@
 /// The Python module `palpate`: volumes, fields, scenes and hands for scripts. docs/python.md says
 /// how to use it. No loop calls Python: `run` and `sample` let its lock go, `step` is one tick.
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
+#include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <new>
@@ -84,6 +88,73 @@ void translate(std::exception_ptr thrown) {
   } catch (const std::bad_alloc&) {
     raise("Error", {"memory", "there is not enough of it", "ask for less at once"});
   }
+}
+
+// Ctrl-C. Python has its signals asked for; who works without its lock takes that for a moment.
+
+constexpr auto kAsk = std::chrono::milliseconds(50);
+
+/// Asks Python whether its user wants an end, and ends what runs by its exception.
+void askPython() {
+  const py::gil_scoped_acquire acquired;
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+/// For a loop: asks when it is time to.
+class Asking {
+ public:
+  void operator()() {
+    constexpr unsigned kBetween = 16;  // a look at the clock costs a tenth of a sample
+    if (++calls_ % kBetween != 0 || Clock::now() < next_) return;
+    askPython();
+    next_ = Clock::now() + kAsk;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  unsigned calls_ = 0;
+  Clock::time_point next_ = Clock::now() + kAsk;
+};
+
+/// Work that nobody waits for any more: it goes on to its end, and what it made is dropped.
+struct Abandoned {
+  std::shared_ptr<void> work;  ///< Its last owner waits for the end.
+  std::function<bool()> ended;
+  py::object kept;  ///< What it reads.
+};
+std::vector<Abandoned>& abandoned() {
+  static auto* all = new std::vector<Abandoned>;  // Python's objects outlive no interpreter
+  return *all;
+}
+
+/// At Python's end: threads end before what they use does.
+void awaitAbandoned() {
+  std::vector<Abandoned> all = std::exchange(abandoned(), {});
+  const py::gil_scoped_release released;
+  for (Abandoned& one : all) one.work.reset();
+}
+
+/// What `work` returns, by a thread of its own: it cannot be stopped, but nobody need wait for it.
+/// So it owns what it uses, or that is `kept`. Without Python's lock.
+template <class Work>
+auto aside(Work work, py::object kept = py::none()) {
+  using Result = decltype(work());
+  auto& all = abandoned();
+  all.erase(std::remove_if(all.begin(), all.end(), [](const auto& one) { return one.ended(); }),
+            all.end());
+  auto result = std::make_shared<std::future<Result>>();
+  const auto ended = [result] {
+    return result->wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  };
+  try {
+    const py::gil_scoped_release released;
+    *result = std::async(std::launch::async, std::move(work));
+    while (result->wait_for(kAsk) != std::future_status::ready) askPython();
+  } catch (const py::error_already_set&) {
+    abandoned().push_back({result, ended, std::move(kept)});
+    throw;
+  }
+  return result->get();
 }
 
 py::tuple tupleOf(const Vec3& v) {
@@ -184,9 +255,8 @@ std::shared_ptr<const Volume> volumeOf(const py::object& given, const py::object
   array.name = name;
   array.level_set = level_set;
   array.background = background;
-  const LoadOptions options = optionsOf(fill, smooth);
-  const py::gil_scoped_release released;
-  return makeVolume(array, options);
+  return aside([array, options = optionsOf(fill, smooth)] { return makeVolume(array, options); },
+               values);
 }
 
 py::dict infoOf(const Volume& volume) {
@@ -250,7 +320,9 @@ py::array sampled(const Field& field, const Doubles& points) {
     const py::gil_scoped_release released;
     FieldCache cache;
     field.reset(cache);
+    Asking asking;
     for (std::size_t i = 0; i < count; ++i, p += 3) {
+      asking();
       row[i] = rowOf(field.sample(Vec3(p[0], p[1], p[2]), cache));
     }
   }
@@ -278,8 +350,9 @@ NamedField fieldOf(const std::shared_ptr<const Volume>& volume, const std::strin
     throw Error("interpolation", "\"" + interpolation + "\" is not known",
                 "use trilinear, nearest, quadratic or cubic");
   }
-  const py::gil_scoped_release released;
-  return {makeVdbField(volume, Placement{}, {*known, axial}), volume->info().name};
+  const Sampling sampling{*known, axial};
+  return {aside([volume, sampling] { return makeVdbField(volume, Placement{}, sampling); }),
+          volume->info().name};
 }
 
 /// On a lattice over the field's bounds, for VTK: `spacing` apart, by default half of what it is
@@ -529,8 +602,7 @@ class PyScene {
   }
 
   [[nodiscard]] static PyScene load(const std::filesystem::path& path) {
-    const py::gil_scoped_release released;
-    return PyScene(openScene(path));
+    return aside([path] { return PyScene(openScene(path)); });
   }
 
   [[nodiscard]] static PyScene parse(const py::object& given, const Volumes& volumes,
@@ -555,12 +627,9 @@ class PyScene {
       loop.publish(built_.scene);
       TickTime time;
       time.dt = 1.0 / rate;
+      Asking asking;
       for (std::int64_t i = 0; !device.ended(); ++i) {
-        constexpr std::int64_t kAsk = 1 << 16;
-        if (i % kAsk == kAsk - 1) {
-          const py::gil_scoped_acquire acquired;
-          if (PyErr_CheckSignals() != 0) throw py::error_already_set();
-        }
+        asking();
         time.now = static_cast<double>(i) / rate;
         loop.tick(time);
       }
@@ -583,14 +652,11 @@ class PyScene {
   [[nodiscard]] py::object explain(const Doubles& at, const Doubles& push, double rate) const {
     const Vec3 from = vectorOf(at, "at");
     const Vec3 by = vectorOf(push, "push");
-    cli::checkRate("rate", rate);
-    std::string text;
-    {
-      const py::gil_scoped_release released;
+    const std::string text = aside([spec = loaded(), from, by, rate] {
       // What the scene would tell its user it has told already.
       const auto silent = [](const std::string& /*line*/) {};
-      text = cli::explainTick(loaded(), from, by, rate, nullptr, silent).json.dump();
-    }
+      return cli::dump(cli::explainTick(spec, from, by, rate, nullptr, silent).json);
+    });
     return py::module_::import("json").attr("loads")(text);
   }
 
@@ -611,8 +677,7 @@ class PyScene {
  private:
   [[nodiscard]] static PyScene built(SceneSpec spec, const Volumes& volumes) {
     for (const auto& [name, volume] : volumes) spec.volumes.at(name).volume = volume;
-    const py::gil_scoped_release released;
-    return PyScene(std::move(spec));
+    return aside([spec = std::move(spec)]() mutable { return PyScene(std::move(spec)); });
   }
 
   /// The scene with the volumes that are loaded already.
@@ -696,6 +761,7 @@ PYBIND11_MODULE(palpate, m) {
   py::exec(kErrors, m.attr("__dict__"));
   if (py::hasattr(m, "each")) py::delattr(m, "each");
   py::register_exception_translator(translate);
+  py::module_::import("atexit").attr("register")(py::cpp_function(&awaitAbandoned));
   PYBIND11_NUMPY_DTYPE(ScalarRow, inside, value, gradient);
   PYBIND11_NUMPY_DTYPE(VectorRow, inside, value, jacobian);
 
@@ -719,8 +785,10 @@ PYBIND11_MODULE(palpate, m) {
       .def_static(
           "load",
           [](const std::filesystem::path& file, const std::string& grid, bool fill, int smooth) {
-            const py::gil_scoped_release released;
-            return std::const_pointer_cast<Volume>(loadVolume(file, grid, optionsOf(fill, smooth)));
+            return std::const_pointer_cast<Volume>(
+                aside([file, grid, options = optionsOf(fill, smooth)] {
+                  return loadVolume(file, grid, options);
+                }));
           },
           "file"_a, "grid"_a = "", "fill"_a = false, "smooth"_a = 0,
           "A grid of a .vdb; its name may be left out where there is one. `fill`: values that are "
@@ -731,7 +799,9 @@ PYBIND11_MODULE(palpate, m) {
             return fieldOf(volume, interpolation, axial);
           },
           "interpolation"_a = "trilinear", "axial"_a = false,
-          "The field over it, in its own space: trilinear, nearest, quadratic or cubic.")
+          "The field over it, in its own space: trilinear, nearest, quadratic or cubic. The edge "
+          "of "
+          "the values, as an array's end, disturbs a quadratic or cubic one within eight voxels.")
       .def_property_readonly("name", [](const Volume& v) { return v.info().name; })
       .def_property_readonly("info", &infoOf, "What `palpate info` prints, as a dict.");
 
@@ -749,7 +819,9 @@ PYBIND11_MODULE(palpate, m) {
       "An array of (nx, ny, nz) or, of vectors, (nx, ny, nz, 3) as a volume: array[i, j, k] stands "
       "at origin + spacing (i, j, k). Spacing: one number, three, or a 3 x 3 matrix whose columns "
       "are the steps. Values equal to the background are no data; by default it is the median of "
-      "the faces, of vectors zero. level_set: signed distances, negative within.");
+      "the faces, of vectors zero. level_set: signed distances, negative within. "
+      "Where the values end at other than the background, a quadratic or cubic field is off "
+      "within eight voxels of that edge: give more of the array, or trilinear.");
 
   py::class_<Hand>(m, "Hand", "A hand in a scene, from Scene.hand(rate).")
       .def("step", &Hand::step, "x"_a, "y"_a, "z"_a,

@@ -252,6 +252,34 @@ except palpate.Error as e:
     assert told == "memory: there is not enough of it: ask for less at once\n"
 
 
+@pytest.mark.parametrize("work", [
+    "palpate.volume(values, smooth=16)",
+    "s.fields['ball'].sample(np.zeros((20000000, 3)))",
+    "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
+])
+def test_ctrl_c_ends_what_takes_long(work):
+    # By the time that the interrupted thread computes on, whatever else the machine does.
+    told = alone(f"""
+s = scene()
+values = np.random.default_rng(1).normal(size=(112, 112, 112)).astype("f4")
+own = time.pthread_getcpuclockid(threading.get_ident())
+pressed = []
+def press():
+    signal.raise_signal(signal.SIGINT)
+    pressed.append(time.clock_gettime(own))
+timer = threading.Timer(0.3, press)
+timer.start()
+try:
+    {work}
+except KeyboardInterrupt:
+    ended = time.clock_gettime(own)
+    timer.join()
+    print("interrupted", ended - pressed[0])
+""")
+    assert told.startswith("interrupted")
+    assert float(told.split()[1]) < 0.2
+
+
 def test_other_threads_run_during_a_run():
     scene = palpate.Scene.parse(SCENE, {"ball": ball()})
     path = np.repeat(press(), 150, axis=0)
