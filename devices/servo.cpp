@@ -9,12 +9,12 @@
 namespace palpate {
 namespace {
 
-constexpr double kSlowest = 100.0;  // [Hz]: three periods are still no time to hold a force for
+constexpr double kSlowest = 10.0;  // [Hz]: at three periods the tick is late
 constexpr double kFastest = 1e5;
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;
-  throw DeviceError(arm.name, "the servo's rate is none for a hand", "give 100 to 100000 Hz");
+  throw DeviceError(arm.name, "the servo's rate is none for a hand", "give 10 to 100000 Hz");
 }
 
 }  // namespace

@@ -18,7 +18,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
  public:
   /// @param arm   What the arm can do, in particular its limits. `hand` is to be false only where
   ///              no hand can be on it: then forces do not engage and positions are not watched.
-  /// @param rate  Of the servo, as it should be [Hz], 100 to 100000.
+  /// @param rate  Of the servo, as it should be [Hz], 10 to 100000.
   /// Throws DeviceError where a number is none that can be used.
   Servo(DeviceInfo arm, double rate);
 
