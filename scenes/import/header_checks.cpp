@@ -23,6 +23,10 @@ std::string nameOf(const std::filesystem::path& data, const std::filesystem::pat
 
 }  // namespace
 
+std::string calledBy(const std::filesystem::path& header, const std::filesystem::path& data) {
+  return data == header ? "it" : nameOf(data, header);
+}
+
 double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                double bytes) {
   for (std::size_t i = 0; i < sizes.size(); ++i) {
@@ -56,9 +60,8 @@ void checkHeld(const std::filesystem::path& header, const std::filesystem::path&
                double least) {
   if (held >= least) return;
   throw VolumeError(header.string(),
-                    fmt::format("{} is truncated: {:.0f} bytes of {:.0f}",
-                                data == header ? "it" : nameOf(data, header), std::max(held, 0.0),
-                                std::ceil(least)),
+                    fmt::format("{} is truncated: {:.0f} bytes of {:.0f}", calledBy(header, data),
+                                std::max(held, 0.0), std::ceil(least)),
                     "copy or export it again");
 }
 

@@ -8,6 +8,10 @@
 
 namespace palpate::importer {
 
+/// What an error of `header` calls a data file: "it" if it is the header's own, else its name.
+[[nodiscard]] std::string calledBy(const std::filesystem::path& header,
+                                   const std::filesystem::path& data);
+
 /// The bytes of so many values along each axis. Throws VolumeError, of `header`, where a size is no
 /// count or their product is absurd.
 ///

@@ -10,13 +10,13 @@
 #include <new>
 #include <sstream>
 #include <type_traits>
-#include <zlib.h>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/unpacked.h"
 
 namespace palpate::importer {
 namespace {
@@ -137,15 +137,20 @@ class Header {
     const std::size_t share = count * size / parts_.size();
     auto* to = values.as<char>();
     for (std::size_t p = 0; p < parts_.size(); ++p) {
-      std::ifstream in(parts_[p].file, std::ios::binary);
-      in.seekg(static_cast<std::streamoff>(parts_[p].offset));
+      const Part& part = parts_[p];
       if (isTrue({"CompressedData"})) {
-        inflateFrom(in, to, share);
-      } else if (isText()) {
-        parse(in, values, p * share / size, share / size);
+        Unpacked in(file_, part.file, Packing::kExpected, part.offset);
+        in.read(to, share);
+        in.finish();
       } else {
-        in.read(to + p * share, static_cast<std::streamsize>(share));
-        if (!in) refuse("its values end too soon", "copy or export it again");
+        std::ifstream in(part.file, std::ios::binary);
+        in.seekg(static_cast<std::streamoff>(part.offset));
+        if (isText()) {
+          parse(in, values, p * share / size, share / size);
+        } else {
+          in.read(to + p * share, static_cast<std::streamsize>(share));
+          if (!in) refuse("its values end too soon", "copy or export it again");
+        }
       }
       if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
     }
@@ -158,34 +163,6 @@ class Header {
  private:
   [[nodiscard]] bool isText() const {
     return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
-  }
-
-  void inflateFrom(std::istream& in, char* values, std::size_t left) const {
-    constexpr std::size_t kChunk = 1U << 20U;
-    std::vector<char> packed(kChunk);
-    z_stream stream{};
-    if (inflateInit2(&stream, 15 + 32) != Z_OK) refuse("zlib cannot begin", "try again");
-    auto* to = reinterpret_cast<Bytef*>(values);
-    int state = Z_OK;
-    while (left > 0 && state == Z_OK) {
-      if (stream.avail_in == 0) {
-        in.read(packed.data(), static_cast<std::streamsize>(kChunk));
-        stream.next_in = reinterpret_cast<Bytef*>(packed.data());
-        stream.avail_in = static_cast<uInt>(in.gcount());
-        if (stream.avail_in == 0) break;
-      }
-      const std::size_t room = std::min<std::size_t>(left, 1U << 30U);
-      stream.next_out = to;
-      stream.avail_out = static_cast<uInt>(room);
-      state = inflate(&stream, Z_NO_FLUSH);
-      const std::size_t made = room - stream.avail_out;
-      to += made;
-      left -= made;
-    }
-    inflateEnd(&stream);
-    if (left > 0) {
-      refuse("its compressed values are truncated or damaged", "copy or export it again");
-    }
   }
 
   void parse(std::istream& in, const Values& values, std::size_t first, std::size_t count) const {

@@ -82,6 +82,30 @@ class Case(unittest.TestCase):
         # 1: the sanitizers' allocator ends the program that asks for too much.
         self.assertIn(done.returncode, (1, 2) if "gave up" in line else (2,))
 
+    def bits_are_guarded(self, name, before, packed, count=40):
+        """Whichever bit of what is packed is flipped, behind its first `before`: a line, or the
+        same volume, as where gzip keeps the time."""
+        uuid = 57  # which OpenVDB gives every file
+        whole = self.convert(self.write(name, before, packed)).read_bytes()[uuid:]
+        (self.dir / "out.vdb").unlink()
+        refused = 0
+        for n in range(count):
+            bit = n * (8 * len(packed) - 1) // (count - 1)
+            bad = bytearray(packed)
+            bad[bit // 8] ^= 1 << bit % 8
+            path = self.write(name, before, bytes(bad))
+            out = self.dir / "out.vdb"
+            done = subprocess.run([str(BIN / "palpate-import"), str(path), str(out)],
+                                  capture_output=True, text=True, timeout=120)
+            if done.returncode == 0:
+                self.assertEqual(out.read_bytes()[uuid:], whole, f"bit {bit} changes voxels")
+                out.unlink()
+            else:
+                self.assertEqual(done.returncode, 2, done.stderr)
+                self.assertIn("copy or export it again", done.stderr)
+                refused += 1
+        self.assertGreater(refused, 0.7 * count)
+
     def sample(self, volume, grid, points):
         text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
         done = subprocess.run([str(BIN / "palpate"), "sample", str(volume), "--grid", grid,
@@ -475,11 +499,12 @@ class MetaImage(Case):
         self.refused(self.write("a.mhd", meta(data="LIST\nnone.raw")), "none.raw cannot be read")
         self.refused(self.write("a.mhd", meta(data="%s%n 1 6 1")), "pattern")
         self.refused(self.write("a.mhd", meta(data="s%02d.raw 0 5 1")), "")
-        packed = zlib.compress(os.urandom(240))[:100]
-        self.refused(self.write("a.mha", meta(CompressedData="True"), packed), "compressed")
-        self.refused(self.write("a.mha", meta(CompressedData="True"), bytes(200)), "compressed")
+        packed = zlib.compress(os.urandom(240))
+        for short in (packed[:100], packed[:-4], packed[:-1], zlib.compress(SHORTS[:-1])):
+            self.refused(self.write("a.mha", meta(CompressedData="True"), short), "truncated")
+        self.refused(self.write("a.mha", meta(CompressedData="True"), bytes(200)), "damaged")
         self.write("a.zraw", zlib.compress(SHORTS)[:100])
-        self.refused(self.write("a.mhd", meta(CompressedData="True", data="a.zraw")), "compressed")
+        self.refused(self.write("a.mhd", meta(CompressedData="True", data="a.zraw")), "a.zraw is truncated")
         self.refused(self.write("a.mha", meta(kind="MET_WHAT"), SHORTS), "MET_WHAT")
         self.refused(self.write("a.mha", meta(BinaryData="False"), "word " * 100), "no numbers")
         self.refused(self.write("a.mha", meta("HeaderSize = 9999999"), SHORTS), "truncated")
@@ -493,6 +518,10 @@ class MetaImage(Case):
         self.refused(self.write("a.mha", meta(NDims="4", DimSize="4 5 3 2"), SHORTS),
                      "4 dimensions")
         self.refused(self.write("a.mha", meta(NDims=None), SHORTS), "no dimensions")
+
+    def test_no_bit_of_packed_values_changes_unseen(self):
+        for pack in (zlib.compress, gzip.compress):
+            self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
     def test_absurd_sizes(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2", "0 5 6", "-4 5 6", "4 5", "x y z"):
