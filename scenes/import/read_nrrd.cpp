@@ -1,5 +1,6 @@
 /// NRRD through teem. Teem parses the header and decodes the data; which files are opened, and
-/// how much is read of them, is decided here, since teem trusts the header in both.
+/// how much is read of them, is decided here, since teem trusts the header in both. Gzip is
+/// unpacked here: teem leaves it before its sum.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -12,6 +13,7 @@
 #include <limits>
 #include <new>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <teem/nrrd.h>
 
@@ -21,6 +23,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/unpacked.h"
 #include "palpate/scenes/import/values.h"
 
 namespace palpate::importer {
@@ -334,7 +337,7 @@ class NrrdReader final : public Reader {
     if (!typeOf(nrrd_->type)) {
       refuse("its values are blocks of bytes", "export it as integers or floats");
     }
-    if (state_->encoding->available() == 0) {
+    if (state_->encoding->available() == 0 && state_->encoding != nrrdEncodingGzip) {
       refuse(fmt::format("this teem cannot decode {}", state_->encoding->name),
              "export it raw or gzipped");
     }
@@ -490,6 +493,28 @@ class NrrdReader final : public Reader {
     std::fseek(in, start, SEEK_SET);
   }
 
+  /// So many bytes of the values of a gzipped part, which begins at `offset`; the first time that
+  /// it is asked, all of it is looked through.
+  void unpackPart(const Part& part, long offset, long skip, std::size_t first, std::size_t bytes,
+                  char* to) {
+    const auto open = [&] {
+      return std::make_unique<Unpacked>(request_.file, part.file, Packing::kExpected,
+                                        static_cast<std::uint64_t>(offset));
+    };
+    auto before = static_cast<std::uint64_t>(std::max(skip, 0L));
+    if (skip < 0) {  // counted from the end, and that is known once it is reached; -1 is none
+      const std::uint64_t needed =
+          part_values_ * nrrdElementSize(nrrd_.get()) + (static_cast<std::uint64_t>(-(skip + 1)));
+      const std::uint64_t there = open()->finish();
+      if (there < needed) refuse("its packed values are too few", kDamaged);
+      before = there - needed;
+    }
+    const std::unique_ptr<Unpacked> in = open();
+    in->skip(before + first);
+    in->read(to, bytes);
+    if (sound_.insert(part.file).second) in->finish();
+  }
+
   /// Values [first, first + count) of a part.
   void readPart(const Part& part, std::size_t first, std::size_t count, char* to) {
     const std::string name = part.file.filename().string();
@@ -500,6 +525,10 @@ class NrrdReader final : public Reader {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const long skip = part.skip.value_or(state_->byteSkip);
     const NrrdEncoding* encoding = state_->encoding;
+    if (encoding == nrrdEncodingGzip) {
+      unpackPart(part, std::ftell(in.get()), skip, first * size, count * size, to);
+      return;
+    }
     bool found = true;
     if (encoding->isCompression == 0 && skip < 0) {  // counted from the end; -1 is none
       found =
@@ -709,6 +738,7 @@ class NrrdReader final : public Reader {
   std::string file_;
   std::vector<Part> parts_;
   std::size_t part_values_ = 0;
+  std::set<fs::path> sound_;  ///< Gzipped parts that were looked through.
   std::unique_ptr<Nrrd, FreeNrrd> nrrd_;
   std::unique_ptr<NrrdIoState, FreeState> state_;
   std::array<int, 3> space_{};

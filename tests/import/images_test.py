@@ -359,8 +359,8 @@ class Nrrd(Case):
         self.refused(self.write("a.nrrd", "NRRD0005\nsizes"), "ends within its header")
         self.refused(self.write("a.nrrd", "NRRD0005\nsizes: what\n\n"), "header is damaged")
         packed = gzip.compress(os.urandom(240))
-        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", packed[:150]), "read")
-        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", bytes(200)), "read")
+        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", packed[:150]), "truncated")
+        self.refused(self.write("a.nrrd", nrrd(encoding="gzip"), "\n", bytes(200)), "damaged")
         self.refused(self.write("a.nrrd", nrrd(encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)[:60]), "read")
         self.refused(self.write("a.nrrd", nrrd(encoding="ascii"), "\n", "1 2 " * 30), "truncated")
@@ -390,6 +390,25 @@ class Nrrd(Case):
 
         self.refused(self.write("a.nrrd", nrrd(sizes="40000 40000 40000", encoding="bzip2"), "\n",
                                 bz2.compress(SHORTS)), "a.nrrd")
+
+    def test_no_bit_of_packed_values_changes_unseen(self):
+        self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
+
+    def test_packed_values_between_lines_and_bytes(self):
+        for skip, data in ((6, gzip.compress(b"before" + SHORTS)),
+                           (-1, gzip.compress(b"before" + SHORTS)),
+                           (-6, gzip.compress(SHORTS + b"after"))):
+            self.write("a.raw.gz", "a line\n", data)
+            path = self.write("a.nhdr", nrrd("line skip: 1", f"byte skip: {skip}",
+                                             "data file: a.raw.gz", encoding="gzip"))
+            self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        # In two members, as bgzip writes; and cut within its sum.
+        self.write("a.raw.gz", gzip.compress(SHORTS[:77]) + gzip.compress(SHORTS[77:]))
+        path = self.write("a.nhdr", nrrd("data file: a.raw.gz", encoding="gzip"))
+        self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
+        self.write("a.raw.gz", gzip.compress(SHORTS)[:-5])
+        (self.dir / "out.vdb").unlink()
+        self.refused(path, "a.raw.gz is truncated")
 
     def test_data_files_are_not_trusted(self):
         self.write("a.raw", SHORTS)
