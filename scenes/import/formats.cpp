@@ -2,30 +2,24 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
-#include <fstream>
 #include <string_view>
 #include <utility>
-#include <zlib.h>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/unpacked.h"
 
 namespace palpate::importer {
 namespace {
 
 /// The first bytes of a file, unpacked if it is gzipped.
 std::string beginningOf(const std::filesystem::path& file) {
-  constexpr unsigned kBytes = 4096;
+  constexpr std::size_t kBytes = 4096;
   std::string text(kBytes, '\0');
-  gzFile in = gzopen(file.c_str(), "rb");
-  if (in == nullptr) {
-    throw VolumeError(file.string(), "it cannot be read", "check its permissions");
-  }
-  const int count = gzread(in, text.data(), kBytes);
-  gzclose(in);
-  text.resize(static_cast<std::size_t>(std::max(count, 0)));
+  Unpacked in(file, file);
+  text.resize(in.readSome(text.data(), kBytes));
   return text;
 }
 
@@ -167,6 +161,10 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   if (given.raw.empty()) request.file = headerOf(given.file);
   std::error_code error;
   const auto status = std::filesystem::status(request.file, error);
+  if (!std::filesystem::status_known(status)) {
+    throw VolumeError(request.file.string(), fmt::format("it cannot be read ({})", error.message()),
+                      "check the path");
+  }
   if (!std::filesystem::exists(status)) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
@@ -183,13 +181,17 @@ std::unique_ptr<Reader> openAny(const Request& given) {
   }
   const std::string bytes = beginningOf(request.file);
   if (bytes.empty()) {
-    throw VolumeError(request.file.string(), "it is empty, or its gzip is damaged",
-                      "copy it again");
+    throw VolumeError(request.file.string(), "it is empty", "copy it again");
   }
   for (const Format& format : kFormats) {
     if (!format.begins(bytes)) continue;
     if (format.open != nullptr) {
       refuseUnused(request, format.name, format.option);
+      if (format.open != openNifti && isGzip(request.file)) {
+        throw VolumeError(request.file.string(),
+                          fmt::format("it is {}, and gzipped as a whole", format.name),
+                          "unpack it with gunzip");
+      }
       return format.open(request);
     }
     throw VolumeError(request.file.string(),

@@ -10,7 +10,6 @@
 #include <new>
 #include <string_view>
 #include <type_traits>
-#include <zlib.h>
 
 #include <Eigen/Geometry>
 #include <Eigen/LU>
@@ -19,6 +18,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/unpacked.h"
 
 namespace palpate::importer {
 namespace {
@@ -26,46 +26,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kMendHeader = "check what wrote it";
-
-/// A file, gzipped or not.
-class Packed {
- public:
-  explicit Packed(const fs::path& file) : file_(gzopen(file.c_str(), "rb")) {
-    if (file_ != nullptr) gzbuffer(file_, 1U << 18U);
-  }
-  Packed(const Packed&) = delete;
-  Packed& operator=(const Packed&) = delete;
-  ~Packed() {
-    if (file_ != nullptr) gzclose_r(file_);
-  }
-
-  /// False where there is no such place.
-  [[nodiscard]] bool seek(std::uint64_t byte) {
-    return file_ != nullptr && gzseek(file_, static_cast<z_off_t>(byte), SEEK_SET) >= 0;
-  }
-  /// False where it ends before, or is damaged.
-  [[nodiscard]] bool read(void* to, std::size_t bytes, const Progress& progress = nullptr) {
-    constexpr std::size_t kPart = 1U << 24U;
-    for (std::size_t done = 0; done < bytes;) {
-      const std::size_t part = std::min(bytes - done, kPart);
-      const int got = file_ == nullptr ? -1
-                                       : gzread(file_, static_cast<char*>(to) + done,
-                                                static_cast<unsigned>(part));
-      if (got <= 0) return false;
-      done += static_cast<std::size_t>(got);
-      if (progress) progress(static_cast<double>(done) / static_cast<double>(bytes));
-    }
-    return true;
-  }
-  /// At its end: whether that is where, and what, gzip wrote. True for what is not packed.
-  [[nodiscard]] bool endsWell() {
-    char more = 0;
-    return gzread(file_, &more, 1) >= 0;
-  }
-
- private:
-  gzFile file_;
-};
 
 /// The header's numbers, of either version and byte order.
 struct Header {
@@ -175,13 +135,11 @@ class NiftiReader final : public Reader {
  public:
   explicit NiftiReader(const Request& request) : request_(request), file_(request.file.string()) {
     std::array<char, 540> bytes{};
-    Packed in(request.file);
-    if (!in.read(bytes.data(), 348)) refuse("its NIfTI header is damaged", kMendHeader);
+    Unpacked in(request.file, request.file);
+    const std::size_t there = in.readSome(bytes.data(), bytes.size());
     const std::string_view magic(bytes.data() + 344, 3);
     const bool second = magic != "n+1" && magic != "ni1";
-    if (second && !in.read(bytes.data() + 348, 192)) {
-      refuse("its NIfTI header is damaged", kMendHeader);
-    }
+    if (there < (second ? 540U : 348U)) refuse("its NIfTI header is damaged", kMendHeader);
     header_ = headerFrom(bytes, second);
     if (header_.size[0] < 1 || header_.size[0] > 7 || std::isnan(header_.offset)) {
       refuse("its NIfTI header is damaged", kMendHeader);
@@ -319,7 +277,7 @@ class NiftiReader final : public Reader {
     const fs::path data = dataFile();
     const double least = bytes + header_.offset;
     checkHeld(request_.file, data, sizeOfData(request_.file, data),
-              data.extension() == ".gz" ? leastDeflated(least) : least);
+              isGzip(data) ? leastDeflated(least) : least);
   }
 
   /// Of the pair name.hdr and name.img the second.
@@ -329,14 +287,15 @@ class NiftiReader final : public Reader {
     if (packed) data.replace_extension();
     if (data.extension() != ".hdr") return request_.file;
     data.replace_extension(".img");
-    if (fs::exists(data)) return data;
+    std::error_code error;
+    if (fs::exists(data, error)) return data;
     fs::path gz = data;
     gz += ".gz";
-    return packed || fs::exists(gz) ? gz : data;
+    return packed || fs::exists(gz, error) ? gz : data;
   }
 
   /// Of one step. A voxel's components are volumes of their own in the file.
-  [[nodiscard]] Values readValues(std::size_t step) const {
+  [[nodiscard]] Values readValues(std::size_t step) {
     const auto& size = header_.size;
     const std::size_t points = static_cast<std::size_t>(size[1]) *
                                static_cast<std::size_t>(size[2]) *
@@ -346,17 +305,18 @@ class NiftiReader final : public Reader {
         as_components_ ? steps : static_cast<std::size_t>(std::max<std::int64_t>(size[5], 1));
     // From a component's volume to the next.
     const std::size_t stride = as_components_ ? 1 : steps;
-    Packed in(dataFile());
+    const fs::path data = dataFile();
+    Unpacked in(request_.file, data);
+    std::uint64_t at = 0;
     Values values;
     try {
       values = Values(type_, static_cast<int>(components), points);
       const std::size_t bytes = points * values.bytesEach();
       const auto read_volume = [&](std::size_t volume, char* to, const Progress& progress) {
         const auto first = static_cast<std::uint64_t>(header_.offset) + volume * bytes;
-        const bool last = volume + 1 == steps * static_cast<std::size_t>(size[5]);
-        if (!in.seek(first) || !in.read(to, bytes, progress) || (last && !in.endsWell())) {
-          refuse("its values are truncated or damaged", "copy or export it again");
-        }
+        in.skip(first - at);
+        in.read(to, bytes, progress);
+        at = first + bytes;
       };
       if (components == 1) {
         read_volume(step, values.as<char>(), request_.progress);
@@ -377,6 +337,9 @@ class NiftiReader final : public Reader {
     } catch (const std::bad_alloc&) {
       refuse("it takes more memory than there is", "import a part of it");
     }
+    // Of a series too all of it, once.
+    if (!sound_) in.finish();
+    sound_ = true;
     if (header_.swapped) swapBytes(values.data(), values.size(), values.bytesEach());
     return values;
   }
@@ -430,6 +393,7 @@ class NiftiReader final : public Reader {
   Meaning meaning_ = Meaning::kScalar;
   bool series_ = false;
   bool as_components_ = false;  ///< The volumes of a 4-D file.
+  bool sound_ = false;          ///< The values' file was looked through to its end.
   std::vector<std::string> notes_;
 };
 
