@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <limits>
 #include <malloc.h>
 #include <string_view>
 #include <utility>
@@ -56,23 +55,10 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
   return out;
 }
 
-/// What a float cannot hold of an array, or nothing.
-std::string floatLoss(const Array& array) {
-  constexpr double kExact = 16777216.0;  // 2^24
-  const Type type = array.values.type();
-  if (type == Type::kFloat32 || array.values.bytesEach() < 4) return "";
-  const bool whole = type != Type::kFloat64;
-  const double most = greatest(array.values);
-  if (most > static_cast<double>(std::numeric_limits<float>::max())) {
-    return "values beyond 3.4e38 are no data";
-  }
-  return whole && most > kExact ? "whole numbers above 16,777,216 are rounded" : "";
-}
-
 Imported fromImage(const Options& options, const Piece& piece, Array array, const std::string& in,
                    const Telling& telling, std::vector<std::string>& notes) {
   telling.stage(array.name);
-  if (const std::string loss = floatLoss(array); !loss.empty()) {
+  if (const Loss loss = floatLoss(array.values); !loss.empty()) {
     notes.push_back(fmt::format("{}: {}", array.name, loss));
   }
   Imported imported;

@@ -16,6 +16,7 @@ namespace {
 
 Values withThree(const Values& two) {
   Values out(Type::kFloat32, 3, two.tuples());
+  out.setLost(floatLoss(two));
   auto* to = out.as<float>();
   for (std::size_t i = 0; i < two.tuples(); ++i, to += 3) {
     to[0] = static_cast<float>(two.at(i, 0));

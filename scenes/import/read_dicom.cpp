@@ -152,6 +152,12 @@ Values slicesRescaled(const Values& stored, const std::vector<Slice>& slices,
     }
     Values floats(Type::kFloat32, 1, stored.tuples());
     fill(values, floats.as<float>());
+    // Of slices that are scaled each by itself, the two that can lose most.
+    const auto [least, most] = std::minmax_element(
+        slices.begin(), slices.end(),
+        [](const Slice& a, const Slice& b) { return std::abs(a.slope) < std::abs(b.slope); });
+    floats.setLost(floatLoss(stored, least->slope, least->intercept));
+    floats.setLost(floatLoss(stored, most->slope, most->intercept));
     return floats;
   });
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <type_traits>
 
@@ -22,6 +23,22 @@ void forParts(std::size_t count, const Body& body) {
   tbb::parallel_for(
       tbb::blocked_range<std::size_t>(0, count, 4096),
       [&](const tbb::blocked_range<std::size_t>& part) { body(part.begin(), part.end()); });
+}
+
+/// The greatest magnitude of slope * value + offset, of finite values; 0 of none.
+double greatest(const Values& values, double slope, double offset) {
+  return visit(values, [&](const auto* data) {
+    return tbb::parallel_reduce(
+        tbb::blocked_range<std::size_t>(0, values.size(), 4096), 0.0,
+        [=](const tbb::blocked_range<std::size_t>& part, double most) {
+          for (std::size_t i = part.begin(); i < part.end(); ++i) {
+            const auto value = static_cast<double>(data[i]);
+            if (std::isfinite(value)) most = std::max(most, std::abs(slope * value + offset));
+          }
+          return most;
+        },
+        [](double a, double b) { return std::max(a, b); });
+  });
 }
 
 template <class T>
@@ -71,19 +88,23 @@ double Values::at(std::size_t tuple, int component) const {
   return visit(*this, [i](const auto* data) { return static_cast<double>(data[i]); });
 }
 
-double greatest(const Values& values) {
-  return visit(values, [&](const auto* data) {
-    return tbb::parallel_reduce(
-        tbb::blocked_range<std::size_t>(0, values.size(), 4096), 0.0,
-        [data](const tbb::blocked_range<std::size_t>& part, double most) {
-          for (std::size_t i = part.begin(); i < part.end(); ++i) {
-            const double size = std::abs(static_cast<double>(data[i]));
-            if (std::isfinite(size)) most = std::max(most, size);
-          }
-          return most;
-        },
-        [](double a, double b) { return std::max(a, b); });
-  });
+Loss floatLoss(const Values& values, double slope, double offset) {
+  const bool scaled = slope != 1.0 || offset != 0.0;
+  const bool whole = values.type() != Type::kFloat32 && values.type() != Type::kFloat64;
+  const bool fits = whole ? values.bytesEach() < 4 : values.type() == Type::kFloat32;
+  if (!values.lost().empty() || (fits && !scaled)) return values.lost();
+  const double most = greatest(values, slope, offset);
+  if (most > static_cast<double>(std::numeric_limits<float>::max())) {
+    return "values beyond 3.4e38 are no data";
+  }
+  if (!whole) return "";
+  constexpr double kFloat = 16777216.0;           // 2^24
+  constexpr double kDouble = 9007199254740992.0;  // 2^53, in which slope and offset are taken
+  if (!scaled) return most > kFloat ? "whole numbers above 16,777,216 are rounded" : "";
+  const bool rounded = (slope != 0.0 && most > kFloat * std::abs(slope)) ||
+                       (values.bytesEach() == 8 && greatest(values, 1.0, 0.0) > kDouble);
+  return rounded ? "stored whole numbers are rounded: scaled, they have more digits than a float"
+                 : "";
 }
 
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each) {
@@ -100,6 +121,7 @@ Values rescaled(const Values& values, double slope, double offset) {
   const bool none = slope == 0.0 || !std::isfinite(slope) || !std::isfinite(offset);
   if (none || (slope == 1.0 && offset == 0.0)) return values;
   Values out(Type::kFloat32, values.components(), values.tuples());
+  out.setLost(floatLoss(values, slope, offset));
   visit(values, [&](const auto* from) {
     auto* to = out.as<float>();
     forParts(values.size(), [&](std::size_t first, std::size_t end) {
@@ -114,6 +136,7 @@ Values rescaled(const Values& values, double slope, double offset) {
 Values floatsOf(const Values& values) {
   if (values.type() == Type::kFloat32) return values;
   Values out(Type::kFloat32, values.components(), values.tuples());
+  out.setLost(floatLoss(values));
   visit(values, [&](const auto* from) {
     auto* to = out.as<float>();
     forParts(values.size(), [&](std::size_t first, std::size_t end) {
@@ -125,6 +148,7 @@ Values floatsOf(const Values& values) {
 
 Values picked(const Values& values, const std::vector<int>& order) {
   Values out(values.type(), static_cast<int>(order.size()), values.tuples());
+  out.setLost(values.lost());
   visit(values, [&](const auto* from) {
     using T = std::remove_const_t<std::remove_pointer_t<decltype(from)>>;
     T* to = out.as<T>();

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "palpate/engine/types.h"
@@ -25,7 +26,11 @@ enum class Type : std::uint8_t {
   kFloat64
 };
 
-/// Numbers of one type, one or more to a tuple, tuple by tuple. Copies share them.
+/// What a float could not hold of numbers: as it is told, or empty.
+using Loss = std::string;
+
+/// Numbers of one type, one or more to a tuple, tuple by tuple. Copies share them. They know what
+/// was lost when they became floats, so that no reader can forget to tell.
 class Values {
  public:
   Values() = default;
@@ -42,6 +47,12 @@ class Values {
   [[nodiscard]] std::size_t size() const { return tuples_ * static_cast<std::size_t>(components_); }
   [[nodiscard]] std::size_t bytesEach() const;
 
+  /// What was lost of them already.
+  [[nodiscard]] const Loss& lost() const { return lost_; }
+  void setLost(const Loss& loss) {
+    if (!loss.empty()) lost_ = loss;
+  }
+
   [[nodiscard]] void* data() const { return data_.get(); }
   /// The numbers, if they are of type T.
   template <class T>
@@ -56,6 +67,7 @@ class Values {
   int components_ = 1;
   std::size_t tuples_ = 0;
   std::shared_ptr<void> data_;
+  Loss lost_;
 };
 
 /// Calls f with a pointer to the numbers, of their type.
@@ -86,8 +98,8 @@ auto visit(const Values& values, F&& f) {
   return f(values.as<double>());
 }
 
-/// The greatest magnitude among those that are finite; 0 of none.
-[[nodiscard]] double greatest(const Values& values);
+/// What a float cannot hold of slope * value + offset, or what was lost before.
+[[nodiscard]] Loss floatLoss(const Values& values, double slope = 1.0, double offset = 0.0);
 
 /// Turns the bytes of each of `count` numbers round.
 void swapBytes(void* data, std::size_t count, std::size_t bytes_each);

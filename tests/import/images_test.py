@@ -4,6 +4,7 @@ import bz2
 import csv
 import gzip
 import io
+import json
 import os
 import struct
 import subprocess
@@ -105,6 +106,12 @@ class Case(unittest.TestCase):
                 self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
                 refused += 1
         self.assertGreater(refused, 0.7 * count)
+
+    def notes(self, path, *words):
+        done = subprocess.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
+                               "--json", *words], capture_output=True, text=True, timeout=120)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return "\n".join(json.loads(done.stdout)["notes"])
 
     def sample(self, volume, grid, points):
         text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
@@ -508,6 +515,13 @@ class MetaImage(Case):
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                    lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
+    def test_what_a_float_cannot_hold_of_turned_vectors_is_told(self):
+        data = struct.pack("<360i", *(2 ** 24 + 2 * int(c) + 1 for p in INDICES
+                                      for c in vector(*p)))
+        path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
+                                        "AnatomicalOrientation = RAI", kind="MET_INT"), data)
+        self.assertIn("rounded", self.notes(path))
+
     def test_damage(self):
         self.write("a.raw", SHORTS)
         self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")
@@ -754,6 +768,21 @@ class Nifti(Case):
         (self.dir / "out.vdb").unlink()
         for name, data in (("a.mha", meta()), ("a.vti", "<VTKFile>")):
             self.refused(self.write(name, gzip.compress(data.encode() + SHORTS)), "gunzip")
+
+    def test_what_a_float_cannot_hold_is_told_of_scaled_values_too(self):
+        large = struct.pack("<120i", *(2 ** 24 + 2 * v + 1 for v in SCALARS))
+        long = struct.pack("<120q", *(2 ** 53 + 2 * v + 1 for v in SCALARS))
+        wide = struct.pack("<120q", *(2 ** 53 + 2 ** 40 * v + 1 for v in SCALARS))
+        huge = struct.pack("<120f", *(1e30 * v for v in SCALARS))
+        for data, kind, scale, says in (
+                (SHORTS, SHORT, {}, ""), (SHORTS, SHORT, {"slope": 0.1, "inter": -1024}, ""),
+                (SHORTS, SHORT, {"slope": 1.0, "inter": 1e9}, "rounded"),
+                (large, (8, 32), {}, "rounded"), (large, (8, 32), {"slope": 0.5}, "rounded"),
+                (wide, (1024, 64), {}, "rounded"),
+                (long, (1024, 64), {"slope": 1.0, "inter": -2.0 ** 53}, "rounded"),
+                (huge, FLOAT, {"slope": 2.0}, ""), (huge, FLOAT, {"slope": 1e6}, "beyond")):
+            told = self.notes(self.write("a.nii", nifti(SIZE, *kind, **scale), data))
+            self.assertTrue(says in told if says else not told, (kind, scale, told))
 
     def test_absurd_sizes(self):
         for dims in ((32767, 32767, 32767), (32767, 32767, 32767, 32767, 3), (-4, 5, 6),
