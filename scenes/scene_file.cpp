@@ -1,12 +1,11 @@
 #include "palpate/scenes/scene_file.h"
 
 #include <algorithm>
-#include <fstream>
-#include <sstream>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/volume.h"
 #include "palpate/scenes/scene_table.h"
+#include "palpate/scenes/text_file.h"
 
 namespace palpate {
 namespace {
@@ -68,18 +67,21 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
 }
 
 SceneSpec readSceneFile(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  if (in) text << in.rdbuf();
-  if (!in) throw SceneError(file.string(), "it cannot be read", "check the path");
-  return parseScene(text.str(), file.string(), file.parent_path());
+  return parseScene(readText<SceneError>(file, "check the path"), file.string(),
+                    file.parent_path());
 }
 
 SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {
   std::vector<std::filesystem::path> files;
-  if (std::filesystem::is_directory(path)) {
-    for (const auto& entry : std::filesystem::directory_iterator(path)) {
-      if (entry.path().extension() == ".vdb") files.push_back(entry.path());
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error)) {
+    std::filesystem::directory_iterator entry(path, error);
+    for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+      if (entry->path().extension() == ".vdb") files.push_back(entry->path());
+    }
+    if (error) {
+      throw VolumeError(path.string(), "it cannot be read (" + error.message() + ")",
+                        "check its permissions");
     }
     std::sort(files.begin(), files.end());
     if (files.empty()) {
@@ -92,7 +94,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
   SceneSpec spec;
   spec.any_stiffness = true;
   spec.source = path.string();
-  if (std::error_code error; std::filesystem::exists(path / "scene.json", error)) {
+  if (std::filesystem::exists(path / "scene.json", error)) {
     spec.notes.push_back(
         (path / "scene.json").string() +
         ": it is not read: only the volumes of this folder are; name it to feel it");
@@ -143,11 +145,13 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
 
 SceneSpec openScene(const std::filesystem::path& path, const Progress& progress) {
   std::error_code error;
-  if (!std::filesystem::exists(path, error)) {
+  const auto status = std::filesystem::status(path, error);
+  if (status.type() == std::filesystem::file_type::not_found) {
     throw SceneError(path.string(), "no such file", "check the path");
   }
-  const bool folder = std::filesystem::is_directory(path, error);
-  if (folder || path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);
+  if (std::filesystem::is_directory(status)) return sceneFromVdb(path, progress);
+  checkRegular<SceneError>(path, "give a scene file, a .vdb or a folder of them");
+  if (path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);
   return readSceneFile(path);
 }
 

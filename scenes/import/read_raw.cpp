@@ -5,7 +5,6 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -13,6 +12,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/text_file.h"
 
 namespace palpate::importer {
 namespace {
@@ -183,11 +183,7 @@ Layout layoutOf(const std::string& raw) {
   std::string source = "--raw";
   if (raw.find('{') == std::string::npos) {
     source = raw;
-    std::ifstream in(raw, std::ios::binary);
-    if (!in) throw VolumeError(raw, "it cannot be read", "give a file of the layout, or its JSON");
-    std::ostringstream all;
-    all << in.rdbuf();
-    text = all.str();
+    text = readText<VolumeError>(raw, "give a file of the layout, or its JSON");
   }
   Json json;
   try {

@@ -539,6 +539,15 @@ class Raw(Case):
             row = self.sample("v", [(1, 2, 0)])[0]
             self.assertEqual((row["vx"], row["vy"], row["vz"]), (5, 10, -5))
 
+    def test_only_a_file_is_read_for_a_layout(self):
+        source = self.write("a.raw", struct.pack("<24h", *range(24)))
+        os.mkfifo(self.dir / "pipe")
+        os.symlink("round", self.dir / "round")
+        for raw, says in ((self.dir / "pipe", "no file"), ("/dev/zero", "no file"),
+                          (self.dir, "no file"), (self.dir / "round", "symbolic links"),
+                          (self.write("empty", b""), "not JSON")):
+            self.refused(source, self.dir / "o.vdb", "--raw", raw, says=says)
+
     def test_what_is_wrong_with_a_layout_is_named(self):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         out = self.dir / "o.vdb"

@@ -437,6 +437,11 @@ class Check(Case):
         self.refused("check", scene, says="not valid JSON")
         self.refused("check", self.dir / "gone.json", says="no such file")
         self.refused("check", self.dir / "nan.vdb", says="NaN")
+        os.mkfifo(self.dir / "pipe.json")
+        os.symlink("round.json", self.dir / "round.json")
+        for file in (self.dir / "pipe.json", "/dev/zero"):
+            self.refused("check", file, says="it is no file")
+        self.refused("check", self.dir / "round.json", says="symbolic links")
 
     def test_too_stiff_for_the_device(self):
         scene = self.dir / "stiff.json"
