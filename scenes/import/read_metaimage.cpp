@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <bit>
 #include <cctype>
+#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <limits>
 #include <map>
 #include <new>
 #include <sstream>
+#include <system_error>
 #include <type_traits>
 
 #include <fmt/format.h>
@@ -80,10 +82,16 @@ class Header {
   /// As many numbers as are expected; none if the field is not there.
   [[nodiscard]] std::vector<double> numbers(std::initializer_list<const char*> keys,
                                             std::size_t count) const {
-    std::istringstream in(text(keys));
+    std::istringstream words(text(keys));
     std::vector<double> out;
-    for (double value = 0.0; in >> value;) out.push_back(value);
-    if (!in.eof() || (!out.empty() && out.size() != count)) {
+    bool all = true;
+    for (std::string word; words >> word;) {
+      const char* end = word.data() + word.size();
+      const char* begin = word.data() + (word[0] == '+' ? 1 : 0);
+      const auto parsed = std::from_chars(begin, end, out.emplace_back());
+      all = all && parsed.ec == std::errc() && parsed.ptr == end && std::isfinite(out.back());
+    }
+    if (!all || (!out.empty() && out.size() != count)) {
       refuse(fmt::format("its {} is not {} numbers", *keys.begin(), count), kMendHeader);
     }
     return out;
@@ -206,6 +214,10 @@ class Header {
     }
     for (const char* key : {"TransformMatrix", "Rotation", "Orientation"}) {
       static_cast<void>(numbers({key}, 9));
+    }
+    for (const char* key :
+         {"ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset", "HeaderSize"}) {
+      static_cast<void>(numbers({key}, 1));
     }
     checkData(bytes, sizes[2]);
   }

@@ -74,10 +74,10 @@ class Case(unittest.TestCase):
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return out
 
-    def refused(self, path, says, *words):
+    def refused(self, path, says, *words, out=None):
         """One clear line on stderr, status 2, no file left."""
         done, line = refusal(self, self.dir, lambda: subprocess.run(
-            [str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"), *words],
+            [str(BIN / "palpate-import"), str(path), str(out or self.dir / "out.vdb"), *words],
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
         # 1: the sanitizers' allocator ends the program that asks for too much.
@@ -521,6 +521,16 @@ class MetaImage(Case):
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3",
                                         "AnatomicalOrientation = RAI", kind="MET_INT"), data)
         self.assertIn("rounded", self.notes(path))
+
+    def test_numbers_beyond_any_are_not_taken_for_none(self):
+        for field in ("ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset",
+                      "ElementNumberOfChannels", "HeaderSize"):
+            for value in ("1e999", "nan", "1x"):
+                self.refused(self.write("a.mha", meta(f"{field} = {value}"), SHORTS),
+                             f"its {field} is not 1 numbers")
+        self.refused(self.write("a.mha", meta("ElementSpacing = 1 1 -1e999"), SHORTS),
+                     "ElementSpacing is not 3")
+        self.convert(self.write("a.mha", meta("ElementSpacing = +1 1. 1e0"), SHORTS))
 
     def test_damage(self):
         self.write("a.raw", SHORTS)
