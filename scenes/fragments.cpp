@@ -14,6 +14,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/samplers/volume_grid.h"
+#include "palpate/scenes/write_grids.h"
 
 namespace palpate {
 namespace {
@@ -193,14 +194,7 @@ void place(Piece& piece, const Volume::Grid::Part& part) {
 }
 
 void write(const openvdb::FloatGrid::Ptr& grid, const std::filesystem::path& file) {
-  try {
-    openvdb::io::File vdb(file);
-    vdb.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
-    vdb.write({grid});
-    vdb.close();
-  } catch (const std::exception&) {
-    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
-  }
+  writeGrids(file, {grid});
 }
 
 void checkOrder(const FragmentOrder& order) {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <functional>
 
 #include <Eigen/Eigenvalues>
@@ -13,6 +12,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/samplers/openvdb_grids.h"
+#include "palpate/scenes/write_grids.h"
 
 namespace palpate {
 namespace made {
@@ -309,14 +309,7 @@ std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> v
     out.push_back(making.made);
     grids.push_back(making.grid);
   }
-  try {
-    openvdb::io::File vdb(file);
-    vdb.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
-    vdb.write(grids);
-    vdb.close();
-  } catch (const std::exception&) {
-    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
-  }
+  writeGrids(file, grids);
   return out;
 }
 

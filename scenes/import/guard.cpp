@@ -49,6 +49,7 @@ bool writeAll(int file, const char* data, std::size_t count) {
   signal(SIGINT, SIG_IGN);  // a terminal sends it to both; the parent decides
   signal(SIGTERM, SIG_DFL);
   signal(SIGHUP, SIG_DFL);
+  signal(SIGXFSZ, SIG_IGN);  // a file that grows too large is then told by what writes it
   const int nowhere = open("/dev/null", O_WRONLY);
   if (nowhere >= 0) {
     dup2(nowhere, STDOUT_FILENO);
@@ -61,6 +62,10 @@ bool writeAll(int file, const char* data, std::size_t count) {
     status = work(teller);
   } catch (const Error& e) {
     complain(e.what());
+    status = cli::kBadInput;
+  } catch (const std::filesystem::filesystem_error& e) {
+    complain(fmt::format("{}: it cannot be used ({}): check the path", e.path1().string(),
+                         e.code().message()));
     status = cli::kBadInput;
   } catch (const std::bad_alloc&) {
     complain("there is not enough memory: choose fewer arrays with --field or a larger --voxel");
@@ -169,7 +174,17 @@ void Teller::progress(double done) {
   send('p', fmt::format("{}", done));
 }
 void Teller::file(const std::string& partial, const std::string& file) {
+  checkReplaceable(file);
   send('f', partial + '\0' + file);
+}
+
+void checkReplaceable(const std::filesystem::path& file) {
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) return;
+  throw Error(file.string(),
+              std::filesystem::is_directory(status) ? "it is a folder" : "it is a pipe or a device",
+              "name a file to write");
 }
 
 int runGuarded(const std::string& what, const std::function<int(Teller&)>& work) {

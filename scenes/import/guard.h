@@ -1,10 +1,14 @@
 /// Work that a damaged file may bring down runs in a process of its own.
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <string>
 
 namespace palpate::importer {
+
+/// Throws Error where something of this name is no file, which a file would replace.
+void checkReplaceable(const std::filesystem::path& file);
 
 /// How the work speaks to the user while its own output and error streams, which libraries write to
 /// as they please, lead nowhere.
@@ -17,7 +21,7 @@ class Teller {
   void stage(const std::string& what);  ///< What progress is of from now on.
   void progress(double done);           ///< 0 to 1.
   /// Will write `partial`, which becomes `file` when all of the work has ended well, and is removed
-  /// if it has not.
+  /// if it has not. Throws Error where that would replace what is no file.
   void file(const std::string& partial, const std::string& file);
 
  private:

@@ -17,6 +17,7 @@
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
 #include "palpate/scenes/import/suggest.h"
+#include "palpate/scenes/write_grids.h"
 
 namespace palpate::importer {
 namespace {
@@ -197,14 +198,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
 void writeVdb(const std::filesystem::path& file, const Step& step, const std::string& in) {
   openvdb::GridCPtrVec grids;
   for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
-  try {
-    openvdb::io::File out(file);
-    out.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
-    out.write(grids);
-    out.close();
-  } catch (const std::exception&) {
-    throw Error(file.string(), "it cannot be written", "choose another place, or make room");
-  }
+  writeGrids(file, grids);
   const auto refused = [&](const std::string& what, const std::string& refusal) {
     throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
                       "look at the sizes, places and values in it, or choose arrays by --field");

@@ -140,12 +140,8 @@ int import(const Options& options, Teller& teller) {
 }
 
 void check(const Options& options) {
-  std::error_code error;
-  for (const fs::path& file : {options.out, options.scene}) {
-    if (!file.empty() && fs::is_directory(file, error)) {
-      throw Error(file.string(), "it is a folder", "name a file in it");
-    }
-  }
+  checkReplaceable(options.out);
+  if (options.scene != "-") checkReplaceable(options.scene);
   if (options.out.extension() != ".vdb") {
     throw Error(options.out.string(), "the output is not named .vdb", "name it so");
   }

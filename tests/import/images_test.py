@@ -532,6 +532,32 @@ class MetaImage(Case):
                      "ElementSpacing is not 3")
         self.convert(self.write("a.mha", meta("ElementSpacing = +1 1. 1e0"), SHORTS))
 
+    def test_a_file_that_may_not_grow_is_no_fault_of_the_input(self):
+        noise = os.urandom(2 * 50 ** 3)
+        path = self.write("a.mha", meta(DimSize="50 50 50"), noise)
+        words = [str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb")]
+        done = subprocess.run(["prlimit", f"--fsize={2 ** 16}", *words], capture_output=True,
+                              text=True, timeout=120)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("cannot be written (File too large)", done.stderr)
+        self.assertEqual(os.listdir(self.dir), ["a.mha"])
+
+    def test_what_is_no_file_is_not_replaced(self):
+        path = self.write("a.mha", meta(), SHORTS)
+        pipe = self.dir / "pipe.vdb"
+        os.mkfifo(pipe)
+        os.symlink("pipe.vdb", self.dir / "link.vdb")
+        os.symlink("round", self.dir / "round")
+        for out in (pipe, self.dir / "link.vdb"):
+            self.refused(path, "it is a pipe or a device: name a file", out=out)
+        self.assertTrue(pipe.is_fifo())
+        self.refused(path, "pipe or a device", "--scene", str(pipe))
+        self.refused(path, "symbolic links", "--scene", str(self.dir / "round" / "a.json"))
+        # Of a series its name is the step's.
+        os.mkfifo(self.dir / "out_0001.vdb")
+        self.refused(self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), SHORTS * 2),
+                     "out_0001.vdb: it is a pipe", "--time", "all")
+
     def test_damage(self):
         self.write("a.raw", SHORTS)
         self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")

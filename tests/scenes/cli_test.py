@@ -113,6 +113,14 @@ class Info(Case):
 
 
 class Make(Case):
+    def test_a_full_disk_is_told(self):
+        out = self.dir / "full.vdb"
+        done = subprocess.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
+                              capture_output=True, text=True, timeout=300)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("cannot be written (File too large)", done.stderr)
+        self.assertFalse(out.exists())
+
     def test_volumes_are_made_whole_and_described(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),

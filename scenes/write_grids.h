@@ -1,0 +1,39 @@
+/// Writing a .vdb so that a full disk is noticed.
+#pragma once
+
+#include <cerrno>
+#include <cstring>
+#include <exception>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/openvdb_grids.h"
+
+namespace palpate {
+
+/// Writes grids with Blosc. Throws Error where not all of it could be written: openvdb::io::File
+/// never looks at what became of its stream.
+inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPtrVec& grids) {
+  struct Archive final : openvdb::io::Archive {
+    void put(std::ostream& out, const openvdb::GridCPtrVec& grids) const {
+      openvdb::io::Archive::write(out, grids, /*seekable=*/true);
+    }
+  } archive;
+  archive.setCompression(openvdb::io::COMPRESS_BLOSC | openvdb::io::COMPRESS_ACTIVE_MASK);
+  std::string why;
+  errno = 0;
+  try {
+    std::ofstream out(file, std::ios::binary | std::ios::trunc);
+    if (out) archive.put(out, grids);
+    out.close();
+    if (out) return;
+    why = errno == 0 ? "" : std::string(" (") + std::strerror(errno) + ")";
+  } catch (const std::exception&) {
+    // The line is the same.
+  }
+  throw Error(file.string(), "it cannot be written" + why, "choose another place, or make room");
+}
+
+}  // namespace palpate
