@@ -155,12 +155,26 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   }
 }
 
+/// What --as says has to be there: a reader that has no use for it does not say so.
+void checkAsked(const Request& request, const Content& content) {
+  if (request.as.empty()) return;
+  const int width = content.pieces.front().arrays.front().values.components();
+  const bool vector = request.as == "vector";
+  if (vector ? width == 3 : width >= 6) return;
+  throw Error("--as",
+              fmt::format("{} has {} a voxel, not the {} of a {}", request.file.string(),
+                          width == 1 ? "one value" : fmt::format("{} values", width),
+                          vector ? 3 : 6, request.as),
+              "leave it out");
+}
+
 }  // namespace
 
 Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling) {
   const std::string in = options.request.file.string();
   telling.stage("reading");
   Content content = reader.read(step);
+  checkAsked(options.request, content);
   Step out;
   out.modality = content.modality;
   out.notes = content.notes;

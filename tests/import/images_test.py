@@ -522,6 +522,17 @@ class MetaImage(Case):
                                         "AnatomicalOrientation = RAI", kind="MET_INT"), data)
         self.assertIn("rounded", self.notes(path))
 
+    def test_as_is_never_passed_over(self):
+        one = self.write("one.mha", meta(), SHORTS)
+        three = self.write("three.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"),
+                           VECTORS)
+        self.refused(one, "has one value a voxel, not the 3 of a vector", "--as", "vector")
+        self.refused(three, "has 3 values a voxel, not the 6 of a tensor", "--as", "tensor")
+        self.convert(three, "--as", "vector")
+        (self.dir / "out.vdb").unlink()
+        nii = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=1007), PLANES)
+        self.refused(nii, "not the 6 of a tensor", "--as", "tensor")
+
     def test_numbers_beyond_any_are_not_taken_for_none(self):
         for field in ("ElementToIntensityFunctionSlope", "ElementToIntensityFunctionOffset",
                       "ElementNumberOfChannels", "HeaderSize"):
