@@ -212,6 +212,13 @@ class Stacker {
       const double time = slice.times[*tag] - start;
       out.times.push_back(time * (kind.seconds > 0.0 ? kind.seconds : step > 0.0 ? step : 1.0));
     }
+    for (const File* file : series_.files) {
+      if (kind.seconds > 0.0 || file->time_step == step) continue;
+      refuse(fmt::format("its steps of time are {:.4g} s apart by {}, {:.4g} s by {}", step,
+                         series_.files.front()->path.filename().string(), file->time_step,
+                         file->path.filename().string()),
+             "export the series again");
+    }
     if (kind.seconds == 0.0 && !(step > 0.0)) {
       out.notes.emplace_back("its steps have numbers but no times: they are taken 1 s apart");
     }

@@ -143,6 +143,8 @@ TEST_CASE("images of one place are steps where something tells their times", "[d
   CHECK_THAT(stacked(numbered).notes.front(), Contains("taken 1 s apart"));
   for (File& file : numbered) file.time_step = 0.04;
   CHECK(stacked(numbered).times == std::vector<double>{0.0, 0.04});
+  numbered.back().time_step = 0.05;
+  CHECK_THROWS_WITH(stacked(numbered), Contains("0.04 s apart by image0, 0.05 s by image2"));
   // Another kind of image is no step.
   std::vector<File> kinds = twice(0, 250.0);
   for (std::size_t i = 0; i < kinds.size(); ++i) {
