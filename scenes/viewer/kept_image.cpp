@@ -1,5 +1,7 @@
 #include "palpate/scenes/viewer/kept_image.h"
 
+#include <algorithm>
+
 #include <vtkOpenGLState.h>
 #include <vtk_glew.h>
 
@@ -7,14 +9,21 @@ namespace palpate::view {
 namespace {
 
 /// From one framebuffer to the other, whatever part was drawn last.
-void copy(vtkOpenGLState& state, const int* size) {
+void copy(vtkOpenGLState& state, const Area& part) {
   const vtkOpenGLState::ScopedglEnableDisable scissor(&state, GL_SCISSOR_TEST);
   state.vtkglDisable(GL_SCISSOR_TEST);
-  glBlitFramebuffer(0, 0, size[0], size[1], 0, 0, size[0], size[1],
-                    GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT, GL_NEAREST);
+  glBlitFramebuffer(part.left, part.low, part.right, part.high, part.left, part.low, part.right,
+                    part.high, GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT, GL_NEAREST);
 }
 
 }  // namespace
+
+Area Area::with(const Area& other) const noexcept {
+  if (other.empty()) return *this;
+  if (empty()) return other;
+  return {std::min(left, other.left), std::min(low, other.low), std::max(right, other.right),
+          std::max(high, other.high)};
+}
 
 void KeptImage::take(vtkOpenGLRenderWindow& window) {
   vtkOpenGLState* state = window.GetState();
@@ -34,18 +43,21 @@ void KeptImage::take(vtkOpenGLRenderWindow& window) {
   }
   window.GetRenderFramebuffer()->Bind(GL_READ_FRAMEBUFFER);
   image_->Bind(GL_DRAW_FRAMEBUFFER);
-  copy(*state, size_);
+  copy(*state, {0, 0, size_[0], size_[1]});
   state->PopFramebufferBindings();
 }
 
-void KeptImage::putBack(vtkOpenGLRenderWindow& window) const {
+void KeptImage::putBack(vtkOpenGLRenderWindow& window, const Area& part) const {
   const int* size = window.GetSize();
   if (image_ == nullptr || size_[0] != size[0] || size_[1] != size[1]) return;
+  const Area whole{std::max(0, part.left), std::max(0, part.low), std::min(size_[0], part.right),
+                   std::min(size_[1], part.high)};
+  if (whole.empty()) return;
   vtkOpenGLState* state = window.GetState();
   state->PushFramebufferBindings();
   image_->Bind(GL_READ_FRAMEBUFFER);
   window.GetRenderFramebuffer()->Bind(GL_DRAW_FRAMEBUFFER);
-  copy(*state, size_);
+  copy(*state, whole);
   state->PopFramebufferBindings();
 }
 

@@ -9,6 +9,7 @@
 #include <new>
 #include <sched.h>
 #include <string>
+#include <sys/resource.h>
 #include <thread>
 #include <unistd.h>
 
@@ -40,6 +41,29 @@ void stepBack() {
   setenv("LP_NUM_THREADS", std::to_string(cores > 2 ? cores - 1 : 1).c_str(), 0);
 }
 
+/// One line, without any more of it; others' threads need not find a handler.
+[[noreturn]] void endWithoutMemory() {
+  constexpr char kWords[] =
+      "palpate: window: there is not enough memory to draw this scene: it can be felt without\n";
+  (void)!write(STDERR_FILENO, kWords, sizeof kWords - 1);
+  _exit(cli::kEndedEarly);
+}
+
+/// Where memory ends it is the window that goes: nothing is taken that is not there, and of two the
+/// kernel ends this one. What there is [bytes], or what is given.
+void takeNoMore(double most) {
+  std::ofstream("/proc/self/oom_score_adj") << 1000;
+  std::ifstream info("/proc/meminfo");
+  std::string word;
+  while (most <= 0.0 && info >> word) {
+    if (word == "MemAvailable:" && info >> most) most *= 1024.0;
+  }
+  if (most <= 0.0) return;
+  const rlimit limit{static_cast<rlim_t>(most), static_cast<rlim_t>(most)};
+  (void)setrlimit(RLIMIT_DATA, &limit);
+  std::set_new_handler(endWithoutMemory);
+}
+
 /// Leaves the loop a core of its own. Once all is loaded: until then every core helps.
 void stepAside() {
   cpu_set_t cores;
@@ -62,6 +86,8 @@ int run(int argc, char** argv) {
   std::string told;
   std::string shot;
   double told_every = 0.5;
+  double most_memory = 0.0;
+  view::ViewWindow::Options options;
   int live = -1;
   app.add_option("SCENE", scene)->required();
   app.add_option("--live", live, "Descriptor of the loop's memory")->required();
@@ -70,6 +96,8 @@ int run(int argc, char** argv) {
   app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
   app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
+  app.add_option("--memory", most_memory)->group("")->envname("PALPATE_VIEW_MEMORY");
+  app.add_option("--patience", options.patience)->group("")->envname("PALPATE_VIEW_PATIENCE");
   try {
     app.parse(argc, argv);
   } catch (const CLI::Success& e) {
@@ -80,11 +108,11 @@ int run(int argc, char** argv) {
   }
   LiveShare share(live);
   stepBack();
+  takeNoMore(most_memory);
   view::needDisplay(!picture.empty());
   vtkObject::GlobalWarningDisplayOff();
   const BuiltScene built = buildScene(openScene(scene));
   view::Shapes shapes(built, !picture.empty());
-  view::ViewWindow::Options options;
   options.offscreen = !picture.empty();
   if (options.offscreen) options.magnify = 2;
   const std::string title = fmt::format(
@@ -114,8 +142,7 @@ int main(int argc, char** argv) {
     cli::complain(e.what());
     return cli::kBadInput;
   } catch (const std::bad_alloc&) {
-    cli::complain("window: there is not enough memory to draw this scene: it can be felt without");
-    return cli::kEndedEarly;
+    endWithoutMemory();
   } catch (const std::exception& e) {
     cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));
     return cli::kInternal;

@@ -120,7 +120,17 @@ vtkSmartPointer<vtkActor> Overlay::add(vtkAlgorithmOutput* output, const Colour&
   look->SetDiffuse(0.7);
   actor->VisibilityOff();
   renderer_.AddActor(actor);
+  all_.push_back(actor);
   return actor;
+}
+
+std::vector<std::array<double, 6>> Overlay::seen() const {
+  std::vector<std::array<double, 6>> boxes;
+  for (const auto& actor : all_) {
+    if (actor->GetVisibility() == 0) continue;
+    std::copy_n(actor->GetBounds(), 6, boxes.emplace_back().begin());
+  }
+  return boxes;
 }
 
 void Overlay::show(const LiveTick& tick) {

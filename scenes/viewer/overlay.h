@@ -32,6 +32,8 @@ class Overlay {
   /// Draws a tick. RT: not for a loop; some 0.1 ms.
   void show(const LiveTick& tick);
 
+  /// Bounds of each thing that is seen, as VTK has them.
+  [[nodiscard]] std::vector<std::array<double, 6>> seen() const;
   /// Length of the arrow for one newton [m].
   [[nodiscard]] double metresPerNewton() const noexcept { return 0.1 * size_; }
   /// Tip of the force's arrow, as drawn last [m].
@@ -42,6 +44,7 @@ class Overlay {
 
   vtkSmartPointer<vtkActor> add(vtkAlgorithmOutput* output, const Colour& colour);
   vtkRenderer& renderer_;
+  std::vector<vtkSmartPointer<vtkActor>> all_;
   double size_;
   double opacity_;
   Vec3 tip_ = Vec3::Zero();

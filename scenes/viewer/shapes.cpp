@@ -129,6 +129,7 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
 
 Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine_(fine) {
   addGraph(built.scene->graph, fine);
+  seeThrough();
   const auto& parts = built.scene->parts;
   for (std::size_t i = 0; i < std::min(parts.size(), kMostParts); ++i) {
     addGraph(parts[i].graph, false);
@@ -148,7 +149,51 @@ Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine
 }
 
 void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion) {
-  shapes_.push_back({std::move(prop), when, motion});
+  shapes_.push_back({std::move(prop), when, motion, -1, nullptr});
+}
+
+void Shapes::seeThrough() {
+  constexpr double kOpacity = 0.4;
+  constexpr double kSlack = 0.02;  // of its size: both may end where the data do
+  const auto holds = [](const Shape& outer, const Shape& inner) {
+    double a[6];
+    double b[6];
+    outer.prop->GetBounds(a);
+    inner.prop->GetBounds(b);
+    for (int i = 0; i < 6; i += 2) {
+      const double slack = kSlack * (a[i + 1] - a[i]);
+      if (b[i] < a[i] - slack || b[i + 1] > a[i + 1] + slack) return false;
+    }
+    return true;
+  };
+  // Of two that hold each other the scene's first is the outer one, as it is felt first.
+  const auto outside = [&](const Shape& a, const Shape& b) {
+    return a.surface >= 0 && b.surface >= 0 && a.surface != b.surface && holds(a, b) &&
+           (a.surface < b.surface || !holds(b, a));
+  };
+  vtkMapper::SetResolveCoincidentTopologyToPolygonOffset();
+  vtkMapper::SetResolveCoincidentTopologyPolygonOffsetParameters(0.0, 0.0);
+  vtkMapper::SetResolveCoincidentTopologyLineOffsetParameters(0.0, 0.0);
+  const std::vector<Shape> all = shapes_;
+  for (Shape& shape : shapes_) {
+    const auto has = [&](const Shape& b) { return outside(shape, b); };
+    const auto in = [&](const Shape& b) { return outside(b, shape); };
+    if (std::none_of(all.begin(), all.end(), has) || std::any_of(all.begin(), all.end(), in)) {
+      continue;
+    }
+    auto* actor = static_cast<vtkActor*>(shape.prop.Get());
+    // Depths without a colour, a little behind the surface itself, which passes their test.
+    auto behind = vtkSmartPointer<vtkPolyDataMapper>::New();
+    behind->SetInputData(static_cast<vtkPolyDataMapper*>(actor->GetMapper())->GetInput());
+    behind->ScalarVisibilityOff();
+    behind->SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 4.0);
+    auto depths = vtkSmartPointer<vtkActor>::New();
+    depths->SetMapper(behind);
+    depths->GetProperty()->SetOpacity(1e-3);
+    depths->ForceOpaqueOn();
+    shape.depths = depths;
+    actor->GetProperty()->SetOpacity(kOpacity);
+  }
 }
 
 void Shapes::addGraph(const Graph& graph, bool fine) {
@@ -216,6 +261,7 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     look->SetSpecular(0.15);
     look->SetSpecularPower(20.0);
     add(actor, when, motion);
+    if (!motion) shapes_.back().surface = static_cast<int>(surfaces_);
     return true;
   };
   const int points = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
@@ -224,6 +270,11 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     return;
   }
   (void)mesh(std::min(points, kCoarsePoints), When::kCoarse);
+  const FieldFrame frame = of.frame();
+  if (const double step = frame.bounds.size().maxCoeff() / ((points - 1) * frame.voxel);
+      step > 1.5) {
+    notes_.push_back(fmt::format("{}: drawn by every {:.1f}th voxel, felt by all", name, step));
+  }
   ++surfaces_;
   legend_.push_back({name, colour});
 }
@@ -392,18 +443,23 @@ void Shapes::addGuide(const GuideMode& guide, const MotionPtr& motion, const std
   legend_.push_back({name, colour});
 }
 
-void Shapes::addTo(vtkRenderer& renderer) const {
-  for (const Shape& shape : shapes_) renderer.AddViewProp(shape.prop);
+void Shapes::addTo(vtkRenderer& solid, vtkRenderer& through) const {
+  for (const Shape& shape : shapes_) {
+    (shape.depths ? through : solid).AddViewProp(shape.prop);
+    if (shape.depths) through.AddViewProp(shape.depths);
+  }
 }
 
-void Shapes::coarse(bool on) {
+void Shapes::detail(int step) {
   for (const Shape& shape : shapes_) {
     if (shape.when != When::kAlways) {
-      shape.prop->SetVisibility((shape.when == When::kCoarse) == on);
+      const bool on = (shape.when == When::kCoarse) == (step == kCoarsest);
+      shape.prop->SetVisibility(on);
+      if (shape.depths) shape.depths->SetVisibility(on);
     }
     if (auto* volume = vtkVolume::SafeDownCast(shape.prop)) {
       auto* mapper = static_cast<vtkFixedPointVolumeRayCastMapper*>(volume->GetMapper());
-      mapper->SetImageSampleDistance(on ? 4.0F : 1.0F);
+      mapper->SetImageSampleDistance(static_cast<float>(step));
     }
   }
 }

@@ -34,10 +34,13 @@ class Shapes {
 
   static constexpr std::size_t kMostParts = 48;
 
-  /// Adds all of it.
-  void addTo(vtkRenderer& renderer) const;
-  /// Coarse: as fast as it goes, while the camera moves.
-  void coarse(bool on);
+  /// Adds all of it: what is seen through to a layer in front of what is solid, depths first, so
+  /// that of it only what is nearest is seen.
+  void addTo(vtkRenderer& solid, vtkRenderer& through) const;
+  static constexpr int kCoarsest = 4;
+  /// How it is drawn: clouds by a ray for so many pixels each way, 1 to kCoarsest; by then surfaces
+  /// are coarse too.
+  void detail(int step);
   /// Puts what moves where it is at a time [s].
   void moveTo(double time);
   [[nodiscard]] bool moves() const noexcept;
@@ -59,6 +62,8 @@ class Shapes {
     vtkSmartPointer<vtkProp3D> prop;
     When when = When::kAlways;
     MotionPtr motion;
+    int surface = -1;                   ///< Its number, of a surface that does not move.
+    vtkSmartPointer<vtkProp3D> depths;  ///< Of one that is seen through.
   };
   void addGraph(const Graph& graph, bool fine);
   void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,
@@ -68,6 +73,8 @@ class Shapes {
   void addStreams(const Graph& graph, std::size_t field, const std::string& name);
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
+  /// Lets see through what has another surface in it.
+  void seeThrough();
 
   std::vector<Shape> shapes_;
   std::vector<Entry> legend_;

@@ -15,6 +15,7 @@
 #include <vtkOpenGLState.h>
 #include <vtkPNGWriter.h>
 #include <vtkTextProperty.h>
+#include <vtkUnsignedCharArray.h>
 #include <vtkWindowToImageFilter.h>
 #include <vtk_glew.h>
 
@@ -108,6 +109,7 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
       window_(vtkSmartPointer<vtkOpenGLRenderWindow>::Take(
           vtkOpenGLRenderWindow::SafeDownCast(vtkRenderWindow::New()))),
       scene_(vtkSmartPointer<vtkRenderer>::New()),
+      through_(vtkSmartPointer<vtkRenderer>::New()),
       restored_(vtkSmartPointer<vtkRenderer>::New()),
       hidden_(vtkSmartPointer<vtkRenderer>::New()),
       side_(vtkSmartPointer<vtkRenderer>::New()) {
@@ -119,8 +121,8 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   window_->SetSize(width, height);
   window_->SetWindowName(title.c_str());
   window_->SetMultiSamples(options.offscreen ? 8 : 0);
-  window_->SetNumberOfLayers(4);
-  for (auto& renderer : {scene_, restored_, hidden_}) {
+  window_->SetNumberOfLayers(5);
+  for (auto& renderer : {scene_, through_, restored_, hidden_}) {
     renderer->SetActiveCamera(scene_->GetActiveCamera());
     renderer->SetInteractive(0);
     window_->AddRenderer(renderer);
@@ -128,18 +130,18 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   scene_->SetBackground(0.13, 0.15, 0.18);
   scene_->SetBackground2(0.24, 0.27, 0.31);
   scene_->GradientBackgroundOn();
-  restored_->SetLayer(1);
-  restored_->SetPreserveDepthBuffer(1);
-  hidden_->SetLayer(2);
-  hidden_->SetPreserveDepthBuffer(1);
-  // In front of the backdrop, which is put back in all of the window.
-  side_->SetLayer(3);
+  int layer = 0;
+  for (auto& renderer : {through_, restored_, hidden_}) {
+    renderer->SetLayer(++layer);
+    renderer->SetPreserveDepthBuffer(1);
+  }
+  side_->SetLayer(++layer);
   side_->SetInteractive(0);
   window_->AddRenderer(side_);
   layOut();
 
   const double size = std::max(1e-6, shapes_.bounds().size().maxCoeff());
-  shapes_.addTo(*scene_);
+  shapes_.addTo(*scene_, *through_);
   overlay_.emplace(*restored_, size, 1.0);
   ghost_.emplace(*hidden_, size, kGhost);
   panel_.emplace(*side_, options.magnify);
@@ -164,7 +166,11 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   observe(*hidden_, vtkCommand::EndEvent,
           [this] { window_->GetState()->vtkglDepthFunc(GL_LEQUAL); });
   if (!options.offscreen) {
-    observe(*restored_, vtkCommand::StartEvent, [this] { backdrop_.putBack(*window_); });
+    observe(*restored_, vtkCommand::StartEvent, [this] {
+      const Area now = drawnOver();
+      backdrop_.putBack(*window_, over_backdrop_.with(now));
+      over_backdrop_ = now;
+    });
   }
   resetCamera();
 }
@@ -194,11 +200,12 @@ void ViewWindow::layOut() {
   if (laid_out_[0] == size[0] && laid_out_[1] == size[1]) return;
   laid_out_ = {size[0], size[1]};
   const double panel = std::min(0.9, 1.0 * Panel::kWidth * options_.magnify / std::max(1, size[0]));
-  for (auto& renderer : {scene_, restored_, hidden_}) {
+  for (auto& renderer : {scene_, through_, restored_, hidden_}) {
     renderer->SetViewport(0.0, 0.0, 1.0 - panel, 1.0);
   }
   side_->SetViewport(1.0 - panel, 0.0, 1.0, 1.0);
   stale_ = true;
+  panel_at_ = {};
 }
 
 bool ViewWindow::refresh() {
@@ -241,23 +248,60 @@ std::array<double, 2> ViewWindow::onScreen(const Vec3& p) const {
   return {shown[0], shown[1]};
 }
 
-void ViewWindow::drawBackdrop(bool coarse) {
+Area ViewWindow::drawnOver() const {
+  const int* size = window_->GetSize();
+  const Area all{0, 0, static_cast<int>(size[0] * scene_->GetViewport()[2]), size[1]};
+  if (help_->GetVisibility() != 0) return all;
+  Area area;
+  if (newtons_->GetVisibility() != 0) {
+    const double* at = newtons_->GetPosition();
+    constexpr int kWide = 120;
+    constexpr int kHigh = 30;
+    area = {static_cast<int>(at[0]) - 4, static_cast<int>(at[1]) - 10,
+            static_cast<int>(at[0]) + kWide, static_cast<int>(at[1]) + kHigh};
+  }
+  // What is faint is where what is not is.
+  const Vec3 eye(scene_->GetActiveCamera()->GetPosition());
+  const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
+  for (const auto& box : overlay_->seen()) {
+    for (int corner = 0; corner < 8; ++corner) {
+      const Vec3 p(box[corner & 1], box[2 + ((corner >> 1) & 1)], box[4 + ((corner >> 2) & 1)]);
+      if ((p - eye).dot(along) < 1e-6) return all;
+      const auto at = onScreen(p);
+      constexpr double kFarthest = 1e6;
+      const int x = static_cast<int>(std::clamp(at[0], -kFarthest, kFarthest));
+      const int y = static_cast<int>(std::clamp(at[1], -kFarthest, kFarthest));
+      area = area.with({x - 2, y - 2, x + 3, y + 3});
+    }
+  }
+  // Beside the picture is the panel.
+  area.right = std::min(area.right, all.right);
+  return area;
+}
+
+void ViewWindow::drawBackdrop(int detail) {
   const double before = cpu();
-  shapes_.coarse(coarse);
+  const auto start = Clock::now();
+  shapes_.detail(detail);
   if (shapes_.moves()) shapes_.moveTo(tick_.time);
   scene_->ResetCameraClippingRange();
   for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
-  scene_->DrawOn();
+  for (auto& renderer : {scene_, through_}) renderer->DrawOn();
   // Nobody is to see it without the hand.
   window_->SetSwapBuffers(0);
   window_->Render();
   backdrop_.take(*window_);
   window_->SetSwapBuffers(1);
-  scene_->DrawOff();
-  for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOn();
-  coarse_ = coarse;
+  for (auto& renderer : {scene_, through_}) renderer->DrawOff();
+  for (auto& renderer : {restored_, hidden_}) renderer->DrawOn();
+  drawn_ = detail;
   stale_ = false;
-  backdrop_cost_ = cpu() - before;
+  Cost& cost = detail == Shapes::kCoarsest ? coarse_cost_ : refined_cost_;
+  cost = {cpu() - before, secondsSince(start)};
+  // The next one is to be in time.
+  if (detail == detail_ && detail < Shapes::kCoarsest && cost.wall > options_.patience) {
+    detail_ = 2 * detail;
+  }
 }
 
 void ViewWindow::drawFrame() {
@@ -271,8 +315,21 @@ void ViewWindow::drawFrame() {
     newtons_->SetInput(fmt::format("{:.2f} N", force.norm()).c_str());
     newtons_->SetPosition(at[0] + 8.0, at[1] + 6.0);
   }
+  // What is not drawn anew stays in the window.
+  side_->SetDraw(panel_fresh_ ? 1 : 0);
+  panel_fresh_ = false;
   window_->Render();
   ++frames_;
+}
+
+std::vector<std::string> ViewWindow::notes() const {
+  std::vector<std::string> notes = shapes_.notes();
+  if (detail_ >= Shapes::kCoarsest) {
+    notes.emplace_back("drawn coarsely, to be in time");
+  } else if (detail_ > 1) {
+    notes.push_back(fmt::format("drawn coarser, to be in time: {0} x {0} pixels", detail_));
+  }
+  return notes;
 }
 
 void ViewWindow::fillPanel() {
@@ -287,11 +344,12 @@ void ViewWindow::fillPanel() {
     content.status = {"THE LOOP HAS STOPPED", "no tick for half a second: see its terminal"};
   }
   if (over_) content.status = {"the run is over"};
-  content.notes = shapes_.notes();
+  content.notes = notes();
   if (!message_.empty() && Clock::now() < message_until_) content.notes = {message_};
   if (content.notes.empty() && !options_.offscreen) content.notes = {"?: keys"};
   panel_->show(content, static_cast<double>(window_->GetSize()[1]) / options_.magnify);
   panel_at_ = Clock::now();
+  panel_fresh_ = true;
 }
 
 void ViewWindow::frame() {
@@ -313,16 +371,18 @@ void ViewWindow::frame() {
   stale_ = stale_ || (shapes_.moves() && secondsSince(rest_since_) > kMoving);
   const double before_backdrop = cpu();
   if (stale_) {
-    drawBackdrop(true);
+    drawBackdrop(Shapes::kCoarsest);
     rest_since_ = Clock::now();
-  } else if (coarse_ && !shapes_.moves() && turning_ == 0 && secondsSince(rest_since_) > kSettled) {
-    drawBackdrop(false);
+  } else if (drawn_ > detail_ && !shapes_.moves() && turning_ == 0 &&
+             secondsSince(rest_since_) > kSettled) {
+    drawBackdrop(detail_);
   }
   const double backdrop = cpu() - before_backdrop;
   if (secondsSince(panel_at_) > kPanelEvery) fillPanel();
   drawFrame();
   const double cost = cpu() - before - backdrop;
-  frame_cost_ += 0.1 * (cost - frame_cost_);
+  if (frame_costs_.size() < kCosts) frame_costs_.resize(frame_costs_.size() + 1);
+  frame_costs_[next_cost_++ % kCosts] = cost;
   if (sparing) {
     const timespec pause{0, (kSparingFrame - kFrame) * 1000000L};
     nanosleep(&pause, nullptr);
@@ -472,9 +532,21 @@ Told ViewWindow::told() const {
   told["late_ticks"] = tick_.late_ticks;
   told["rows"] = rows_.size();
   told["frames"] = frames_;
-  told["coarse"] = coarse_;
-  told["frame_cpu_ms"] = 1e3 * frame_cost_;
-  told["backdrop_cpu_ms"] = 1e3 * backdrop_cost_;
+  told["coarse"] = drawn_ > detail_;
+  told["detail"] = drawn_;
+  // Of the last frames.
+  std::vector<double> costs = frame_costs_;
+  std::sort(costs.begin(), costs.end());
+  const auto of = [&costs](double share) {
+    if (costs.empty()) return 0.0;
+    return 1e3 * costs[static_cast<std::size_t>(share * static_cast<double>(costs.size() - 1))];
+  };
+  told["frame_cpu_ms"] = {{"p50", of(0.5)}, {"p90", of(0.9)}, {"p99", of(0.99)}};
+  for (const auto& [name, cost] :
+       {std::pair{"coarse_ms", coarse_cost_}, std::pair{"refined_ms", refined_cost_}}) {
+    told[name] = {{"cpu", 1e3 * cost.cpu}, {"wall", 1e3 * cost.wall}};
+  }
+  told["notes"] = notes();
   return told;
 }
 
@@ -482,7 +554,7 @@ void ViewWindow::draw(const std::string& file) {
   (void)refresh();
   stalled_ = false;
   over_ = false;
-  shapes_.coarse(false);
+  shapes_.detail(1);
   if (shapes_.moves()) shapes_.moveTo(tick_.time);
   scene_->ResetCameraClippingRange();
   help_->VisibilityOff();
@@ -498,9 +570,20 @@ void ViewWindow::write(const std::string& picture, bool rendered) {
   image->SetShouldRerender(rendered ? 0 : 1);
   auto writer = vtkSmartPointer<vtkPNGWriter>::New();
   writer->SetInputConnection(image->GetOutputPort());
-  writer->SetFileName(picture.c_str());
+  writer->WriteToMemoryOn();
   writer->Write();
-  if (writer->GetErrorCode() != 0) {
+  vtkUnsignedCharArray* bytes = writer->GetResult();
+  const auto* all = reinterpret_cast<const char*>(bytes->GetPointer(0));
+  // For print: pHYs, 11811 pixels a metre, which is 300 dpi, behind the header, with its sum.
+  constexpr std::streamsize kHeader = 33;
+  constexpr unsigned char kPrint[] = {0,    0, 0, 9,    'p',  'H', 'Y',  's',  0,    0,   0x2e,
+                                      0x23, 0, 0, 0x2e, 0x23, 1,   0x78, 0xa5, 0x3f, 0x76};
+  std::ofstream file(picture, std::ios::binary);
+  file.write(all, kHeader);
+  file.write(reinterpret_cast<const char*>(kPrint), sizeof kPrint);
+  file.write(all + kHeader, bytes->GetNumberOfValues() - kHeader);
+  file.close();
+  if (!file) {
     throw Error(picture, "it cannot be written", "check the place and the disk");
   }
 }

@@ -33,7 +33,8 @@ class ViewWindow {
     int width = 960;   ///< [pixels]
     int height = 640;  ///< [pixels]
     bool offscreen = false;
-    int magnify = 1;  ///< Of a picture: as many times as many pixels each way.
+    int magnify = 1;         ///< Of a picture: as many times as many pixels each way.
+    double patience = 0.75;  ///< For a refined backdrop, else it is drawn coarser [s].
   };
   ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& title, const Options& options);
   ~ViewWindow();
@@ -55,14 +56,16 @@ class ViewWindow {
   void frame();
   /// Reads what is new; false where nothing is.
   bool refresh();
-  void drawBackdrop(bool coarse);
+  void drawBackdrop(int detail);
   void drawFrame();
   void fillPanel();
+  [[nodiscard]] std::vector<std::string> notes() const;  ///< What the picture is not.
   void layOut();  ///< Panel and picture, by the window's size.
   void wish();    ///< Tells the loop what is wished for.
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
+  [[nodiscard]] Area drawnOver() const;  ///< By the hand, as it is shown now.
 
   // What the user does.
   void key(const std::string& name);
@@ -76,6 +79,7 @@ class ViewWindow {
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;
   vtkSmartPointer<vtkRenderer> scene_;     ///< The backdrop.
+  vtkSmartPointer<vtkRenderer> through_;   ///< What is seen through.
   vtkSmartPointer<vtkRenderer> restored_;  ///< Puts it back, and what is seen in front of it.
   vtkSmartPointer<vtkRenderer> hidden_;    ///< What is behind it, faintly.
   vtkSmartPointer<vtkRenderer> side_;      ///< The panel.
@@ -100,17 +104,28 @@ class ViewWindow {
   bool hand_known_ = false;
   bool over_ = false;
   bool stalled_ = false;
-  bool coarse_ = true;
-  bool stale_ = true;  ///< The backdrop is to be drawn.
-  int turning_ = 0;    ///< Button that is held: 1 turns, 2 shifts, 3 nears.
+  int detail_ = 1;                 ///< Of a refined backdrop, as Shapes::detail.
+  int drawn_ = Shapes::kCoarsest;  ///< Of the one that is seen.
+  bool stale_ = true;              ///< The backdrop is to be drawn.
+  bool panel_fresh_ = true;        ///< The panel is to be drawn.
+  Area over_backdrop_;             ///< What the last frame was drawn over.
+  int turning_ = 0;                ///< Button that is held: 1 turns, 2 shifts, 3 nears.
   std::array<int, 2> last_{};
   std::string message_;  ///< For a while, in the panel.
   Clock::time_point message_until_;
   Clock::time_point rest_since_;
   Clock::time_point panel_at_;
   Clock::time_point tick_at_;
-  double frame_cost_ = 0.0;     ///< CPU of the last frames, smoothed [s].
-  double backdrop_cost_ = 0.0;  ///< Of the last backdrop [s].
+  static constexpr std::size_t kCosts = 256;
+  std::size_t next_cost_ = 0;
+  std::vector<double> frame_costs_;  ///< CPU of the last frames [s].
+  /// Of a backdrop [s].
+  struct Cost {
+    double cpu = 0.0;
+    double wall = 0.0;
+  };
+  Cost coarse_cost_;
+  Cost refined_cost_;
   std::int64_t frames_ = 0;
 };
 

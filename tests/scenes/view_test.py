@@ -8,11 +8,13 @@ import os
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import zlib
 from pathlib import Path
 
 BIN = Path(sys.argv[1]).resolve()
@@ -24,6 +26,7 @@ if not all(shutil.which(program) for program in ("Xvfb", "xdotool")):
     print("view_test: skipped: needs xvfb and xdotool")
     sys.exit(77)
 try:
+    import numpy as np
     from matplotlib.image import imread
 except ImportError:
     print("view_test: skipped: needs python3-matplotlib")
@@ -128,6 +131,31 @@ class Still(Case):
         for colour in (FORCE, PROXY, PROBE):
             self.assertEqual(near(image, nowhere, colour, 14), 0)
         self.assertEqual([p for p in self.dir.iterdir() if "partial" in p.name], [])
+
+    def test_an_inner_surface_is_seen_through_the_outer_one(self):
+        """Beside the inner ball the background is seen through the outer one; 300 dpi for print."""
+        light = []
+        for inner in (False, True):
+            scene = json.loads(json.dumps(SCENE))
+            if inner:
+                scene["modes"].append({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.25,
+                                       "solid": "below", "strength": 3})
+            self.scene.write_text(json.dumps(scene), encoding="utf-8")
+            self.still("--seconds", "0.1", "--picture", "still.png")
+            told = self.told()
+            image = imread(self.dir / "still.png")
+            x, y = told["pixels"]["centre"][0], told["size"][1] - 1 - told["pixels"]["centre"][1]
+            # From the picture's middle out to the ball's rim.
+            wide = np.abs(image[round(y), :, :3].mean(axis=1) - image[round(y), 20, :3].mean())
+            light.append(wide)
+        right = next(i for i in range(round(x), round(x) + 600) if light[0][i] < 0.1)
+        rim = round(x + 0.95 * (right - x))
+        self.assertLess(light[1][rim], 0.7 * light[0][rim])
+        self.assertGreater(light[1][round(x)], 0.7 * light[0][round(x)])
+        png = (self.dir / "still.png").read_bytes()
+        at = png.index(b"pHYs")
+        self.assertEqual(struct.unpack(">IIB", png[at + 4:at + 13]), (11811, 11811, 1))
+        self.assertEqual(struct.unpack(">I", png[at + 13:at + 17])[0], zlib.crc32(png[at:at + 13]))
 
     def test_what_cannot_be_drawn_leaves_nothing(self):
         done = self.still("--picture", "still.gif", status=2)
@@ -267,6 +295,28 @@ class Live(Case):
         self.assertGreater(image[..., :3].std(), 0.05)
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_a_slow_backdrop_is_drawn_coarser_and_said_to_be(self):
+        self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
+        feel = self.start("--seconds", str(PATIENCE))
+        window = self.window()
+        for step in range(4):
+            self.until("at rest", lambda told: not told["coarse"])
+            self.do("mousemove", "--window", window, 300, 300 + step, "mousedown", 2, "mousemove", "--window",
+                    window, 310, 300, "mouseup", 2)
+            time.sleep(0.5)
+        self.until("a coarser one", lambda t: t["detail"] == 4 and not t["coarse"]
+                   and any("drawn coarse" in note for note in t["notes"]))
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_without_memory_for_a_window_the_loop_goes_on(self):
+        self.env["PALPATE_VIEW_MEMORY"] = "30e6"
+        feel = self.start("--seconds", "4")
+        self.assertEqual(self.ended(feel), 0)
+        self.assertIn("view: the window has ended: ", self.said())
+        self.assertRegex(self.said(), "palpate: window: there is not enough memory to draw this scene: it can "
+                         "be felt without\n")
 
     def test_a_killed_window_leaves_the_loop(self):
         feel = self.start("--seconds", "60", "--trace", "t.csv")
