@@ -213,7 +213,7 @@ int feel(const FeelOptions& options) {
   if (window) {
     hands[0]->log.live = &window->writer();
     window->writer().expect(*built.scene);
-    if (options.still.empty()) window->open(options.scene);
+    if (options.still.empty()) window->open(options.scene, options.watch);
   }
 
   Run run{options, hands, built.scene, spec, written, cache};
@@ -319,6 +319,8 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");
+  verb->add_flag("--watch", options->watch,
+                 "Take the scene file anew when it changes, and draw it anew");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->still,

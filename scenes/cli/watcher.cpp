@@ -40,6 +40,18 @@ void dial(SceneSpec& spec, const std::vector<double>& factors) {
   }
 }
 
+std::vector<double> renumbered(const std::vector<double>& factors, const SceneSpec& from,
+                               const SceneSpec& to) {
+  std::vector<double> moved(to.graph.modes.size(), 1.0);
+  for (std::size_t i = 0; i < moved.size(); ++i) {
+    for (std::size_t j = 0; j < std::min(factors.size(), from.graph.modes.size()); ++j) {
+      const std::string& name = from.graph.modes[j].name;
+      if (!name.empty() && name == to.graph.modes[i].name) moved[i] = factors[j];
+    }
+  }
+  return moved;
+}
+
 bool Watcher::changed() {
   if (!files_) return false;
   const auto now = writtenAt(file_);
@@ -60,6 +72,7 @@ std::optional<BuiltScene> Watcher::look() {
     try {
       Made made = made_.get();
       if (made.read) {
+        factors_ = renumbered(factors_, spec_, made.spec);
         spec_ = std::move(made.spec);
         sayAside("feel: {} has changed: it is felt now\n", file_);
       }
@@ -81,7 +94,7 @@ std::optional<BuiltScene> Watcher::look() {
     made.read = read;
     made.spec = read ? openScene(file_, {}) : spec_;
     SceneSpec spec = made.spec;
-    dial(spec, factors);
+    dial(spec, read ? renumbered(factors, spec_, made.spec) : factors);
     (void)fitToAll(spec, devices_);
     made.built = buildScene(spec, {}, &cache_);
     if (!read) return made;

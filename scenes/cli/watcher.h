@@ -25,6 +25,10 @@ namespace palpate::cli {
 /// feels a scene of the same modes. Modes without one are as they were.
 void dial(SceneSpec& spec, const std::vector<double>& factors);
 
+/// The factors of modes of one scene for another's, each by its mode's name; 1 for a new one.
+[[nodiscard]] std::vector<double> renumbered(const std::vector<double>& factors,
+                                             const SceneSpec& from, const SceneSpec& to);
+
 /// A scene that is made anew when its file changes or its dials are turned, on a thread of its own,
 /// so that keys and faults are looked at meanwhile; what is wrong with it is said, and the scene
 /// that runs goes on.

@@ -99,8 +99,10 @@ void Window::start(const std::vector<std::string>& arguments) {
   child_ = child;
 }
 
-void Window::open(const std::string& scene) {
-  start({scene});
+void Window::open(const std::string& scene, bool watch) {
+  std::vector<std::string> words{scene};
+  if (watch) words.emplace_back("--watch");
+  start(words);
 }
 
 void Window::draw(const std::string& scene, const std::string& picture) {

@@ -26,8 +26,9 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
 
-  /// Starts the program on a scene. Throws Error.
-  void open(const std::string& scene);
+  /// Starts the program on a scene, which is drawn anew when its file changes where `watch` says
+  /// so. Throws Error.
+  void open(const std::string& scene, bool watch);
   /// Has a picture made of what was told last, and waits for it. Throws Error where there is none.
   void draw(const std::string& scene, const std::string& picture);
 

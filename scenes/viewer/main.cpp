@@ -6,10 +6,13 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <new>
+#include <optional>
 #include <sched.h>
 #include <string>
 #include <sys/resource.h>
+#include <system_error>
 #include <thread>
 #include <unistd.h>
 
@@ -64,6 +67,14 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
+/// As the loop's: nothing where it is not there.
+std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
+  std::error_code error;
+  const auto time = std::filesystem::last_write_time(file, error);
+  if (error) return std::nullopt;
+  return time;
+}
+
 /// Leaves the loop a core of its own. Once all is loaded: until then every core helps.
 void stepAside() {
   cpu_set_t cores;
@@ -89,9 +100,11 @@ int run(int argc, char** argv) {
   double most_memory = 0.0;
   view::ViewWindow::Options options;
   int live = -1;
+  bool watch = false;
   app.add_option("SCENE", scene)->required();
   app.add_option("--live", live, "Descriptor of the loop's memory")->required();
   app.add_option("--picture", picture, "Draw once, to a PNG");
+  app.add_flag("--watch", watch, "Draw the scene anew when its file has changed");
   // For tests.
   app.add_option("--told", told)->group("")->envname("PALPATE_VIEW_TOLD");
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
@@ -111,13 +124,22 @@ int run(int argc, char** argv) {
   takeNoMore(most_memory);
   view::needDisplay(!picture.empty());
   vtkObject::GlobalWarningDisplayOff();
-  const BuiltScene built = buildScene(openScene(scene));
-  view::Shapes shapes(built, !picture.empty());
+  const bool still = !picture.empty();
+  auto seen = writtenAt(scene);
+  auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+  if (watch) {
+    options.again = [&]() -> std::unique_ptr<view::Shapes> {
+      const auto now = writtenAt(scene);
+      if (now == seen) return nullptr;
+      seen = now;
+      return std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+    };
+  }
   options.offscreen = !picture.empty();
   if (options.offscreen) options.magnify = 2;
   const std::string title = fmt::format(
       "palpate: {}", cli::Legible(std::filesystem::path(scene).filename().string()).text());
-  view::ViewWindow window(share.block(), shapes, title, options);
+  view::ViewWindow window(share.block(), std::move(shapes), title, options);
   if (!picture.empty()) {
     window.draw(picture);
     if (!told.empty()) std::ofstream(told) << window.told().dump(2) << "\n";

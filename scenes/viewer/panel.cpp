@@ -237,8 +237,22 @@ void Panel::show(const Content& content, double height) {
   y -= 8.0;
   for (const Shapes::Entry& entry : content.legend) {
     if (y < 60.0) break;
-    quad(kMargin, y, kMargin + 10.0, y + 10.0, entry.colour);
-    text(kMargin + 18.0, y - 1.0, entry.name, 12, kFaint);
+    if (entry.high > entry.low) {
+      // Its scale, with the numbers at its ends.
+      constexpr int kSteps = 24;
+      constexpr double kWide = 60.0;
+      for (int i = 0; i < kSteps; ++i) {
+        const double share = (i + 0.5) / kSteps;
+        const Colour colour = entry.grey ? Colour{share, share, share} : onScale(share);
+        quad(kMargin + kWide * i / kSteps, y, kMargin + kWide * (i + 1) / kSteps, y + 10.0, colour);
+      }
+      text(kMargin + kWide + 8.0, y - 1.0,
+           fmt::format("{}: {:.3g} to {:.3g}, as in the file", entry.name, entry.low, entry.high),
+           12, kFaint);
+    } else {
+      quad(kMargin, y, kMargin + 10.0, y + 10.0, entry.colour);
+      text(kMargin + 18.0, y - 1.0, entry.name, 12, kFaint);
+    }
     y -= 18.0;
   }
   double low = 12.0;

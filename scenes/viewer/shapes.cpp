@@ -6,10 +6,12 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <tbb/parallel_for.h>
 #include <vtkActor.h>
 #include <vtkCellArray.h>
 #include <vtkColorTransferFunction.h>
 #include <vtkFixedPointVolumeRayCastMapper.h>
+#include <vtkFloatArray.h>
 #include <vtkFlyingEdges3D.h>
 #include <vtkImageShiftScale.h>
 #include <vtkLineSource.h>
@@ -24,7 +26,6 @@
 #include <vtkProperty.h>
 #include <vtkRegularPolygonSource.h>
 #include <vtkSphereSource.h>
-#include <vtkStreamTracer.h>
 #include <vtkVolume.h>
 #include <vtkVolumeProperty.h>
 
@@ -55,32 +56,8 @@ constexpr std::array<Colour, 5> kScale{{{0.00, 0.13, 0.30},
                                         {0.73, 0.66, 0.42},
                                         {1.00, 0.91, 0.27}}};
 
-Colour onScale(double share) {
-  const double at = std::clamp(share, 0.0, 1.0) * (kScale.size() - 1);
-  const auto i = std::min<std::size_t>(kScale.size() - 2, static_cast<std::size_t>(at));
-  Colour mixed;
-  for (std::size_t c = 0; c < 3; ++c) {
-    mixed[c] = kScale[i][c] + (at - static_cast<double>(i)) * (kScale[i + 1][c] - kScale[i][c]);
-  }
-  return mixed;
-}
-
 MotionPtr motionOf(const Graph& graph, int index) {
   return index < 0 ? nullptr : graph.motions[static_cast<std::size_t>(index)];
-}
-
-/// The values between which nearly all lie.
-std::pair<double, double> usual(vtkImageData& image) {
-  auto* values = static_cast<float*>(image.GetScalarPointer());
-  const vtkIdType count = image.GetNumberOfPoints();
-  std::vector<float> some;
-  for (vtkIdType i = 0; i < count; i += std::max<vtkIdType>(1, count / 50000)) {
-    some.push_back(values[i]);
-  }
-  std::sort(some.begin(), some.end());
-  const float low = some[some.size() / 50];
-  const float high = some[some.size() - 1 - some.size() / 200];
-  return {low, high > low ? high : low + 1.0F};
 }
 
 vtkSmartPointer<vtkActor> actorOf(vtkAlgorithmOutput* output) {
@@ -127,6 +104,16 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
 
 }  // namespace
 
+Colour onScale(double share) {
+  const double at = std::clamp(share, 0.0, 1.0) * (kScale.size() - 1);
+  const auto i = std::min<std::size_t>(kScale.size() - 2, static_cast<std::size_t>(at));
+  Colour mixed;
+  for (std::size_t c = 0; c < 3; ++c) {
+    mixed[c] = kScale[i][c] + (at - static_cast<double>(i)) * (kScale[i + 1][c] - kScale[i][c]);
+  }
+  return mixed;
+}
+
 Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine_(fine) {
   addGraph(built.scene->graph, fine);
   seeThrough();
@@ -137,6 +124,10 @@ Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine
   if (parts.size() > kMostParts) {
     notes_.push_back(
         fmt::format("of {} things {} are drawn; all are felt", parts.size(), kMostParts));
+  }
+  for (const auto& [name, field] : built.fields) {
+    const auto moved = built.motions.find(name);
+    volumes_.push_back({name, field, moved == built.motions.end() ? nullptr : moved->second});
   }
   auto outline = vtkSmartPointer<vtkOutlineSource>::New();
   const Vec3& a = bounds_.lower;
@@ -149,7 +140,7 @@ Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine
 }
 
 void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion) {
-  shapes_.push_back({std::move(prop), when, motion, -1, nullptr});
+  shapes_.push_back({std::move(prop), when, motion, false, -1, nullptr});
 }
 
 void Shapes::seeThrough() {
@@ -204,7 +195,7 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
     } else if (const int of = vectorFieldOfScalar(graph, scalar); of >= 0) {
       addCloud(graph, i, true, static_cast<std::size_t>(of), strength, scalar, name);
     } else if (const int along = vectorFieldOf(graph, vector); along >= 0) {
-      addStreams(graph, static_cast<std::size_t>(along), name);
+      addStreams(graph, static_cast<std::size_t>(along), Along::kValue, name);
     } else if (const int up = scalarFieldOfGradient(graph, vector); up >= 0) {
       addCloud(graph, i, false, static_cast<std::size_t>(up), strength, -2, name);
     }
@@ -226,7 +217,9 @@ void Shapes::addGraph(const Graph& graph, bool fine) {
     } else if (const auto* front = std::get_if<FrontShapeMode>(&mode)) {
       draw(i, -1, front->vector, front->strength, name);
     } else if (const auto* tube = std::get_if<VortexTubeMode>(&mode)) {
-      draw(i, -1, tube->vector, tube->strength, name);
+      if (const int of = vectorFieldOf(graph, tube->curl); of >= 0) {
+        addStreams(graph, static_cast<std::size_t>(of), Along::kCurl, name);
+      }
     } else if (const auto* guide = std::get_if<GuideMode>(&mode)) {
       addGuide(*guide, motionOf(graph, graph.mode_motions[i]), name);
     }
@@ -261,6 +254,7 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     look->SetSpecular(0.15);
     look->SetSpecularPower(20.0);
     add(actor, when, motion);
+    shapes_.back().body = true;
     if (!motion) shapes_.back().surface = static_cast<int>(surfaces_);
     return true;
   };
@@ -290,7 +284,7 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
     notes_.push_back(name + ": not drawn, a third cloud would hide the others");
     return;
   }
-  const auto image = of_vector ? sampled(*graph.vector_fields[field], kCloudPoints)
+  const auto image = of_vector ? sampled(*graph.vector_fields[field], Along::kValue, kCloudPoints)
                                : sampled(*graph.scalar_fields[field], kCloudPoints);
   const auto [low, high] = usual(*image);
   // As 16 bits, which the mapper takes.
@@ -342,72 +336,76 @@ void Shapes::addCloud(const Graph& graph, std::size_t mode, bool of_vector, std:
   volume->SetProperty(look);
   const int motion = of_vector ? graph.vector_motions[field] : graph.scalar_motions[field];
   add(volume, When::kAlways, motionOf(graph, motion));
+  shapes_.back().body = true;
   ++clouds_;
-  legend_.push_back({name, onScale(0.8)});
+  legend_.push_back({name, onScale(0.8), low, high});
 }
 
-void Shapes::addStreams(const Graph& graph, std::size_t field, const std::string& name) {
+void Shapes::addStreams(const Graph& graph, std::size_t field, Along along,
+                        const std::string& name) {
   const VectorField& of = *graph.vector_fields[field];
-  const std::string key = fmt::format("streams {}", of.id());
+  const std::string key = fmt::format("streams {} {}", of.id(), static_cast<int>(along));
   if (std::find(known_.begin(), known_.end(), key) != known_.end()) {
     legend_.push_back({name, onScale(0.8)});
     return;
   }
   known_.push_back(key);
-  const auto image = sampled(of, kStreamPoints);
+  const auto image = sampled(of, along, kStreamPoints);
   const auto [low, high] = usual(*image);
-  // Directions alone may be axes: their signs are nobody's, and no lattice can be followed.
-  constexpr double kUnit = 1e-3;
-  if (std::abs(high - 1.0) < kUnit && (std::abs(low - 1.0) < kUnit || std::abs(low) < kUnit)) {
-    notes_.push_back(name + ": directions alone, not drawn");
-    return;
-  }
-  // Seeds where something flows, the same in every run.
-  constexpr int kSeeds = 160;
-  auto seeds = vtkSmartPointer<vtkPolyData>::New();
-  auto points = vtkSmartPointer<vtkPoints>::New();
+  // Seeds where something flows, the same in every run; of vortices where they turn most.
+  const bool core = along == Along::kCurl;
+  const int seeds = core ? 60 : 160;
+  const double least = (core ? 0.5 : 0.1) * high;
+  std::vector<Vec3> from;
   std::mt19937 random(7);  // NOLINT(cert-msc51-cpp): a picture is the same twice
   const auto* sizes = static_cast<float*>(image->GetPointData()->GetScalars()->GetVoidPointer(0));
-  const vtkIdType count = image->GetNumberOfPoints();
-  for (int i = 0; i < 50 * kSeeds && points->GetNumberOfPoints() < kSeeds; ++i) {
-    const auto at = static_cast<vtkIdType>(random() % static_cast<std::uint64_t>(count));
-    if (sizes[at] > low + 0.1 * (high - low)) points->InsertNextPoint(image->GetPoint(at));
+  const auto count = static_cast<std::uint64_t>(image->GetNumberOfPoints());
+  for (int i = 0; i < 500 * seeds && from.size() < static_cast<std::size_t>(seeds); ++i) {
+    const auto at = static_cast<vtkIdType>(random() % count);
+    if (sizes[at] > least) from.emplace_back(image->GetPoint(at));
   }
-  if (points->GetNumberOfPoints() == 0) {
+  std::vector<std::vector<Vec3>> lines(from.size());
+  const double length = 0.35 * of.frame().bounds.size().maxCoeff();
+  tbb::parallel_for(std::size_t{0}, from.size(),
+                    [&](std::size_t i) { lines[i] = lineThrough(of, along, from[i], length); });
+  auto points = vtkSmartPointer<vtkPoints>::New();
+  auto cells = vtkSmartPointer<vtkCellArray>::New();
+  auto values = vtkSmartPointer<vtkFloatArray>::New();
+  FieldCache cache;
+  of.reset(cache);
+  for (const auto& line : lines) {
+    if (line.size() < 2) continue;
+    cells->InsertNextCell(static_cast<int>(line.size()));
+    for (const Vec3& p : line) {
+      cells->InsertCellPoint(points->InsertNextPoint(p.data()));
+      values->InsertNextValue(static_cast<float>(vectorAt(of, along, p, cache).norm()));
+    }
+  }
+  if (cells->GetNumberOfCells() == 0) {
     notes_.push_back(name + ": nothing flows, no streams are drawn");
     return;
   }
-  seeds->SetPoints(points);
-  auto tracer = vtkSmartPointer<vtkStreamTracer>::New();
-  tracer->SetInputData(image);
-  tracer->SetSourceData(seeds);
-  tracer->SetIntegratorTypeToRungeKutta4();
-  tracer->SetIntegrationDirectionToBoth();
-  tracer->SetInitialIntegrationStep(0.5);
-  tracer->SetMaximumPropagation(0.7 * of.frame().bounds.size().maxCoeff());
-  tracer->SetComputeVorticity(false);
-  tracer->Update();
+  auto data = vtkSmartPointer<vtkPolyData>::New();
+  data->SetPoints(points);
+  data->SetLines(cells);
+  data->GetPointData()->SetScalars(values);
   auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
-  auto kept = vtkSmartPointer<vtkPolyData>::New();
-  kept->ShallowCopy(tracer->GetOutput());
-  mapper->SetInputData(kept);
+  mapper->SetInputData(data);
   auto table = vtkSmartPointer<vtkLookupTable>::New();
   constexpr int kColours = 64;
   table->SetNumberOfTableValues(kColours);
   for (int i = 0; i < kColours; ++i) {
-    const Colour colour = onScale(0.15 + 0.85 * i / (kColours - 1));
+    const Colour colour = onScale(static_cast<double>(i) / (kColours - 1));
     table->SetTableValue(i, colour[0], colour[1], colour[2]);
   }
   mapper->SetLookupTable(table);
-  mapper->SetScalarModeToUsePointFieldData();
-  mapper->SelectColorArray("value");
   mapper->SetScalarRange(low, high);
   auto actor = vtkSmartPointer<vtkActor>::New();
   actor->SetMapper(mapper);
-  actor->GetProperty()->SetLineWidth(1.5F);
+  actor->GetProperty()->SetLineWidth(core ? 3.0F : 1.5F);
   actor->GetProperty()->LightingOff();
   add(actor, When::kAlways, motionOf(graph, graph.vector_motions[field]));
-  legend_.push_back({name, onScale(0.8)});
+  legend_.push_back({name, onScale(0.8), low, high});
 }
 
 void Shapes::addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name) {
@@ -452,8 +450,10 @@ void Shapes::addTo(vtkRenderer& solid, vtkRenderer& through) const {
 
 void Shapes::detail(int step) {
   for (const Shape& shape : shapes_) {
-    if (shape.when != When::kAlways) {
-      const bool on = (shape.when == When::kCoarse) == (step == kCoarsest);
+    if (shape.when != When::kAlways || shape.body) {
+      const bool asked =
+          shape.when == When::kAlways || (shape.when == When::kCoarse) == (step == kCoarsest);
+      const bool on = asked && (bodies_ || !shape.body);
       shape.prop->SetVisibility(on);
       if (shape.depths) shape.depths->SetVisibility(on);
     }
@@ -462,6 +462,10 @@ void Shapes::detail(int step) {
       mapper->SetImageSampleDistance(static_cast<float>(step));
     }
   }
+}
+
+void Shapes::showBodies(bool on) {
+  bodies_ = on;
 }
 
 void Shapes::moveTo(double time) {

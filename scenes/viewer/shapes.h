@@ -10,6 +10,7 @@
 #include <vtkSmartPointer.h>
 
 #include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/viewer/streams.h"
 
 namespace palpate::view {
 
@@ -23,6 +24,9 @@ inline constexpr Colour kIdle{0.55, 0.55, 0.55};
 inline constexpr Colour kProbe{0.90, 0.62, 0.00};
 inline constexpr Colour kProxy{0.34, 0.71, 0.91};
 inline constexpr Colour kForce{0.80, 0.47, 0.65};
+
+/// A share of what is shown, 0 to 1, as a colour that every eye finds lighter the more it is.
+[[nodiscard]] Colour onScale(double share);
 
 /// Draws each field as the modes that are made of it: a surface for an isosurface, a cloud as dense
 /// as a strength, streams along a vector, guides as they are. What moves is drawn where it is.
@@ -49,10 +53,23 @@ class Shapes {
 
   /// What is drawn, for the panel.
   struct Entry {
-    std::string name;  ///< The mode's.
+    std::string name;  ///< The mode's, or the volume's.
     Colour colour;
+    double low = 0.0;   ///< In the data's unit: what is darkest,
+    double high = 0.0;  ///< and lightest; not more than `low`: of one colour.
+    bool grey = false;  ///< Of slices.
   };
   [[nodiscard]] const std::vector<Entry>& legend() const noexcept { return legend_; }
+  /// A volume, as it is read.
+  struct Volume {
+    std::string name;
+    FieldPtr field;
+    MotionPtr motion;
+  };
+  /// All of them.
+  [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
+  /// Surfaces and clouds, which hide slices.
+  void showBodies(bool on);
   /// What was left out, a line each.
   [[nodiscard]] const std::vector<std::string>& notes() const noexcept { return notes_; }
 
@@ -62,6 +79,7 @@ class Shapes {
     vtkSmartPointer<vtkProp3D> prop;
     When when = When::kAlways;
     MotionPtr motion;
+    bool body = false;
     int surface = -1;                   ///< Its number, of a surface that does not move.
     vtkSmartPointer<vtkProp3D> depths;  ///< Of one that is seen through.
   };
@@ -70,7 +88,7 @@ class Shapes {
                   bool fine);
   void addCloud(const Graph& graph, std::size_t mode, bool of_vector, std::size_t field,
                 const Transfer& strength, int own, const std::string& name);
-  void addStreams(const Graph& graph, std::size_t field, const std::string& name);
+  void addStreams(const Graph& graph, std::size_t field, Along along, const std::string& name);
   void addGuide(const GuideMode& guide, const MotionPtr& motion, const std::string& name);
   void add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion);
   /// Lets see through what has another surface in it.
@@ -78,12 +96,14 @@ class Shapes {
 
   std::vector<Shape> shapes_;
   std::vector<Entry> legend_;
+  std::vector<Volume> volumes_;
   std::vector<std::string> notes_;
   std::vector<std::string> known_;  ///< Each drawn once.
   std::size_t surfaces_ = 0;
   std::size_t clouds_ = 0;
   Box bounds_;
   bool fine_ = false;
+  bool bodies_ = true;
 };
 
 }  // namespace palpate::view

@@ -6,14 +6,19 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <tuple>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
+#include <vtkActor.h>
 #include <vtkCallbackCommand.h>
 #include <vtkCamera.h>
+#include <vtkCellArray.h>
 #include <vtkCommand.h>
 #include <vtkOpenGLState.h>
 #include <vtkPNGWriter.h>
+#include <vtkPolyDataMapper.h>
+#include <vtkProperty.h>
 #include <vtkTextProperty.h>
 #include <vtkUnsignedCharArray.h>
 #include <vtkWindowToImageFilter.h>
@@ -21,6 +26,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/viewer/sampled.h"
 
 namespace palpate::view {
 namespace {
@@ -32,6 +38,7 @@ constexpr double kSpan = 2.0;         // of the strips [s]
 constexpr double kStalled = 0.5;      // [s] without a tick
 constexpr double kSettled = 0.25;     // of a camera, until the backdrop is refined [s]
 constexpr double kMoving = 0.2;       // [s] between two backdrops of a scene that moves
+constexpr double kNowhere = 1e9;      // [m]
 constexpr double kGhost = 0.35;
 constexpr double kDial = 1.25;
 constexpr double kMostDial = 8.0;
@@ -51,7 +58,8 @@ const char* const kHelp =
     "left button: turn    middle: shift    right: zoom\n"
     "1-9, up, down: choose a mode    o: off, on    + -: strength\n"
     "Esc: force off    Enter: on again\n"
-    "r, v: camera    space: record (not yet)    ?: keys    q: close";
+    "s: slices through the proxy    r, v: camera\n"
+    "space: record (not yet)    ?: keys    q: close";
 
 template <class Call>
 void observe(vtkObject& of, unsigned long event, Call call) {
@@ -101,10 +109,10 @@ class ViewWindow::Events {
   }
 };
 
-ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& title,
+ViewWindow::ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const std::string& title,
                        const Options& options)
     : block_(block),
-      shapes_(shapes),
+      shapes_(std::move(shapes)),
       options_(options),
       window_(vtkSmartPointer<vtkOpenGLRenderWindow>::Take(
           vtkOpenGLRenderWindow::SafeDownCast(vtkRenderWindow::New()))),
@@ -140,17 +148,12 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   window_->AddRenderer(side_);
   layOut();
 
-  const double size = std::max(1e-6, shapes_.bounds().size().maxCoeff());
-  shapes_.addTo(*scene_, *through_);
-  overlay_.emplace(*restored_, size, 1.0);
-  ghost_.emplace(*hidden_, size, kGhost);
   panel_.emplace(*side_, options.magnify);
   newtons_ = vtkSmartPointer<vtkTextActor>::New();
   newtons_->GetTextProperty()->SetFontSize(15 * options.magnify);
   newtons_->GetTextProperty()->SetBold(1);
   newtons_->GetTextProperty()->SetColor(kForce[0], kForce[1], kForce[2]);
   newtons_->GetTextProperty()->SetShadow(1);
-  hidden_->AddActor2D(newtons_);
   help_ = vtkSmartPointer<vtkTextActor>::New();
   help_->SetInput(kHelp);
   help_->SetPosition(14.0, 14.0);
@@ -158,7 +161,7 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   help_->GetTextProperty()->SetColor(0.92, 0.92, 0.92);
   help_->GetTextProperty()->SetShadow(1);
   help_->VisibilityOff();
-  hidden_->AddActor2D(help_);
+  furnish();
 
   // What is hidden passes where what is in front of it was drawn before.
   observe(*hidden_, vtkCommand::StartEvent,
@@ -175,12 +178,118 @@ ViewWindow::ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& titl
   resetCamera();
 }
 
+void ViewWindow::furnish() {
+  for (auto& renderer : {scene_, through_, restored_, hidden_}) renderer->RemoveAllViewProps();
+  const double size = std::max(1e-6, shapes_->bounds().size().maxCoeff());
+  shapes_->addTo(*scene_, *through_);
+  overlay_.emplace(*restored_, size, 1.0);
+  ghost_.emplace(*hidden_, size, kGhost);
+  slices_.emplace(*scene_);
+  stream_ = vtkSmartPointer<vtkPolyData>::New();
+  auto mapper = vtkSmartPointer<vtkPolyDataMapper>::New();
+  mapper->SetInputData(stream_);
+  auto actor = vtkSmartPointer<vtkActor>::New();
+  actor->SetMapper(mapper);
+  actor->GetProperty()->SetColor(1.0, 1.0, 1.0);
+  actor->GetProperty()->SetLineWidth(static_cast<float>(3 * options_.magnify));
+  actor->GetProperty()->LightingOff();
+  restored_->AddActor(actor);
+  hidden_->AddActor2D(newtons_);
+  hidden_->AddActor2D(help_);
+  sliced_.reset();
+  stale_ = true;
+}
+
+void ViewWindow::follow(const LiveScene& modes) {
+  // Dials are their modes', wherever these now are.
+  std::map<std::string, std::pair<float, float>> dials;
+  for (std::size_t i = 0; i < std::min<std::size_t>(modes_.mode_count, kLiveModes); ++i) {
+    const auto source = static_cast<std::size_t>(modes_.modes[i].source);
+    if (source < kLiveModes) {
+      dials[modes_.modes[i].name.data()] = {wishes_.dials[source], before_off_[source]};
+    }
+  }
+  wishes_.dials.fill(1.0F);
+  before_off_.fill(1.0F);
+  for (std::size_t i = 0; i < std::min<std::size_t>(modes.mode_count, kLiveModes); ++i) {
+    const auto source = static_cast<std::size_t>(modes.modes[i].source);
+    const auto dial = dials.find(modes.modes[i].name.data());
+    if (source >= kLiveModes || dial == dials.end()) continue;
+    std::tie(wishes_.dials[source], before_off_[source]) = dial->second;
+  }
+  modes_ = modes;
+  if (!options_.again) return;
+  try {
+    auto shapes = options_.again();
+    if (!shapes) return;
+    const Box before = shapes_->bounds();
+    shapes_ = std::move(shapes);
+    furnish();
+    if (before.lower != shapes_->bounds().lower || before.upper != shapes_->bounds().upper) {
+      resetCamera();
+    }
+  } catch (const Error& e) {
+    message_ = e.what();
+    message_until_ = Clock::now() + std::chrono::seconds(10);
+  }
+}
+
+void ViewWindow::slice() {
+  const auto& volumes = shapes_->volumes();
+  std::size_t next = sliced_ ? *sliced_ + 1 : 0;
+  while (next < volumes.size() && volumes[next].field.index() != 0) ++next;
+  if (next >= volumes.size()) {
+    if (!sliced_) {
+      message_ = "there is no scalar volume to slice";
+      message_until_ = Clock::now() + std::chrono::seconds(3);
+    }
+    sliced_.reset();
+    slices_->hide();
+  } else {
+    constexpr int kPoints = 48;
+    sliced_ = next;
+    grey_ = usual(*sampled(*std::get<0>(volumes[next].field), kPoints));
+  }
+  shapes_->showBodies(!sliced_);
+  sliced_at_.setConstant(kNowhere);
+  stale_ = true;
+}
+
+void ViewWindow::drawSlices() {
+  const Vec3 proxy(tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]);
+  const double least = 0.003 * shapes_->bounds().size().maxCoeff();
+  if ((proxy - sliced_at_).norm() < least) return;
+  bool drawn = false;
+  auto points = vtkSmartPointer<vtkPoints>::New();
+  auto cells = vtkSmartPointer<vtkCellArray>::New();
+  const auto& volumes = shapes_->volumes();
+  for (std::size_t i = 0; i < volumes.size(); ++i) {
+    const Pose pose = volumes[i].motion ? volumes[i].motion->poseAt(tick_.time) : Pose{};
+    if (sliced_ == i) {
+      slices_->show(*std::get<0>(volumes[i].field), pose, proxy, grey_.first, grey_.second);
+      drawn = true;
+    }
+    const auto* flow = std::get_if<std::shared_ptr<const VectorField>>(&volumes[i].field);
+    if (flow == nullptr) continue;
+    const auto line = lineThrough(**flow, Along::kValue, pose.toRest(proxy),
+                                  0.7 * (*flow)->frame().bounds.size().maxCoeff());
+    if (line.empty()) continue;
+    cells->InsertNextCell(static_cast<int>(line.size()));
+    for (const Vec3& p : line) cells->InsertCellPoint(points->InsertNextPoint(pose(p).data()));
+  }
+  stale_ = stale_ || drawn;
+  stream_->SetPoints(points);
+  stream_->SetLines(cells);
+  stream_->Modified();
+  sliced_at_ = proxy;
+}
+
 ViewWindow::~ViewWindow() {
   backdrop_.release(*window_);
 }
 
 void ViewWindow::resetCamera() {
-  const Box& box = shapes_.bounds();
+  const Box& box = shapes_->bounds();
   const Vec3 centre = box.centre();
   const double size = std::max(1e-6, box.size().norm());
   vtkCamera& camera = *scene_->GetActiveCamera();
@@ -221,7 +330,7 @@ bool ViewWindow::refresh() {
     fresh = false;
   }
   LiveScene modes;
-  if (block_.scene.read(modes) && modes.id != modes_.id) modes_ = modes;
+  if (block_.scene.read(modes) && modes.id != modes_.id) follow(modes);
   const std::int64_t newest = block_.newest.load(std::memory_order_acquire);
   const std::int64_t oldest = newest - static_cast<std::int64_t>(kLiveRows) + 64;
   std::int64_t next = rows_.empty() ? oldest : rows_.back().tick + 1;
@@ -263,7 +372,11 @@ Area ViewWindow::drawnOver() const {
   // What is faint is where what is not is.
   const Vec3 eye(scene_->GetActiveCamera()->GetPosition());
   const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
-  for (const auto& box : overlay_->seen()) {
+  auto boxes = overlay_->seen();
+  if (stream_->GetNumberOfLines() > 0) {
+    std::copy_n(stream_->GetBounds(), 6, boxes.emplace_back().begin());
+  }
+  for (const auto& box : boxes) {
     for (int corner = 0; corner < 8; ++corner) {
       const Vec3 p(box[corner & 1], box[2 + ((corner >> 1) & 1)], box[4 + ((corner >> 2) & 1)]);
       if ((p - eye).dot(along) < 1e-6) return all;
@@ -282,8 +395,8 @@ Area ViewWindow::drawnOver() const {
 void ViewWindow::drawBackdrop(int detail) {
   const double before = cpu();
   const auto start = Clock::now();
-  shapes_.detail(detail);
-  if (shapes_.moves()) shapes_.moveTo(tick_.time);
+  shapes_->detail(detail);
+  if (shapes_->moves()) shapes_->moveTo(tick_.time);
   scene_->ResetCameraClippingRange();
   for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
   for (auto& renderer : {scene_, through_}) renderer->DrawOn();
@@ -323,7 +436,7 @@ void ViewWindow::drawFrame() {
 }
 
 std::vector<std::string> ViewWindow::notes() const {
-  std::vector<std::string> notes = shapes_.notes();
+  std::vector<std::string> notes = shapes_->notes();
   if (detail_ >= Shapes::kCoarsest) {
     notes.emplace_back("drawn coarsely, to be in time");
   } else if (detail_ > 1) {
@@ -338,7 +451,12 @@ void ViewWindow::fillPanel() {
   content.bars = bars_;
   content.selected = selected_;
   content.rows = rows_;
-  content.legend = shapes_.legend();
+  content.legend = shapes_->legend();
+  if (sliced_) {
+    content.legend.insert(
+        content.legend.begin(),
+        {"slices of " + shapes_->volumes()[*sliced_].name, {}, grey_.first, grey_.second, true});
+  }
   content.status = statusOf(tick_);
   if (stalled_ && !over_) {
     content.status = {"THE LOOP HAS STOPPED", "no tick for half a second: see its terminal"};
@@ -368,17 +486,19 @@ void ViewWindow::frame() {
   // The loop comes first: fewer frames while it is late.
   const bool sparing = tick_.late_ticks > late;
   if (sparing) rest_since_ = Clock::now();
-  stale_ = stale_ || (shapes_.moves() && secondsSince(rest_since_) > kMoving);
+  stale_ = stale_ || (shapes_->moves() && secondsSince(rest_since_) > kMoving);
   const double before_backdrop = cpu();
+  const bool due = secondsSince(panel_at_) > kPanelEvery;
+  if (due) drawSlices();
   if (stale_) {
     drawBackdrop(Shapes::kCoarsest);
     rest_since_ = Clock::now();
-  } else if (drawn_ > detail_ && !shapes_.moves() && turning_ == 0 &&
+  } else if (drawn_ > detail_ && !shapes_->moves() && turning_ == 0 &&
              secondsSince(rest_since_) > kSettled) {
     drawBackdrop(detail_);
   }
   const double backdrop = cpu() - before_backdrop;
-  if (secondsSince(panel_at_) > kPanelEvery) fillPanel();
+  if (due) fillPanel();
   drawFrame();
   const double cost = cpu() - before - backdrop;
   if (frame_costs_.size() < kCosts) frame_costs_.resize(frame_costs_.size() + 1);
@@ -428,6 +548,8 @@ void ViewWindow::key(const std::string& name) {
     stale_ = true;
   } else if (name == "question") {
     help_->SetVisibility(help_->GetVisibility() == 0 ? 1 : 0);
+  } else if (name == "s") {
+    slice();
   } else if (name == "space") {
     message_ = "recording is not in this version";
     message_until_ = Clock::now() + std::chrono::seconds(3);
@@ -495,7 +617,7 @@ void ViewWindow::move(int x, int y) {
 void ViewWindow::wheel(double steps) {
   if (!hand_known_) return;
   const Vec3 along(scene_->GetActiveCamera()->GetDirectionOfProjection());
-  hand_ += steps * 0.01 * shapes_.bounds().size().maxCoeff() * along;
+  hand_ += steps * 0.01 * shapes_->bounds().size().maxCoeff() * along;
   block_.hand.write({{hand_.x(), hand_.y(), hand_.z()}});
 }
 
@@ -518,7 +640,7 @@ Told ViewWindow::told() const {
   told["pixels"]["probe"] = pixel({tick_.probe[0], tick_.probe[1], tick_.probe[2]});
   told["pixels"]["proxy"] = pixel({tick_.proxy[0], tick_.proxy[1], tick_.proxy[2]});
   told["pixels"]["tip"] = pixel(overlay_->tip());
-  told["pixels"]["centre"] = pixel(shapes_.bounds().centre());
+  told["pixels"]["centre"] = pixel(shapes_->bounds().centre());
   told["bars"] = Told::array();
   for (const Bar& bar : bars_) {
     told["bars"].push_back({{"name", bar.name},
@@ -546,6 +668,9 @@ Told ViewWindow::told() const {
        {std::pair{"coarse_ms", coarse_cost_}, std::pair{"refined_ms", refined_cost_}}) {
     told[name] = {{"cpu", 1e3 * cost.cpu}, {"wall", 1e3 * cost.wall}};
   }
+  told["sliced"] = sliced_ ? shapes_->volumes()[*sliced_].name : "";
+  told["legend"] = Told::array();
+  for (const auto& entry : shapes_->legend()) told["legend"].push_back(entry.name);
   told["notes"] = notes();
   return told;
 }
@@ -554,8 +679,9 @@ void ViewWindow::draw(const std::string& file) {
   (void)refresh();
   stalled_ = false;
   over_ = false;
-  shapes_.detail(1);
-  if (shapes_.moves()) shapes_.moveTo(tick_.time);
+  drawSlices();
+  shapes_->detail(1);
+  if (shapes_->moves()) shapes_->moveTo(tick_.time);
   scene_->ResetCameraClippingRange();
   help_->VisibilityOff();
   fillPanel();

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +11,7 @@
 
 #include <nlohmann/json.hpp>
 #include <vtkOpenGLRenderWindow.h>
+#include <vtkPolyData.h>
 #include <vtkRenderWindowInteractor.h>
 #include <vtkRenderer.h>
 #include <vtkSmartPointer.h>
@@ -20,6 +22,7 @@
 #include "palpate/scenes/viewer/overlay.h"
 #include "palpate/scenes/viewer/panel.h"
 #include "palpate/scenes/viewer/shapes.h"
+#include "palpate/scenes/viewer/slices.h"
 
 namespace palpate::view {
 
@@ -35,8 +38,12 @@ class ViewWindow {
     bool offscreen = false;
     int magnify = 1;         ///< Of a picture: as many times as many pixels each way.
     double patience = 0.75;  ///< For a refined backdrop, else it is drawn coarser [s].
+    /// With a new scene of the loop's: what there is to see then, or nothing where its file is as
+    /// it was. Throws Error.
+    std::function<std::unique_ptr<Shapes>()> again;
   };
-  ViewWindow(LiveBlock& block, Shapes& shapes, const std::string& title, const Options& options);
+  ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const std::string& title,
+             const Options& options);
   ~ViewWindow();
   ViewWindow(const ViewWindow&) = delete;
   ViewWindow& operator=(const ViewWindow&) = delete;
@@ -60,8 +67,12 @@ class ViewWindow {
   void drawFrame();
   void fillPanel();
   [[nodiscard]] std::vector<std::string> notes() const;  ///< What the picture is not.
-  void layOut();  ///< Panel and picture, by the window's size.
-  void wish();    ///< Tells the loop what is wished for.
+  void layOut();                        ///< Panel and picture, by the window's size.
+  void furnish();                       ///< Puts all that is drawn into its layers.
+  void follow(const LiveScene& modes);  ///< Takes a new scene of the loop's.
+  void drawSlices();                    ///< Through the proxy, and the streams through it.
+  void slice();                         ///< The next volume that has slices, or none.
+  void wish();                          ///< Tells the loop what is wished for.
   void write(const std::string& picture, bool rendered);
   void tell(const std::string& shot, const std::string& told_file);
   [[nodiscard]] std::array<double, 2> onScreen(const Vec3& p) const;
@@ -75,7 +86,7 @@ class ViewWindow {
   void dial(double factor);
 
   LiveBlock& block_;
-  Shapes& shapes_;
+  std::unique_ptr<Shapes> shapes_;
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;
   vtkSmartPointer<vtkRenderer> scene_;     ///< The backdrop.
@@ -88,6 +99,11 @@ class ViewWindow {
   std::optional<Overlay> overlay_;
   std::optional<Overlay> ghost_;
   std::optional<Panel> panel_;
+  std::optional<Slices> slices_;
+  vtkSmartPointer<vtkPolyData> stream_;  ///< Through the proxy.
+  std::optional<std::size_t> sliced_;    ///< Of Shapes::volumes.
+  std::pair<double, double> grey_;       ///< Values of its black and white.
+  Vec3 sliced_at_ = Vec3::Zero();        ///< Where slices and streams go through [m].
   vtkSmartPointer<vtkTextActor> newtons_;
   vtkSmartPointer<vtkTextActor> help_;
   KeptImage backdrop_;

@@ -157,6 +157,37 @@ class Still(Case):
         self.assertEqual(struct.unpack(">IIB", png[at + 4:at + 13]), (11811, 11811, 1))
         self.assertEqual(struct.unpack(">I", png[at + 13:at + 17])[0], zlib.crc32(png[at:at + 13]))
 
+    def test_a_bare_volume_is_drawn(self):
+        self.scene = self.dir / "ball.vdb"
+        self.still("--seconds", "0.1", "--picture", "still.png")
+        told = self.told()
+        x, y = told["pixels"]["centre"][0], told["size"][1] - 1 - told["pixels"]["centre"][1]
+        image = imread(self.dir / "still.png")
+        self.assertGreater(image[round(y), round(x), :3].mean() - image[round(y), 20, :3].mean(), 0.1)
+        self.assertTrue(told["bars"])
+
+    def test_axes_and_cores_of_vortices_are_drawn(self):
+        for made, modes, colours in (
+                ("fibres", [{"name": "fibres", "mode": "follow", "of": "field", "strength": 1}], 200),
+                ("wind-tunnel", [{"name": "cores", "mode": "vortex_tube", "of": "field", "strength": 1}], 200)):
+            with self.subTest(made=made):
+                grid = {"fibres": "direction", "wind-tunnel": "velocity"}[made]
+                coarse = {"fibres": "3", "wind-tunnel": "0.02"}[made]
+                subprocess.run([PALPATE, "make", made, "made.vdb", "--voxel", coarse], cwd=self.dir,
+                               check=True, capture_output=True)
+                volume = {"file": "made.vdb", "grid": grid, "place": {"fit": 0.1}}
+                if made == "fibres":
+                    volume["axial"] = True
+                self.scene.write_text(json.dumps({"palpate": 1, "volumes": {"field": volume}, "modes": modes}),
+                                      encoding="utf-8")
+                self.still("--seconds", "0.1", "--picture", "still.png")
+                told = self.told()
+                self.assertEqual(told["legend"], [modes[0]["name"]])
+                image = imread(self.dir / "still.png")[:, :1300, :3]
+                # Lines of the scale's light end are yellow, which nothing else is.
+                yellow = (image[..., 0] > 0.6) & (image[..., 1] > 0.5) & (image[..., 2] < 0.5)
+                self.assertGreater(int(yellow.sum()), colours)
+
     def test_what_cannot_be_drawn_leaves_nothing(self):
         done = self.still("--picture", "still.gif", status=2)
         self.assertRegex(done.stderr, r"^palpate: .*still\.gif: it is not named \.png: .*\n$")
@@ -293,6 +324,48 @@ class Live(Case):
         self.until("the first view", lambda t: math.dist(t["pixels"]["centre"], before) < 2)
         image = imread(self.shot_file)
         self.assertGreater(image[..., :3].std(), 0.05)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_slices_go_through_the_proxy(self):
+        feel = self.start("--seconds", str(PATIENCE))
+        window = self.window()
+        self.until("a fine backdrop", lambda told: not told["coarse"])
+
+        def grey(image):
+            """Nearly black and nearly white, of no hue, in the picture."""
+            part = image[:, :640, :3]
+            plain = part.max(axis=2) - part.min(axis=2) < 0.02
+            return int((plain & (part.mean(axis=2) < 0.05)).sum()), int((plain & (part.mean(axis=2) > 0.9)).sum())
+
+        self.until_shown("a ball", lambda image: grey(image)[1] < 500)
+        self.do("key", "--window", window, "s")
+        self.until("slices", lambda told: told["sliced"] == "ball")
+        self.until_shown("slices", lambda image: grey(image)[0] > 100 and grey(image)[1] > 5000)
+        self.do("key", "--window", window, "s")
+        self.until("none", lambda told: told["sliced"] == "")
+        self.until_shown("no slices", lambda image: grey(image)[1] < 500)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_an_edited_scene_is_drawn_and_keeps_its_dials(self):
+        feel = self.start("--seconds", str(PATIENCE), "--watch")
+        window = self.window()
+        self.do("key", "--window", window, "o")
+        self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
+        scene = json.loads(json.dumps(SCENE))
+        scene["modes"].insert(0, {"name": "core", "mode": "isosurface", "of": "ball", "value": -0.25,
+                                  "solid": "below", "strength": 2})
+        partial = self.dir / "partial.json"
+        partial.write_text(json.dumps(scene), encoding="utf-8")
+        partial.rename(self.scene)
+        told = self.until("the new scene", lambda t: len(t["bars"]) == 3 and "core" in t["legend"])
+        self.assertEqual([(bar["name"], bar["dial"]) for bar in told["bars"]],
+                         [("core", 1), ("skin", 0), ("pin", 1)])
+        # And on again, by its own number.
+        self.do("key", "--window", window, "2")
+        self.do("key", "--window", window, "o")
+        self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
 
