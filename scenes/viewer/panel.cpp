@@ -23,6 +23,12 @@ constexpr Colour kTrack{0.22, 0.24, 0.27};
 constexpr double kMargin = 14.0;
 constexpr double kInner = Panel::kWidth - 2.0 * kMargin;
 
+/// With three digits, and never with a power of ten.
+std::string brief(double value) {
+  const double size = std::abs(value);
+  return size < 1e-3 || size >= 100.0 ? fmt::format("{:.0f}", value) : fmt::format("{:.3g}", value);
+}
+
 /// What to do about a tick that did not arrive.
 const char* adviceFor(StepStatus status) {
   switch (status) {
@@ -83,8 +89,9 @@ std::vector<std::string> statusOf(const LiveTick& tick) {
     lines.emplace_back("Enter lets it out again");
     return lines;
   }
-  lines.push_back(
-      fmt::format("{}, within {:.2g} um", wordFor(tick.status), 1e6 * tick.error_bound));
+  constexpr double kFinest = 1e-3;  // [um]
+  lines.push_back(fmt::format("{}, within {} um", wordFor(tick.status),
+                              brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
   if (tick.limited) lines.emplace_back("held back by the device's limits");
   if (tick.late_ticks > 0) lines.push_back(fmt::format("{} late ticks", tick.late_ticks));
@@ -156,11 +163,11 @@ double Panel::strip(double top, const std::string& title, const std::vector<Live
   quad(kMargin, bottom, kMargin + kInner, bottom + kHeight, kTrack);
   double most = 0.0;
   for (const LiveRow& row : rows) most = std::max(most, scale * static_cast<double>(row.*value));
-  text(
-      kMargin, top - kTitle + 4.0,
-      fmt::format("{}: {:.3g} {}, at most {:.3g}", title,
-                  rows.empty() ? 0.0 : scale * static_cast<double>(rows.back().*value), unit, most),
-      12, kFaint);
+  text(kMargin, top - kTitle + 4.0,
+       fmt::format("{}: {} {}, at most {}", title,
+                   brief(rows.empty() ? 0.0 : scale * static_cast<double>(rows.back().*value)),
+                   unit, brief(most)),
+       12, kFaint);
   if (rows.size() < 2) return bottom - 10.0;
   // Of each column the highest: a peak is not to be missed.
   std::array<double, kColumns> columns{};
