@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kSlowest = 10.0;  // [Hz]: at three periods the tick is late
 constexpr double kFastest = 1e5;
+constexpr double kStands = 0.01;  // of a period: in less no time goes on
 
 double checkedRate(const DeviceInfo& arm, double rate) {
   if (rate >= kSlowest && rate <= kFastest) return rate;
@@ -23,13 +24,12 @@ Servo::Servo(DeviceInfo arm, double rate)
     : arm_(std::move(arm)), loop_(arm_, checkedRate(arm_.info(), rate)), period_(1.0 / rate) {}
 
 Vec3 Servo::tick(const HandState& hand, double dt) noexcept {
-  const bool goes_on = dt > 0.0 && std::isfinite(dt);
-  const double step = goes_on ? dt : period_;
-  if (goes_on) now_ += dt;  // else the clock would never tell again
-  stood_ = goes_on ? 0.0 : stood_ + period_;
-  still_ = hand.position == arm_.hand.position ? still_ + step : 0.0;
+  const double passed = dt > 0.0 && std::isfinite(dt) ? dt : 0.0;
+  now_ += passed;
+  stood_ = passed > kStands * period_ ? 0.0 : stood_ + period_;
+  still_ = hand.position == arm_.hand.position ? still_ + passed : 0.0;
   arm_.hand = hand;
-  if (arm_.info().hand) arm_.hand.still = std::max(hand.still, still_);
+  if (arm_.info().hand) arm_.hand.still = std::max(still_, hand.still);  // also where that is none
   TickTime time;
   time.now = now_;
   time.dt = dt;

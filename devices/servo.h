@@ -30,7 +30,7 @@ class Servo {  // NOLINT(clang-analyzer-optin.performance.Padding): the loop's m
   ///              first: a driver that stopped to read its arm loses its force (StillFade).
   /// @param dt    Time since the last call [s]. Longer than 5 ms, or three periods where these are
   ///              longer (WatchLimits::late), is a fault: the force is cut until clear(). So are so
-  ///              many periods of a time that does not go on (dt <= 0, or no number).
+  ///              many ticks in a row without a hundredth of their period, or no number.
   /// @return      Force for the arm in W [N].
   /// RT: no allocation, no lock, no system call.
   [[nodiscard]] Vec3 tick(const HandState& hand, double dt) noexcept PALPATE_NONBLOCKING;

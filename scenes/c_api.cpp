@@ -63,9 +63,9 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
 
 /// The scene is whole before the hand hears of it.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
-  std::filesystem::path whole = std::filesystem::absolute(path);
-  hand.servo.publish(palpate::buildScene(specFor(hand, path)).scene);
-  hand.path = std::move(whole);
+  auto scene = palpate::buildScene(specFor(hand, path)).scene;
+  hand.path = std::filesystem::absolute(path);
+  hand.servo.publish(std::move(scene));
 }
 
 /// What is a limit of forces is the servo's to check.

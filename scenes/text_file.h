@@ -1,4 +1,4 @@
-/// Reading text that somebody wrote.
+/// Private to scenes: reading text that somebody wrote.
 #pragma once
 
 #include <filesystem>

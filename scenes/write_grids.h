@@ -1,4 +1,4 @@
-/// Writing a .vdb so that a full disk is noticed.
+/// Private to scenes: writing a .vdb so that a full disk is noticed.
 #pragma once
 
 #include <cerrno>

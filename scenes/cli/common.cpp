@@ -57,6 +57,15 @@ std::filesystem::path behindLinks(std::filesystem::path path) {
   return path;
 }
 
+void checkReplaceable(const std::filesystem::path& file) {
+  std::error_code error;
+  const auto status = std::filesystem::status(file, error);
+  if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) return;
+  throw Error(file.string(),
+              std::filesystem::is_directory(status) ? "it is a folder" : "it is a pipe or a device",
+              "name a file to write");
+}
+
 WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
   if (path_ == "-") {
     file_ = stdout;

@@ -46,6 +46,9 @@ extern volatile std::sig_atomic_t interrupted;
 /// What stands behind a symbolic link, that is to change when a file of this name is replaced.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
 
+/// Throws Error where something of this name is no file, which a file would replace.
+void checkReplaceable(const std::filesystem::path& file);
+
 /// A file that appears whole or not at all: written beside its place and renamed by commit().
 /// `-` is standard output; a pipe or device that is there already is written to as it is.
 class WholeFile {

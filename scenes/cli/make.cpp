@@ -21,6 +21,7 @@ int make(const MakeOptions& options) {
   if (std::filesystem::path(options.out).extension() != ".vdb") {
     throw Error(options.out, "the output is not named .vdb", "name it so");
   }
+  checkReplaceable(options.out);
   noteInterrupts();
   WholeFile file(options.out);
   const std::vector<MadeGrid> grids = writeMade(options.name, options.voxel, file.place());

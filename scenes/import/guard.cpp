@@ -174,17 +174,8 @@ void Teller::progress(double done) {
   send('p', fmt::format("{}", done));
 }
 void Teller::file(const std::string& partial, const std::string& file) {
-  checkReplaceable(file);
+  cli::checkReplaceable(file);
   send('f', partial + '\0' + file);
-}
-
-void checkReplaceable(const std::filesystem::path& file) {
-  std::error_code error;
-  const auto status = std::filesystem::status(file, error);
-  if (!std::filesystem::exists(status) || std::filesystem::is_regular_file(status)) return;
-  throw Error(file.string(),
-              std::filesystem::is_directory(status) ? "it is a folder" : "it is a pipe or a device",
-              "name a file to write");
 }
 
 int runGuarded(const std::string& what, const std::function<int(Teller&)>& work) {

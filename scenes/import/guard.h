@@ -1,14 +1,10 @@
 /// Work that a damaged file may bring down runs in a process of its own.
 #pragma once
 
-#include <filesystem>
 #include <functional>
 #include <string>
 
 namespace palpate::importer {
-
-/// Throws Error where something of this name is no file, which a file would replace.
-void checkReplaceable(const std::filesystem::path& file);
 
 /// How the work speaks to the user while its own output and error streams, which libraries write to
 /// as they please, lead nowhere.

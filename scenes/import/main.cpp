@@ -140,8 +140,8 @@ int import(const Options& options, Teller& teller) {
 }
 
 void check(const Options& options) {
-  checkReplaceable(options.out);
-  if (options.scene != "-") checkReplaceable(options.scene);
+  cli::checkReplaceable(options.out);
+  if (options.scene != "-") cli::checkReplaceable(options.scene);
   if (options.out.extension() != ".vdb") {
     throw Error(options.out.string(), "the output is not named .vdb", "name it so");
   }

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/header_checks.h"
 #include "palpate/scenes/import/reader.h"
 #include "palpate/scenes/text_file.h"
 
@@ -151,7 +152,8 @@ class LayoutParser {
 
   void parseSkip(Layout& layout) const {
     const Json& skip = json_["skip"];
-    if (skip.is_number_integer() && skip.get<std::int64_t>() >= -1) {
+    constexpr double kMost = 1e18;  // [bytes]
+    if (skip.is_number_integer() && skip.get<double>() >= -1.0 && skip.get<double>() < kMost) {
       layout.skip = skip.get<std::int64_t>();
     } else if (skip.is_object() && skip.size() == 1 && skip.contains("after") &&
                skip["after"].is_string() && !skip["after"].get<std::string>().empty()) {
@@ -223,6 +225,8 @@ class RawReader final : public Reader {
 
   Content read(std::size_t /*step*/) override {
     const std::string file = request_.file.string();
+    (void)bytesOf(request_.file, {layout_.size.begin(), layout_.size.end()},
+                  static_cast<double>(layout_.type.bytes) * layout_.components);
     const auto points = static_cast<std::uint64_t>(layout_.size[0]) *
                         static_cast<std::uint64_t>(layout_.size[1]) *
                         static_cast<std::uint64_t>(layout_.size[2]);

@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdint>
 #include <cstring>
 #include <filesystem>
@@ -19,6 +20,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 #include <string>
+#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -94,6 +96,27 @@ void translate(std::exception_ptr thrown) {
 
 constexpr auto kAsk = std::chrono::milliseconds(50);
 
+/// Only this one is told of signals; another that asked while Python ends would be ended within.
+bool onMainThread() {
+  return gettid() == getpid();
+}
+
+/// Without Python's lock. A daemon's thread that asks for it back when Python has ended would be
+/// ended by it from within, and the process with it: it waits for that end instead.
+class Unlocked {
+ public:
+  Unlocked() : state_(PyEval_SaveThread()) {}
+  Unlocked(const Unlocked&) = delete;
+  Unlocked& operator=(const Unlocked&) = delete;
+  ~Unlocked() {
+    while (_Py_IsFinalizing() != 0 && !onMainThread()) pause();
+    PyEval_RestoreThread(state_);
+  }
+
+ private:
+  PyThreadState* state_;
+};
+
 /// Asks Python whether its user wants an end, and ends what runs by its exception.
 void askPython() {
   const py::gil_scoped_acquire acquired;
@@ -105,13 +128,14 @@ class Asking {
  public:
   void operator()() {
     constexpr unsigned kBetween = 16;  // a look at the clock costs a tenth of a sample
-    if (++calls_ % kBetween != 0 || Clock::now() < next_) return;
+    if (!asks_ || ++calls_ % kBetween != 0 || Clock::now() < next_) return;
     askPython();
     next_ = Clock::now() + kAsk;
   }
 
  private:
   using Clock = std::chrono::steady_clock;
+  bool asks_ = onMainThread();
   unsigned calls_ = 0;
   Clock::time_point next_ = Clock::now() + kAsk;
 };
@@ -127,18 +151,26 @@ std::vector<Abandoned>& abandoned() {
   return *all;
 }
 
-/// At Python's end: threads end before what they use does.
+/// At Python's end: threads end before what they use does. Another Ctrl-C ends that, too.
 void awaitAbandoned() {
-  std::vector<Abandoned> all = std::exchange(abandoned(), {});
-  const py::gil_scoped_release released;
-  for (Abandoned& one : all) one.work.reset();
+  if (abandoned().empty()) return;
+  std::signal(SIGINT, SIG_DFL);
+  const Unlocked unlocked;
+  for (Abandoned& one : abandoned()) {
+    one.ended = nullptr;
+    one.work.reset();
+  }
 }
 
-/// What `work` returns, by a thread of its own: it cannot be stopped, but nobody need wait for it.
-/// So it owns what it uses, or that is `kept`. Without Python's lock.
+/// What `work` returns, for the main thread by one of its own: it cannot be stopped, but nobody
+/// need wait for it. So it owns what it uses, or that is `kept`. Without Python's lock.
 template <class Work>
 auto aside(Work work, py::object kept = py::none()) {
   using Result = decltype(work());
+  if (!onMainThread()) {
+    const Unlocked unlocked;
+    return work();
+  }
   auto& all = abandoned();
   all.erase(std::remove_if(all.begin(), all.end(), [](const auto& one) { return one.ended(); }),
             all.end());
@@ -147,7 +179,7 @@ auto aside(Work work, py::object kept = py::none()) {
     return result->wait_for(std::chrono::seconds(0)) == std::future_status::ready;
   };
   try {
-    const py::gil_scoped_release released;
+    const Unlocked unlocked;
     *result = std::async(std::launch::async, std::move(work));
     while (result->wait_for(kAsk) != std::future_status::ready) askPython();
   } catch (const py::error_already_set&) {
@@ -317,7 +349,7 @@ py::array sampled(const Field& field, const Doubles& points) {
   Row* row = rows.mutable_data();
   const double* p = points.data();
   {
-    const py::gil_scoped_release released;
+    const Unlocked unlocked;
     FieldCache cache;
     field.reset(cache);
     Asking asking;
@@ -562,7 +594,11 @@ std::string jsonOf(const py::object& given) {
   try {
     if (py::isinstance<py::str>(given)) return given.attr("encode")().cast<std::string>();
     const py::cpp_function plain([](const py::object& one) -> py::object {
-      if (py::hasattr(one, "tolist")) return one.attr("tolist")();
+      if (py::hasattr(one, "tolist")) {
+        py::object list = one.attr("tolist")();
+        if (py::type::of(list).is(py::type::of(one))) return py::float_(one);  // of a long double
+        return list;
+      }
       const auto type = py::str(py::type::of(one).attr("__name__")).cast<std::string>();
       throw py::type_error("a " + type + " is no number, text, list or dict");
     });
@@ -622,7 +658,7 @@ class PyScene {
     PathDevice device(std::move(path), rate);
     auto rows = std::make_unique<Rows>(static_cast<std::size_t>(ticks));
     {
-      const py::gil_scoped_release released;
+      const Unlocked unlocked;
       HapticLoop loop(device, rate, rows.get());
       loop.publish(built_.scene);
       TickTime time;

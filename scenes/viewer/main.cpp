@@ -110,6 +110,8 @@ int run(int argc, char** argv) {
   app.add_option("--shot", shot)->group("")->envname("PALPATE_VIEW_SHOT");
   app.add_option("--told-every", told_every)->group("")->envname("PALPATE_VIEW_TOLD_EVERY");
   app.add_option("--memory", most_memory)->group("")->envname("PALPATE_VIEW_MEMORY");
+  app.add_option("--width", options.width)->group("")->envname("PALPATE_VIEW_WIDTH");
+  app.add_option("--height", options.height)->group("")->envname("PALPATE_VIEW_HEIGHT");
   app.add_option("--patience", options.patience)->group("")->envname("PALPATE_VIEW_PATIENCE");
   try {
     app.parse(argc, argv);

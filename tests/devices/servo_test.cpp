@@ -130,8 +130,25 @@ TEST_CASE("a driver that stopped to read its arm loses the servo's force", "[ser
   }
 }
 
+TEST_CASE("an arm that says that it stands still loses the servo's force", "[servo]") {
+  for (const double still : {1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    Servo servo(arm(), 1.0 / kDt);
+    servo.publish(ball());
+    (void)press(servo);
+    HandState hand;
+    Vec3 force;
+    for (int i = 0; i < 1100; ++i) {
+      // One that says nothing, and stands.
+      hand.position = {std::isnan(still) ? 0.0 : 1e-9 * (i % 2), 0.0, 0.038};
+      hand.still = still;
+      force = servo.tick(hand, kDt);
+    }
+    CHECK(force.norm() == Approx(0.0).margin(1e-6));
+  }
+}
+
 TEST_CASE("a servo whose time stands is late", "[servo]") {
-  for (const double dt : {0.0, -1e-3, std::numeric_limits<double>::quiet_NaN()}) {
+  for (const double dt : {0.0, -1e-3, 1e-6, 1e-320, std::numeric_limits<double>::quiet_NaN()}) {
     Servo servo(arm(), 1.0 / kDt);
     servo.publish(ball());
     (void)press(servo);

@@ -558,6 +558,8 @@ class Raw(Case):
                               ({"axes": [[1, 0, 0]]}, "/spacing"), ({"sizes": 1}, "/sizes"),
                               ({"spacing": [0, 1, 1]}, "no volume"),
                               ({"size": [40, 3, 2]}, "needs 480 bytes"),
+                              ({"size": [999987, 999964, 768652], "components": 3}, "absurd"),
+                              ({"skip": 2**64 - 1}, "/skip"),
                               ({"skip": {"after": "never"}}, "first megabyte")):
             self.refused(source, out, "--raw", self.layout(**changes), says=says)
         self.refused(source, out, "--raw", "{nonsense", says="not JSON")

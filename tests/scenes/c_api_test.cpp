@@ -99,6 +99,7 @@ TEST_CASE("a host in C is told in one line what is wrong", "[c]") {
     CAPTURE(rate);
     CHECK(refusal(host.file().c_str(), good, rate).rfind("rate: ", 0) == 0);
   }
+  CHECK(refusal("", good, 1000.0).find(": no such file") != std::string::npos);
   CHECK(refusal("no\nsuch\xff.vdb", good, 1000.0).rfind("no\\nsuch\\xff.vdb: no such file", 0) ==
         0);
   for (double palpate_arm::*number : {&palpate_arm::peak, &palpate_arm::slew,

@@ -121,6 +121,13 @@ class Make(Case):
         self.assertIn("cannot be written (File too large)", done.stderr)
         self.assertFalse(out.exists())
 
+    def test_a_pipe_is_not_written_to(self):
+        os.mkfifo(self.dir / "pipe.vdb")
+        done = subprocess.run([PALPATE, "make", "two-bodies", self.dir / "pipe.vdb"],
+                              capture_output=True, text=True, timeout=300)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("it is a pipe or a device", done.stderr)
+
     def test_volumes_are_made_whole_and_described(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),

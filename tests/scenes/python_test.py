@@ -179,7 +179,8 @@ def test_numpys_numbers_may_stand_in_a_scene():
     plain = {**SCENE, "volumes": {"ball": {"place": {"scale": 0.05, "translate": [0, 0, 0.01]}}},
              "modes": [{**SKIN, "strength": {"piecewise": [[0, 0], [1, 4]]}}]}
     numpys = {**SCENE, "palpate": np.int64(1),
-              "volumes": {"ball": {"place": {"scale": np.float64(0.05), "translate": np.array([0, 0, 0.01])}}},
+              "volumes": {"ball": {"place": {"scale": np.float64(0.05),
+                                             "translate": np.array([0, 0, 0.01], np.longdouble)}}},
               "modes": [{**SKIN, "strength": {"piecewise": np.array([[0, 0], [1, 4]])}}]}
     volumes = {"ball": ball(9)}
     told = [palpate.Scene.parse(scene, volumes).explain((0, 0, 0.05), (0, 0, -0.002)) for scene in (plain, numpys)]
@@ -278,6 +279,38 @@ except KeyboardInterrupt:
 """)
     assert told.startswith("interrupted")
     assert float(told.split()[1]) < 0.2
+
+
+@pytest.mark.parametrize("work", [
+    "palpate.volume(values, smooth=16)",
+    "s.fields['ball'].sample(np.zeros((20000000, 3)))",
+    "s.run([(0, 0, 0, 0.05), (8000, 0, 0, 0.05)])",
+])
+def test_a_script_may_end_while_a_thread_of_its_computes(work):
+    assert alone(f"""
+s = scene()
+values = np.zeros((112, 112, 112), "f4")
+values[50:60] = 1
+def work():
+    {work}
+threading.Thread(target=work, daemon=True).start()
+time.sleep(0.2)
+print("ends")
+""") == "ends\n"
+
+
+def test_a_second_ctrl_c_ends_python():
+    done = subprocess.run([sys.executable, "-c", SCRIPT + """
+values = np.random.default_rng(1).normal(size=(200, 200, 200)).astype("f4")
+threading.Timer(0.3, signal.raise_signal, [signal.SIGINT]).start()
+try:
+    palpate.volume(values, smooth=16)
+except KeyboardInterrupt:
+    print("once", flush=True)
+import os
+os.system(f"(while sleep 0.2; do kill -INT {os.getpid()} || exit; done) >/dev/null 2>&1 &")
+"""], capture_output=True, text=True, check=False)
+    assert done.stdout == "once\n" and done.returncode == -2
 
 
 def test_other_threads_run_during_a_run():
