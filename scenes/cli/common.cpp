@@ -49,6 +49,21 @@ OrderedJson toJson(const Vec3& v) {
   return OrderedJson::array({v.x(), v.y(), v.z()});
 }
 
+std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
+  std::error_code error;
+  const auto time = std::filesystem::last_write_time(file, error);
+  if (error) return std::nullopt;
+  return time;
+}
+
+std::vector<char*> argumentsOf(std::vector<std::string>& words) {
+  std::vector<char*> argv;
+  argv.reserve(words.size() + 1);
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  return argv;
+}
+
 std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -42,6 +43,12 @@ extern volatile std::sig_atomic_t interrupted;
 /// For people: a few digits.
 [[nodiscard]] std::string rounded(double value);
 [[nodiscard]] OrderedJson toJson(const Vec3& v);
+
+/// When it was last written; nothing where it is not there.
+[[nodiscard]] std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file);
+
+/// Words as exec and posix_spawn take them, which stay `words`' own.
+[[nodiscard]] std::vector<char*> argumentsOf(std::vector<std::string>& words);
 
 /// What stands behind a symbolic link, that is to change when a file of this name is replaced.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);

@@ -16,13 +16,12 @@ void addImport(CLI::App& app, std::function<int()>& body) {
   verb->callback([verb, &body] {
     body = [verb] {
       std::vector<std::string> words = verb->remaining();
+      words.emplace(words.begin());
       std::string program;
-      for (std::string name : {"palpate-import", "palpate-import-light"}) {
+      for (const char* name : {"palpate-import", "palpate-import-light"}) {
         program = (programFolder() / name).string();
-        std::vector<char*> argv{name.data()};
-        for (std::string& word : words) argv.push_back(word.data());
-        argv.push_back(nullptr);
-        execv(program.c_str(), argv.data());
+        words.front() = name;
+        execv(program.c_str(), argumentsOf(words).data());
         if (errno != ENOENT) break;
       }
       throw Error(program, std::strerror(errno), "check the installation");

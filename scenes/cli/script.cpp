@@ -11,7 +11,7 @@ namespace {
 
 /// Runs a program with `input` on its standard input and its standard output to a descriptor; its
 /// exit status, or -1.
-int run(const std::vector<std::string>& command, const std::string& input, int output) {
+int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
@@ -21,10 +21,7 @@ int run(const std::vector<std::string>& command, const std::string& input, int o
     dup2(output, STDOUT_FILENO);
     close(pipe_ends[0]);
     close(pipe_ends[1]);
-    std::vector<char*> argv;
-    argv.reserve(command.size() + 1);
-    for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
-    argv.push_back(nullptr);
+    const std::vector<char*> argv = argumentsOf(command);
     execvp(argv[0], argv.data());
     _exit(127);
   }

@@ -6,18 +6,12 @@
 #include <new>
 #include <system_error>
 
+#include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/say.h"
 #include "palpate/scenes/cli/touch.h"
 #include "palpate/scenes/scene_file.h"
 
 namespace palpate::cli {
-
-std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
-  std::error_code error;
-  const auto time = std::filesystem::last_write_time(file, error);
-  if (error) return std::nullopt;
-  return time;
-}
 
 bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices) {
   bool lowered = false;

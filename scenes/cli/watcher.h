@@ -14,9 +14,6 @@
 
 namespace palpate::cli {
 
-/// When it was last written; nothing where it is not there.
-[[nodiscard]] std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file);
-
 /// A coupling that all devices render: lowered where nobody has asked for it, else refused (throws
 /// SceneError). True where it was lowered.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);

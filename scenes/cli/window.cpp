@@ -28,14 +28,6 @@ std::string programPath() {
   return (programFolder() / "palpate-view").string();
 }
 
-std::vector<char*> argumentsOf(std::vector<std::string>& words) {
-  std::vector<char*> argv;
-  argv.reserve(words.size() + 1);
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  return argv;
-}
-
 [[noreturn]] void refuse(int error) {
   throw Error("palpate-view",
               error == ENOENT ? "the window is not installed" : std::strerror(error),

@@ -8,11 +8,9 @@
 #include <fstream>
 #include <memory>
 #include <new>
-#include <optional>
 #include <sched.h>
 #include <string>
 #include <sys/resource.h>
-#include <system_error>
 #include <thread>
 #include <unistd.h>
 
@@ -67,14 +65,6 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// As the loop's: nothing where it is not there.
-std::optional<std::filesystem::file_time_type> writtenAt(const std::string& file) {
-  std::error_code error;
-  const auto time = std::filesystem::last_write_time(file, error);
-  if (error) return std::nullopt;
-  return time;
-}
-
 /// Leaves the loop a core of its own. Once all is loaded: until then every core helps.
 void stepAside() {
   cpu_set_t cores;
@@ -127,11 +117,11 @@ int run(int argc, char** argv) {
   view::needDisplay(!picture.empty());
   vtkObject::GlobalWarningDisplayOff();
   const bool still = !picture.empty();
-  auto seen = writtenAt(scene);
+  auto seen = cli::writtenAt(scene);
   auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
   if (watch) {
     options.again = [&]() -> std::unique_ptr<view::Shapes> {
-      const auto now = writtenAt(scene);
+      const auto now = cli::writtenAt(scene);
       if (now == seen) return nullptr;
       seen = now;
       return std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
