@@ -1,6 +1,8 @@
 #include "palpate/scenes/scene_file.h"
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/volume.h"
@@ -10,42 +12,47 @@
 namespace palpate {
 namespace {
 
-/// The mode or modes that suit a grid.
-void addSuitableModes(const GridInfo& info, const std::string& name, std::vector<ModeSpec>& modes) {
-  ModeSpec mode;
-  mode.of = name;
-  if (info.vector) {
-    mode.name = "follow " + name;
-    mode.kind = ModeKind::kFollow;
-    mode.strength = info.highest > 0.0
-                        ? TransferFunction::window(0.5 * info.highest, info.highest, 2.0)
-                        : TransferFunction(0.0);
-    modes.push_back(mode);
-    return;
+/// The .vdb that a path is, or those in a folder.
+std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path) {
+  std::error_code error;
+  if (!std::filesystem::is_directory(path, error)) return {path};
+  std::vector<std::filesystem::path> files;
+  std::filesystem::directory_iterator entry(path, error);
+  for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
+    if (entry->path().extension() == ".vdb") files.push_back(entry->path());
   }
-  if (info.grid_class == GridClass::kLevelSet) {
-    mode.name = name;
-    mode.kind = ModeKind::kIsosurface;
-    mode.solid = Solid::kBelow;
-    mode.value = 0.0;
-    mode.strength = 3.0;
-    modes.push_back(mode);
-    return;
+  if (error) {
+    throw VolumeError(path.string(), "it cannot be read (" + error.message() + ")",
+                      "check its permissions");
   }
-  // Full strength at four times the mean's height over the lowest value: much of a fog is thin.
-  const double span = std::min(info.highest - info.lowest, 4.0 * (info.mean - info.lowest));
-  const auto over = [&](double max) {
-    return span > 0.0 ? TransferFunction::window(info.lowest + 0.5 * span, span, max)
-                      : TransferFunction(max);
-  };
-  mode.name = "surface of " + name;
-  mode.kind = ModeKind::kSurface;
-  mode.strength = over(2.0);
-  modes.push_back(mode);
-  mode.name = "viscosity of " + name;
-  mode.kind = ModeKind::kViscosity;
-  mode.strength = over(0.5);
-  modes.push_back(mode);
+  std::sort(files.begin(), files.end());
+  if (files.empty()) {
+    throw VolumeError(path.string(), "there is no .vdb in it", "give a folder of .vdb files");
+  }
+  return files;
+}
+
+/// The grids of a file that can be felt; what is wrong with the others is noted.
+std::vector<GuessVolume> feltOf(const FileResult& loaded, std::vector<std::string>& notes) {
+  std::vector<GuessVolume> volumes;
+  for (std::size_t g = 0; g < loaded.names.size(); ++g) {
+    const LoadResult& result = loaded.volumes[g];
+    try {
+      if (result.error) std::rethrow_exception(result.error);
+      volumes.push_back({loaded.names[g], result.volume});
+    } catch (const VolumeError& e) {
+      notes.emplace_back(e.what());
+    }
+  }
+  return volumes;
+}
+
+/// With one grid its own trouble is the message, with several each is one.
+[[noreturn]] void throwNoneFelt(const std::filesystem::path& path,
+                                const std::vector<std::string>& notes) {
+  std::string why = "none of its grids can be felt";
+  for (const std::string& note : notes) why += " (" + note + ")";
+  throw VolumeError(path.string(), why, "write a grid that can, or choose another file");
 }
 
 }  // namespace
@@ -72,75 +79,60 @@ SceneSpec readSceneFile(const std::filesystem::path& file) {
 }
 
 SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {
-  std::vector<std::filesystem::path> files;
-  std::error_code error;
-  if (std::filesystem::is_directory(path, error)) {
-    std::filesystem::directory_iterator entry(path, error);
-    for (; !error && entry != std::filesystem::directory_iterator(); entry.increment(error)) {
-      if (entry->path().extension() == ".vdb") files.push_back(entry->path());
-    }
-    if (error) {
-      throw VolumeError(path.string(), "it cannot be read (" + error.message() + ")",
-                        "check its permissions");
-    }
-    std::sort(files.begin(), files.end());
-    if (files.empty()) {
-      throw VolumeError(path.string(), "there is no .vdb in it", "give a folder of .vdb files");
-    }
-  } else {
-    files.push_back(path);
-  }
-
+  const std::vector<std::filesystem::path> files = vdbFilesOf(path);
   SceneSpec spec;
   spec.any_stiffness = true;
   spec.source = path.string();
+  std::error_code error;
   if (std::filesystem::exists(path / "scene.json", error)) {
     spec.notes.push_back(
         (path / "scene.json").string() +
         ": it is not read: only the volumes of this folder are; name it to feel it");
   }
   const std::vector<FileResult> loaded = loadFiles(files, progress);
-  std::vector<std::pair<std::size_t, std::size_t>> grids;  // of which file, and which there
+  GuessNames names;
   for (std::size_t f = 0; f < files.size(); ++f) {
-    for (std::size_t g = 0; g < loaded[f].names.size(); ++g) grids.emplace_back(f, g);
     try {
       if (loaded[f].error) std::rethrow_exception(loaded[f].error);
+      const std::vector<GuessVolume> volumes = feltOf(loaded[f], spec.notes);
+      if (volumes.empty()) continue;
+      names.file = files[f].filename().string();
+      if (files.size() > 1) names.prefix = files[f].stem().string() + ".";
+      const Guess guess = guessScene(names, volumes);
+      SceneSpec one = parseScene(guess.scene, files[f].string(), files[f].parent_path());
+      for (const std::string& left : guess.left) {
+        spec.notes.push_back(files[f].string() + ": left out: " + left);
+      }
+      for (auto& [name, volume] : one.volumes) {
+        const auto is_it = [&grid = volume.grid](const GuessVolume& v) { return v.grid == grid; };
+        const auto found = std::find_if(volumes.begin(), volumes.end(), is_it);
+        if (found != volumes.end()) volume.volume = found->volume;
+        if (volume.place.kind != PlaceSpec::Kind::kLike) names.like = name;
+      }
+      std::move(one.graph.modes.begin(), one.graph.modes.end(),
+                std::back_inserter(spec.graph.modes));
+      spec.graph.fields.merge(one.graph.fields);
+      spec.volumes.merge(one.volumes);
+      spec.coupling = one.coupling;
     } catch (const VolumeError& e) {
       if (files.size() == 1) throw;
       spec.notes.push_back(std::string(e.what()) + "; it is left out");
     }
   }
-  std::string first;
-  for (const auto& [f, g] : grids) {
-    const LoadResult& result = loaded[f].volumes[g];
-    VolumeSpec volume;
-    volume.file = files[f];
-    volume.grid = loaded[f].names[g];
-    volume.volume = result.volume;
-    try {
-      if (result.error) std::rethrow_exception(result.error);
-    } catch (const VolumeError& e) {
-      spec.notes.emplace_back(e.what());
-      continue;
-    }
-    std::string name = volume.grid.empty() ? "grid" : volume.grid;
-    if (files.size() > 1) name.insert(0, volume.file.stem().string() + ".");
-    if (!first.empty()) {
-      volume.place.kind = PlaceSpec::Kind::kLike;
-      volume.place.like = first;
-    } else {
-      first = name;
-    }
-    addSuitableModes(volume.volume->info(), name, spec.graph.modes);
-    spec.volumes[name] = std::move(volume);
-  }
-  if (spec.volumes.empty()) {
-    // With one grid its own trouble is the message, with several each is one.
-    std::string why = "none of its grids can be felt";
-    for (const std::string& note : spec.notes) why += " (" + note + ")";
-    throw VolumeError(path.string(), why, "write a grid that can, or choose another file");
-  }
+  if (spec.volumes.empty()) throwNoneFelt(path, spec.notes);
   return spec;
+}
+
+Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress& progress) {
+  checkRegular<SceneError>(file, "give a .vdb");
+  const std::vector<FileResult> loaded = loadFiles({file}, progress);
+  if (loaded[0].error) std::rethrow_exception(loaded[0].error);
+  std::vector<std::string> notes;
+  const std::vector<GuessVolume> volumes = feltOf(loaded[0], notes);
+  if (volumes.empty()) throwNoneFelt(file, notes);
+  Guess guess = guessScene({file.string(), "", ""}, volumes, what);
+  guess.left.insert(guess.left.begin(), notes.begin(), notes.end());
+  return guess;
 }
 
 SceneSpec openScene(const std::filesystem::path& path, const Progress& progress) {

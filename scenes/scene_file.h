@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/guess.h"
 
 namespace palpate {
 
@@ -17,12 +18,15 @@ namespace palpate {
 [[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
                                    const std::filesystem::path& folder);
 
-/// A scene for a .vdb file or a folder of them: each grid with the mode that suits it (level set:
-/// isosurface; other scalars: surface and viscosity; vector: follow). The first fits into 0.1 m at
-/// the workspace's centre, the rest are placed like it. Grids that cannot be felt are named in
-/// SceneSpec::notes; throws VolumeError when none is left.
+/// The guess (guess.h) at a .vdb file, or at each of a folder's. The first volume fits into 0.1 m
+/// at the workspace's centre, the rest are placed like it. Grids that cannot be felt, and what the
+/// guess left out, are named in SceneSpec::notes; throws VolumeError when none is left.
 [[nodiscard]] SceneSpec sceneFromVdb(const std::filesystem::path& path,
                                      const Progress& progress = nullptr);
+
+/// The same guess at one file, as text, with its reasons; its path is named as it is given.
+[[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
+                             const Progress& progress = nullptr);
 
 /// Any of the above, by what the path is.
 [[nodiscard]] SceneSpec openScene(const std::filesystem::path& path,

@@ -29,6 +29,7 @@ using Body = std::function<int()>;
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
 void addMake(CLI::App& app, Body& body);
+void addScene(CLI::App& app, Body& body);
 void addShatter(CLI::App& app, Body& body);
 void addSample(CLI::App& app, Body& body);
 void addSolve(CLI::App& app, Body& body);
@@ -44,9 +45,9 @@ void addSchema(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,  addImport, addMake,      addShatter, addSample,
-                            addSolve, addCheck,  addExplain,   addPress,   addFeel,
-                            addView,  addPlot,   addStability, addDevices, addSchema};
+constexpr std::array kVerbs{addInfo,  addImport,    addScene,   addMake,  addShatter, addSample,
+                            addSolve, addCheck,     addExplain, addPress, addFeel,    addView,
+                            addPlot,  addStability, addDevices, addSchema};
 
 }  // namespace
 }  // namespace palpate::cli

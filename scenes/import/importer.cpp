@@ -16,7 +16,7 @@
 #include "palpate/samplers/volume.h"
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
-#include "palpate/scenes/import/suggest.h"
+#include "palpate/scenes/suggest.h"
 #include "palpate/scenes/write_grids.h"
 
 namespace palpate::importer {
@@ -147,6 +147,15 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   if (imported.made.tolerance > 0.0) number("tolerance", imported.made.tolerance);
   if (imported.level_set) number("iso", *options.iso);
   if (step.time) number("time", *step.time);
+  // What a guess at the .vdb alone needs to come to the same scene.
+  text(guess::kMetaFrom, imported.image ? "image" : "mesh");
+  if (imported.image && !imported.image->empty() && !imported.level_set) {
+    const openvdb::Coord size = imported.image->dim();
+    grid.insertMeta(guess::kMetaImageSize, openvdb::Vec3IMetadata({size.x(), size.y(), size.z()}));
+  }
+  if (step.modality == Modality::kCt) text(guess::kMetaModality, "CT");
+  if (step.modality == Modality::kMr) text(guess::kMetaModality, "MR");
+  if (imported.axial) grid.insertMeta(guess::kMetaAxial, openvdb::BoolMetadata(true));
   if (grid.isType<openvdb::Vec3SGrid>()) {
     grid.setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
     grid.setIsInWorldSpace(true);
@@ -233,9 +242,9 @@ void writeVdb(const std::filesystem::path& file, const Step& step, const std::st
 }
 
 std::string sceneFor(const std::string& vdb, const Step& step) {
-  std::vector<SuggestInput> inputs;
+  std::vector<guess::SuggestInput> inputs;
   for (const Imported& imported : step.grids) {
-    SuggestInput input;
+    guess::SuggestInput input;
     input.grid = imported.made.grid;
     input.modality = step.modality;
     input.value_unit = imported.level_set ? "" : imported.unit;
@@ -244,7 +253,7 @@ std::string sceneFor(const std::string& vdb, const Step& step) {
     if (imported.image && !imported.image->empty()) input.extent = *imported.image;
     inputs.push_back(std::move(input));
   }
-  return suggestScene(vdb, inputs);
+  return guess::suggestScene(vdb, inputs);
 }
 
 }  // namespace palpate::importer

@@ -12,6 +12,7 @@
 
 #include "palpate/engine/types.h"
 #include "palpate/scenes/import/values.h"
+#include "palpate/scenes/modality.h"
 
 namespace palpate::importer {
 
@@ -67,9 +68,6 @@ struct Piece {
 
   [[nodiscard]] bool isImage() const { return mesh == nullptr; }
 };
-
-/// How a patient's image was taken: what its values mean.
-enum class Modality : std::uint8_t { kUnknown, kCt, kMr };
 
 /// One step of a file. The file's own space is kept; where a format names a patient's axes, it is
 /// turned to +x right, +y front, +z up (RAS), so that volumes of one patient lie on each other.

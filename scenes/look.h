@@ -1,12 +1,13 @@
 /// What the values of a grid are like: where they have boundaries, how a flow runs.
 #pragma once
 
+#include <cstddef>
 #include <optional>
 #include <vector>
 
-#include "palpate/scenes/import/suggest.h"
+#include "palpate/scenes/suggest.h"
 
-namespace palpate::importer {
+namespace palpate::guess {
 
 /// Of values that ascend; 0 of none.
 [[nodiscard]] double percentile(const std::vector<float>& sorted, double percent);
@@ -24,6 +25,7 @@ struct Boundary {
   double share = 0.0;  ///< Its gradient integral, in parts of the grid's greatest.
   bool lower_known = false;
   bool upper_known = false;
+  bool front = false;  ///< Found where it is steepest, not between materials.
 };
 
 /// What a scalar grid holds.
@@ -34,11 +36,21 @@ struct ScalarLook {
   std::optional<double> outside;  ///< The value of an image's surroundings.
   std::vector<Boundary> boundaries;
   double entropy = 0.0;  ///< 0 to 1: how evenly the values use their range.
+  double whole = 0.0;    ///< The share of the values that are whole numbers,
+  double alike = 0.0;    ///< and of neighbours that are equal, but for the commonest value's.
+  double skips = 0.0;    ///< Of those that differ the share between which there is another value.
+  std::vector<float> distinct;  ///< The values that there are; empty: more than kMostDistinct.
 
   [[nodiscard]] double range() const { return high - low; }
   [[nodiscard]] double round(double value) const { return rounded(value, range()); }
   [[nodiscard]] double shareAbove(double value) const;
+  [[nodiscard]] double shareWithin(double from, double to) const {
+    return shareAbove(from) - shareAbove(to);
+  }
 };
+
+/// More values than labels have.
+constexpr std::size_t kMostDistinct = 1024;
 
 /// What a vector grid holds.
 struct VectorLook {
@@ -46,14 +58,24 @@ struct VectorLook {
   std::vector<float> speed;  ///< Of the voxels that move, ascending.
   std::vector<float> curl;   ///< Of these, where all neighbours are known, ascending.
   double turning = 0.0;      ///< |O|^2 / |J|^2: 0 without curl, 0.5 in shear, 1 in a rotation.
+  double unit = 0.0;         ///< The share of these that have length 1.
 };
 
-/// Look at a sample of the grid's active voxels, as suggest.h says. The grid is the input's.
-[[nodiscard]] ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input);
-[[nodiscard]] VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input);
+/// Look at a sample of the grid's active voxels, as suggest.h says.
+[[nodiscard]] ScalarLook lookAtScalar(const SuggestInput& input);
+[[nodiscard]] VectorLook lookAtVector(const SuggestInput& input);
 
 /// Whether a scalar says what the other does, or one of its components or their magnitude, up to
 /// scale and offset.
-[[nodiscard]] bool isLike(const openvdb::FloatGrid& grid, const openvdb::GridBase& other);
+[[nodiscard]] bool isLike(const SuggestInput& scalar, const SuggestInput& other);
 
-}  // namespace palpate::importer
+/// What several scalars come to together.
+struct SumLook {
+  bool is_one = false;             ///< All lie within 0 and 1, and add up to 1 nearly everywhere.
+  bool apart = false;              ///< Most places are of one of them alone; else they are mixed.
+  std::vector<double> at_faces;    ///< Of each the mean at the faces of the box about all of them.
+  std::vector<double> throughout;  ///< And in all of it.
+};
+[[nodiscard]] SumLook lookAtSum(const std::vector<const SuggestInput*>& scalars);
+
+}  // namespace palpate::guess

@@ -1,4 +1,4 @@
-#include "palpate/scenes/import/look.h"
+#include "palpate/scenes/look.h"
 
 #include <algorithm>
 #include <array>
@@ -7,11 +7,12 @@
 #include <cstdlib>
 #include <limits>
 #include <numeric>
+#include <type_traits>
 
 #include <fmt/format.h>
 #include <tbb/parallel_for.h>
 
-namespace palpate::importer {
+namespace palpate::guess {
 namespace {
 
 using openvdb::Coord;
@@ -24,6 +25,14 @@ constexpr double kContrast = 1.6;
 constexpr double kThickestOfImage = 15.0;
 constexpr double kThickestOfMesh = 6.0;
 constexpr double kLeastOfMesh = 0.01;  ///< Of the voxels, on either side of a boundary.
+/// A front: the values change by this part of their range from a voxel to the next. A shock that a
+/// solver has smeared over three cells, each two voxels, does; a field that is smooth over 20 does
+/// not. What is steep nearly everywhere is coarse, or noise.
+constexpr double kSteep = 0.08;
+constexpr double kMostlySteep = 0.2;   ///< Of the voxels: more is no front.
+constexpr double kLeastOfFront = 0.7;  ///< Of the surface at its value, this share is steep.
+/// Of the voxels, on either side of a front: what is less is the neighbourhood of a source.
+constexpr double kLeastBeside = 0.1;
 /// Of the gradient integral of the grid's greatest boundary; less is no object.
 constexpr double kLeastShare = 0.05;
 
@@ -40,10 +49,76 @@ std::uint64_t mix(const Coord& c) {
   return h;
 }
 
-/// make(accessor, coord) of every n-th active voxel, the first of a leaf by chance of its place: as
+/// Reads scalars as floats, whatever the grid has.
+template <class GridT>
+class ScalarsOf {
+ public:
+  using ValueType = float;
+  explicit ScalarsOf(const SuggestInput& input)
+      : accessor_(static_cast<const GridT&>(*input.grid).getConstAccessor()) {}
+  float getValue(const Coord& c) const { return static_cast<float>(accessor_.getValue(c)); }
+  bool probeValue(const Coord& c, float& value) const {
+    typename GridT::ValueType read{};
+    const bool active = accessor_.probeValue(c, read);
+    value = static_cast<float>(read);
+    return active;
+  }
+
+ private:
+  typename GridT::ConstAccessor accessor_;
+};
+
+/// Reads vectors of floats from one grid, or from one for each component.
+template <class GridT>
+class VectorsOf {
+ public:
+  using ValueType = openvdb::Vec3f;
+  explicit VectorsOf(const SuggestInput& input)
+      : accessor_(static_cast<const GridT&>(*input.grid).getConstAccessor()) {}
+  openvdb::Vec3f getValue(const Coord& c) const { return openvdb::Vec3f(accessor_.getValue(c)); }
+  bool probeValue(const Coord& c, openvdb::Vec3f& value) const {
+    typename GridT::ValueType read;
+    const bool active = accessor_.probeValue(c, read);
+    value = openvdb::Vec3f(read);
+    return active;
+  }
+
+ private:
+  typename GridT::ConstAccessor accessor_;
+};
+template <class GridT>
+class ComponentsOf {
+ public:
+  using ValueType = openvdb::Vec3f;
+  explicit ComponentsOf(const SuggestInput& input)
+      : accessors_{of(*input.grid), of(*input.y), of(*input.z)} {}
+  openvdb::Vec3f getValue(const Coord& c) const {
+    openvdb::Vec3f value;
+    (void)probeValue(c, value);
+    return value;
+  }
+  bool probeValue(const Coord& c, openvdb::Vec3f& value) const {
+    bool active = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      typename GridT::ValueType read{};
+      active = accessors_[static_cast<std::size_t>(axis)].probeValue(c, read) && active;
+      value[axis] = static_cast<float>(read);
+    }
+    return active;
+  }
+
+ private:
+  static typename GridT::ConstAccessor of(const openvdb::GridBase& grid) {
+    return static_cast<const GridT&>(grid).getConstAccessor();
+  }
+  std::array<typename GridT::ConstAccessor, 3> accessors_;
+};
+
+/// make(reader, coord) of every n-th active voxel, the first of a leaf by chance of its place: as
 /// many as kSuggestSamples, in the order of the tree. Tiles are left out: nothing changes in them.
-template <class Out, class GridT, class Make>
-std::vector<Out> gather(const GridT& grid, const Make& make) {
+template <class Out, class ReaderT, class GridT, class Make>
+std::vector<Out> gather(const SuggestInput& input, const Make& make) {
+  const auto& grid = static_cast<const GridT&>(*input.grid);
   using Leaf = typename GridT::TreeType::LeafNodeType;
   std::vector<const Leaf*> leaves;
   grid.tree().getNodes(leaves);
@@ -51,12 +126,12 @@ std::vector<Out> gather(const GridT& grid, const Make& make) {
   constexpr std::size_t kChunk = 256;
   std::vector<std::vector<Out>> parts((leaves.size() + kChunk - 1) / kChunk);
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
-    auto accessor = grid.getConstAccessor();
+    const ReaderT reader(input);
     const std::size_t end = std::min(leaves.size(), (part + 1) * kChunk);
     for (std::size_t i = part * kChunk; i < end; ++i) {
       std::uint64_t n = mix(leaves[i]->origin()) % step;
       for (auto it = leaves[i]->cbeginValueOn(); it; ++it) {
-        if (n++ % step == 0) parts[part].push_back(make(accessor, it.getCoord()));
+        if (n++ % step == 0) parts[part].push_back(make(reader, it.getCoord()));
       }
     }
   });
@@ -86,6 +161,7 @@ struct ScalarSample {
   float value = 0.0F;
   std::array<float, 3> before{};  ///< Neighbours along the axes; equal where there is no data.
   std::array<float, 3> after{};
+  std::array<bool, 3> known{};
   bool at_edge = false;  ///< A neighbour is of the surroundings.
 };
 
@@ -115,7 +191,9 @@ Bins smoothed(const Bins& in) {
 struct Curve {
   Bins area{};
   Bins gradient{};
-  Bins count{};  ///< Voxels by value.
+  Bins steep{};              ///< Of the area that where values change by kSteep or more in a voxel.
+  Bins count{};              ///< Voxels by value.
+  double steep_share = 0.0;  ///< Of the voxels.
 };
 
 Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
@@ -123,7 +201,9 @@ Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
   // Both grow by steps at the neighbours' levels: steps first, then their running sum.
   std::array<double, kBins + 1> area{};
   std::array<double, kBins + 1> gradient{};
+  std::array<double, kBins + 1> steep{};
   Curve curve;
+  const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
   const double volume = edges[0] * edges[1] * edges[2];
   const double bins = static_cast<double>(kBins);
   const auto level_from = [&](double value) {  // of the bins' middles
@@ -141,6 +221,8 @@ Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
                     (2.0 * edges[axis]);
     }
     const double whole = std::hypot(slope[0], slope[1], slope[2]);
+    const bool is_steep = whole * edge >= kSteep * look.range();
+    if (is_steep) curve.steep_share += 1.0 / static_cast<double>(samples.size());
     for (std::size_t axis = 0; axis < 3; ++axis) {
       if (!(slope[axis] > 0.0)) continue;
       const auto [lower, upper] = std::minmax(sample.before[axis], sample.after[axis]);
@@ -151,6 +233,9 @@ Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
       area[to] -= seen * slope[axis] / whole;
       gradient[from] += seen * slope[axis];
       gradient[to] -= seen * slope[axis];
+      if (!is_steep) continue;
+      steep[from] += seen * slope[axis] / whole;
+      steep[to] -= seen * slope[axis] / whole;
     }
     if (sample.value >= look.low && sample.value <= look.high) {
       curve.count[bin_of(sample.value)] += 1.0;
@@ -160,6 +245,7 @@ Curve curveOf(const std::vector<ScalarSample>& samples, const ScalarLook& look,
   }
   std::partial_sum(area.begin(), area.end() - 1, curve.area.begin());
   std::partial_sum(gradient.begin(), gradient.end() - 1, curve.gradient.begin());
+  std::partial_sum(steep.begin(), steep.end() - 1, curve.steep.begin());
   // What is left where no level passes is rounding.
   const double least = 1e-9 * *std::max_element(curve.area.begin(), curve.area.end());
   for (std::size_t i = 0; i < kBins; ++i) {
@@ -279,6 +365,104 @@ std::vector<Boundary> boundariesOf(const Curve& curve, const ScalarLook& look, d
   return found;
 }
 
+/// The steepest place, where it is a surface: the value whose isosurface is steep nearly wherever
+/// it runs, as a shock's is. One side may be of any values.
+std::optional<Boundary> frontOf(const Curve& curve, const ScalarLook& look) {
+  if (curve.steep_share > kMostlySteep) return std::nullopt;
+  const Bins area = smoothed(curve.area);
+  const Bins steep = smoothed(curve.steep);
+  Bins score{};
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (area[i] > 0.0 && steep[i] >= kLeastOfFront * area[i]) score[i] = steep[i] / area[i];
+  }
+  // The widest range of values that runs steep.
+  std::size_t from = 0;
+  std::size_t to = 0;
+  for (std::size_t i = 0; i < kBins; ++i) {
+    if (score[i] <= 0.0) continue;
+    std::size_t end = i;
+    while (end < kBins && score[end] > 0.0) ++end;
+    if (end - i > to - from) {
+      from = i;
+      to = end;
+    }
+    i = end;
+  }
+  // From a voxel to the next values change by more than that.
+  if (static_cast<double>(to - from) < kSteep * static_cast<double>(kBins)) return std::nullopt;
+  const double width = look.range() / static_cast<double>(kBins);
+  const auto value_at = [&](std::size_t bin) {
+    return look.low + (static_cast<double>(bin) + 0.5) * width;
+  };
+  Boundary b;
+  b.front = true;
+  b.lower = value_at(from);
+  b.upper = value_at(to - 1);
+  b.value = b.foot = 0.5 * (b.lower + b.upper);
+  b.share = 1.0;
+  const auto bin = (from + to) / 2;
+  b.slope = curve.gradient[bin] / std::max(curve.area[bin], std::numeric_limits<double>::min());
+  const double above = look.shareAbove(b.value);
+  if (std::min(above, 1.0 - above) < kLeastBeside) return std::nullopt;
+  return b;
+}
+
+/// How many of the values are whole, which there are, and how they lie beside each other.
+void lookAtLabels(const std::vector<ScalarSample>& samples, ScalarLook& look) {
+  const auto share = [](double part, double all) { return all > 0.0 ? part / all : 0.0; };
+  double whole = 0.0;
+  std::vector<float> distinct;
+  for (const float value : look.values) {
+    whole += std::abs(value - std::round(value)) < 1e-3F ? 1.0 : 0.0;
+    if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
+      distinct.push_back(value);
+    }
+  }
+  look.whole = share(whole, static_cast<double>(look.values.size()));
+  if (distinct.size() > kMostDistinct) return;
+  // What most voxels have surrounds the others: it says nothing of them.
+  float common = look.values.front();
+  std::ptrdiff_t most = 0;
+  for (const float value : distinct) {
+    const auto [from, to] = std::equal_range(look.values.begin(), look.values.end(), value);
+    if (to - from > most) {
+      most = to - from;
+      common = value;
+    }
+  }
+  double pairs = 0.0;
+  double alike = 0.0;
+  double others = 0.0;
+  double skips = 0.0;
+  for (const ScalarSample& sample : samples) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      if (!sample.known[axis]) continue;
+      for (const float near : {sample.before[axis], sample.after[axis]}) {
+        if (near != common && sample.value != common) {
+          pairs += 1.0;
+          alike += near == sample.value ? 1.0 : 0.0;
+        }
+        if (near == sample.value) continue;
+        others += 1.0;
+        const auto [less, more] = std::minmax(near, sample.value);
+        const auto next = std::upper_bound(distinct.begin(), distinct.end(), less);
+        if (next != distinct.end() && *next < more) skips += 1.0;
+      }
+    }
+  }
+  look.alike = share(alike, pairs);
+  look.skips = share(skips, others);
+  if (look.outside && std::find(distinct.begin(), distinct.end(),
+                                static_cast<float>(*look.outside)) == distinct.end()) {
+    const auto edge = [](const ScalarSample& sample) { return sample.at_edge; };
+    if (std::any_of(samples.begin(), samples.end(), edge)) {
+      distinct.push_back(static_cast<float>(*look.outside));
+      std::sort(distinct.begin(), distinct.end());
+    }
+  }
+  look.distinct = std::move(distinct);
+}
+
 /// 1 where all values between the 1st and the 99th percentile are as frequent, 0 where all are one.
 double entropyOf(const std::vector<float>& sorted) {
   const double low = percentile(sorted, 1.0);
@@ -344,14 +528,87 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
   return aa > 0.0 && bb > 0.0 ? std::abs(ab) / std::sqrt(aa * bb) : 0.0;
 }
 
-/// Some active voxels, the same for any grid of the same topology.
-template <class GridT>
-std::vector<Coord> places(const GridT& grid) {
-  const auto all = gather<Coord>(grid, [](const auto&, const Coord& c) { return c; });
-  constexpr std::size_t kPlaces = 20'000;
+/// f with the type of a grid and of its reader.
+template <class F>
+auto withScalars(const SuggestInput& input, const F& f) {
+  using openvdb::DoubleGrid;
+  using openvdb::FloatGrid;
+  if (input.grid->isType<DoubleGrid>()) {
+    return f(std::type_identity<ScalarsOf<DoubleGrid>>(), std::type_identity<DoubleGrid>());
+  }
+  return f(std::type_identity<ScalarsOf<FloatGrid>>(), std::type_identity<FloatGrid>());
+}
+template <class F>
+auto withVectors(const SuggestInput& input, const F& f) {
+  using openvdb::DoubleGrid;
+  using openvdb::FloatGrid;
+  using openvdb::Vec3DGrid;
+  using openvdb::Vec3SGrid;
+  if (input.grid->isType<Vec3DGrid>()) {
+    return f(std::type_identity<VectorsOf<Vec3DGrid>>(), std::type_identity<Vec3DGrid>());
+  }
+  if (input.grid->isType<DoubleGrid>()) {
+    return f(std::type_identity<ComponentsOf<DoubleGrid>>(), std::type_identity<DoubleGrid>());
+  }
+  if (input.grid->isType<FloatGrid>()) {
+    return f(std::type_identity<ComponentsOf<FloatGrid>>(), std::type_identity<FloatGrid>());
+  }
+  return f(std::type_identity<VectorsOf<Vec3SGrid>>(), std::type_identity<Vec3SGrid>());
+}
+
+/// Some active voxels, the same for any scalar of the same topology.
+std::vector<Coord> places(const SuggestInput& input, std::size_t count = 20'000) {
+  const auto all =
+      withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+        return gather<Coord, R, G>(input, [](const R&, const Coord& c) { return c; });
+      });
   std::vector<Coord> some;
-  for (std::size_t i = 0; i < all.size(); i += all.size() / kPlaces + 1) some.push_back(all[i]);
+  for (std::size_t i = 0; i < all.size(); i += all.size() / count + 1) some.push_back(all[i]);
   return some;
+}
+
+/// The scalar's values at places, and whether they are active.
+struct Read {
+  std::vector<float> values;
+  std::vector<bool> active;
+};
+Read readAt(const SuggestInput& input, const std::vector<Coord>& at) {
+  return withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+    const R reader(input);
+    Read read;
+    for (const Coord& c : at) {
+      float value = 0.0F;
+      read.active.push_back(reader.probeValue(c, value));
+      read.values.push_back(value);
+    }
+    return read;
+  });
+}
+
+/// A lattice on the faces of a box.
+std::vector<Coord> facesOf(const openvdb::CoordBBox& box) {
+  constexpr int kLines = 32;
+  std::vector<Coord> at;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int b = (axis + 1) % 3;
+    const int c = (axis + 2) % 3;
+    const auto along = [&](int a, int i) {
+      return box.min()[a] +
+             static_cast<int>(static_cast<std::int64_t>(box.dim()[a] - 1) * i / (kLines - 1));
+    };
+    for (int i = 0; i < kLines; ++i) {
+      for (int j = 0; j < kLines; ++j) {
+        for (const int end : {box.min()[axis], box.max()[axis]}) {
+          Coord p;
+          p[axis] = end;
+          p[b] = along(b, i);
+          p[c] = along(c, j);
+          at.push_back(p);
+        }
+      }
+    }
+  }
+  return at;
 }
 
 }  // namespace
@@ -376,22 +633,35 @@ double ScalarLook::shareAbove(double value) const {
   return static_cast<double>(values.end() - at) / static_cast<double>(values.size());
 }
 
-ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input) {
-  using Accessor = openvdb::FloatGrid::ConstAccessor;
+namespace {
+
+double backgroundOf(const openvdb::GridBase& grid) {
+  return grid.isType<openvdb::DoubleGrid>()
+             ? static_cast<const openvdb::DoubleGrid&>(grid).background()
+             : static_cast<const openvdb::FloatGrid&>(grid).background();
+}
+
+}  // namespace
+
+ScalarLook lookAtScalar(const SuggestInput& input) {
   const bool image = input.inactive_is_data;
-  auto samples = gather<ScalarSample>(grid, [&input](const Accessor& accessor, const Coord& c) {
-    ScalarSample sample;
-    sample.value = accessor.getValue(c);
-    for (int axis = 0; axis < 3; ++axis) {
-      const auto near = neighboursOf(accessor, c, axis, input);
-      if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after)) continue;
-      const auto a = static_cast<std::size_t>(axis);
-      sample.before[a] = near.before;
-      sample.after[a] = near.after;
-      sample.at_edge = sample.at_edge || near.at_edge;
-    }
-    return sample;
-  });
+  auto samples =
+      withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+        return gather<ScalarSample, R, G>(input, [&input](const R& reader, const Coord& c) {
+          ScalarSample sample;
+          sample.value = reader.getValue(c);
+          for (int axis = 0; axis < 3; ++axis) {
+            const auto near = neighboursOf(reader, c, axis, input);
+            if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after)) continue;
+            const auto a = static_cast<std::size_t>(axis);
+            sample.before[a] = near.before;
+            sample.after[a] = near.after;
+            sample.known[a] = true;
+            sample.at_edge = sample.at_edge || near.at_edge;
+          }
+          return sample;
+        });
+      });
   samples.erase(std::remove_if(samples.begin(), samples.end(),
                                [](const ScalarSample& s) { return !std::isfinite(s.value); }),
                 samples.end());
@@ -406,8 +676,8 @@ ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input) {
   std::sort(look.values.begin(), look.values.end());
   look.low = percentile(look.values, 0.2);
   look.high = percentile(look.values, 99.8);
-  if (image && std::isfinite(grid.background())) {
-    look.outside = grid.background();
+  if (const double background = backgroundOf(*input.grid); image && std::isfinite(background)) {
+    look.outside = background;
     if (edge_seen) {
       look.low = std::min(look.low, *look.outside);
       look.high = std::max(look.high, *look.outside);
@@ -417,15 +687,20 @@ ScalarLook lookAt(const openvdb::FloatGrid& grid, const SuggestInput& input) {
     look.low = look.high;
     return look;
   }
+  lookAtLabels(samples, look);
   look.entropy = entropyOf(look.values);
-  const std::array<double, 3> edges = edgesOf(grid);
+  const std::array<double, 3> edges = edgesOf(*input.grid);
   const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
-  look.boundaries = boundariesOf(curveOf(samples, look, edges), look, edge, image);
+  const Curve curve = curveOf(samples, look, edges);
+  look.boundaries = boundariesOf(curve, look, edge, image);
+  if (look.boundaries.empty()) {
+    if (const auto front = frontOf(curve, look)) look.boundaries.push_back(*front);
+  }
   return look;
 }
 
-VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input) {
-  using Accessor = openvdb::Vec3SGrid::ConstAccessor;
+VectorLook lookAtVector(const SuggestInput& input) {
+  const openvdb::GridBase& grid = *input.grid;
   // Along the grid's own axes, which are taken as orthogonal: turned into its frame, a vector's
   // curl and Jacobian keep their size.
   const std::array<double, 3> edges = edgesOf(grid);
@@ -436,12 +711,12 @@ VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input) {
     p[axis] = 1.0;
     axes[static_cast<std::size_t>(axis)] = (grid.transform().indexToWorld(p) - origin).unit();
   }
-  const auto samples = gather<VectorSample>(grid, [&](const Accessor& accessor, const Coord& c) {
+  const auto sample_at = [&](const auto& reader, const Coord& c) {
     VectorSample sample;
-    sample.value = accessor.getValue(c);
+    sample.value = reader.getValue(c);
     std::array<std::array<double, 3>, 3> j{};  // d v_row / d x_column
     for (int axis = 0; axis < 3; ++axis) {
-      const auto near = neighboursOf(accessor, c, axis, input);
+      const auto near = neighboursOf(reader, c, axis, input);
       if (!near.known) return sample;
       const auto a = static_cast<std::size_t>(axis);
       const openvdb::Vec3d slope =
@@ -455,7 +730,12 @@ VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input) {
     sample.curl = static_cast<float>(curl);
     sample.jacobian = static_cast<float>(std::sqrt(norm));
     return sample;
-  });
+  };
+  const auto samples =
+      withVectors(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+        return gather<VectorSample, R, G>(
+            input, [&](const R& reader, const Coord& c) { return sample_at(reader, c); });
+      });
 
   VectorLook flow;
   for (const VectorSample& s : samples) {
@@ -483,36 +763,99 @@ VectorLook lookAt(const openvdb::Vec3SGrid& grid, const SuggestInput& input) {
   }
   if (flow.speed.empty()) flow.constant = true;
   if (changing > 0.0) flow.turning = turning / changing;
+  const auto is_unit = [](float length) { return std::abs(length - 1.0F) < 2e-3F; };
+  flow.unit = static_cast<double>(std::count_if(flow.speed.begin(), flow.speed.end(), is_unit)) /
+              std::max(1.0, static_cast<double>(flow.speed.size()));
   std::sort(flow.speed.begin(), flow.speed.end());
   std::sort(flow.curl.begin(), flow.curl.end());
   return flow;
 }
 
-bool isLike(const openvdb::FloatGrid& grid, const openvdb::GridBase& other) {
+bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
   constexpr double kAlike = 0.97;
-  if (grid.transform() != other.transform()) return false;
+  if (scalar.grid->transform() != other.grid->transform()) return false;
+  const std::vector<Coord> at = places(scalar);
+  const std::vector<float> own = readAt(scalar, at).values;
   std::array<std::vector<double>, 4> theirs;
   std::vector<double> ours;
-  auto accessor = grid.getConstAccessor();
-  const auto* vector = dynamic_cast<const openvdb::Vec3SGrid*>(&other);
-  const auto* scalar = dynamic_cast<const openvdb::FloatGrid*>(&other);
-  for (const Coord& c : places(grid)) {
-    if (vector != nullptr) {
-      const openvdb::Vec3d v(vector->tree().getValue(c));
-      if (!std::isfinite(v.length())) continue;
-      for (int axis = 0; axis < 3; ++axis)
-        theirs[static_cast<std::size_t>(axis)].push_back(v[axis]);
-      theirs[3].push_back(v.length());
-    } else if (scalar != nullptr) {
-      const double v = scalar->tree().getValue(c);
-      if (!std::isfinite(v)) continue;
-      theirs[0].push_back(v);
+  if (other.isVector()) {
+    withVectors(other, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+      const R reader(other);
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        const openvdb::Vec3d v(reader.getValue(at[i]));
+        if (!std::isfinite(v.length()) || !std::isfinite(own[i])) continue;
+        for (int axis = 0; axis < 3; ++axis) {
+          theirs[static_cast<std::size_t>(axis)].push_back(v[axis]);
+        }
+        theirs[3].push_back(v.length());
+        ours.push_back(own[i]);
+      }
+    });
+  } else {
+    const std::vector<float> values = readAt(other, at).values;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      if (!std::isfinite(values[i]) || !std::isfinite(own[i])) continue;
+      theirs[0].push_back(values[i]);
+      ours.push_back(own[i]);
     }
-    ours.push_back(accessor.getValue(c));
   }
   return std::any_of(theirs.begin(), theirs.end(), [&](const std::vector<double>& their) {
     return their.size() == ours.size() && correlation(ours, their) > kAlike;
   });
 }
 
-}  // namespace palpate::importer
+SumLook lookAtSum(const std::vector<const SuggestInput*>& scalars) {
+  SumLook look;
+  if (scalars.size() < 2) return look;
+  const bool image = scalars.front()->inactive_is_data;
+  openvdb::CoordBBox box;
+  std::vector<Coord> within;
+  for (const SuggestInput* scalar : scalars) {
+    if (scalar->grid->transform() != scalars.front()->grid->transform()) return look;
+    const auto some = places(*scalar, 20'000 / scalars.size());
+    within.insert(within.end(), some.begin(), some.end());
+    box.expand(scalar->extent.empty() ? scalar->grid->evalActiveVoxelBoundingBox()
+                                      : scalar->extent);
+  }
+  constexpr double kNear = 0.01;
+  constexpr double kAlone = 0.95;
+  constexpr double kMost = 0.5;
+  const auto means = [&](const std::vector<Coord>& at, std::vector<double>& mean) {
+    std::vector<Read> reads;
+    for (const SuggestInput* scalar : scalars) reads.push_back(readAt(*scalar, at));
+    double count = 0.0;
+    double ones = 0.0;
+    double pure = 0.0;
+    mean.assign(scalars.size(), 0.0);
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      double sum = 0.0;
+      bool held = true;
+      bool data = image;
+      bool alone = false;
+      for (const Read& read : reads) {
+        const double value = read.values[i];
+        held = held && value >= -kNear && value <= 1.0 + kNear;
+        data = data || read.active[i];
+        alone = alone || value > kAlone;
+        sum += value;
+      }
+      if (!data) continue;
+      count += 1.0;
+      if (held && std::abs(sum - 1.0) <= kNear) ones += 1.0;
+      if (alone) pure += 1.0;
+      for (std::size_t m = 0; m < reads.size(); ++m) mean[m] += reads[m].values[i];
+    }
+    for (double& one : mean) one /= std::max(count, 1.0);
+    look.apart = pure > kMost * count;
+    return count > 0.0 ? ones / count : 0.0;
+  };
+  constexpr double kNearlyEverywhere = 0.98;
+  look.is_one = means(within, look.throughout) >= kNearlyEverywhere;
+  if (!look.is_one) return look;
+  const bool apart = look.apart;
+  (void)means(facesOf(box), look.at_faces);
+  look.apart = apart;
+  return look;
+}
+
+}  // namespace palpate::guess
