@@ -190,6 +190,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   const std::vector<double> times = reader.times();
   if (step < times.size()) out.time = times[step];
   std::vector<Piece> pieces = makeReady(content, in, out.notes);
+  joinComponents(pieces, options.request.fields, out.notes);
   select(pieces, options.request.fields, in);
 
   for (Piece& piece : pieces) {

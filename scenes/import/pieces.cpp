@@ -1,6 +1,7 @@
 #include "palpate/scenes/import/pieces.h"
 
 #include <algorithm>
+#include <array>
 #include <set>
 #include <utility>
 
@@ -9,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/components.h"
 #include "palpate/scenes/import/tensors.h"
 
 namespace palpate::importer {
@@ -83,6 +85,20 @@ std::vector<std::string> namesOf(const std::vector<Piece>& pieces) {
   return names;
 }
 
+/// Three scalars as one vector.
+Values joined(const std::array<Array*, 3>& parts) {
+  const std::size_t count = parts[0]->values.tuples();
+  Values out(Type::kFloat32, 3, count);
+  for (std::size_t c = 0; c < 3; ++c) {
+    out.setLost(floatLoss(parts[c]->values));
+    const Values from = floatsOf(std::exchange(parts[c]->values, Values()));
+    const float* read = from.as<float>();
+    float* write = out.as<float>() + c;
+    for (std::size_t i = 0; i < count; ++i) write[3 * i] = read[i];
+  }
+  return out;
+}
+
 }  // namespace
 
 std::vector<Piece> makeReady(Content& content, const std::string& file,
@@ -116,6 +132,36 @@ std::vector<Piece> makeReady(Content& content, const std::string& file,
                       "export the values with the mesh");
   }
   return pieces;
+}
+
+void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
+                    std::vector<std::string>& notes) {
+  const std::vector<std::string> there = namesOf(pieces);
+  std::set<std::string> taken(there.begin(), there.end());
+  for (Piece& piece : pieces) {
+    std::vector<std::string> names;
+    std::vector<Array*> scalars;
+    for (Array& array : piece.arrays) {
+      if (array.values.components() != 1) continue;
+      names.push_back(array.given.empty() ? array.name : array.given);
+      scalars.push_back(&array);
+    }
+    for (const Components& found : findComponents(names)) {
+      if (!fields.empty() && std::find(fields.begin(), fields.end(), found.name) == fields.end()) {
+        continue;
+      }
+      std::array<Array*, 3> parts{};
+      for (std::size_t c = 0; c < 3; ++c) parts[c] = scalars[found.parts[c]];
+      std::string name = found.name;
+      for (int n = 2; !taken.insert(name).second; ++n) name = fmt::format("{}_{}", found.name, n);
+      notes.push_back(fmt::format("{}, {} and {}: joined into the vector {}", parts[0]->name,
+                                  parts[1]->name, parts[2]->name, name));
+      parts[0]->values = joined(parts);
+      parts[0]->name = name;
+      parts[0]->given = found.name;
+    }
+    std::erase_if(piece.arrays, [](const Array& array) { return array.values.none(); });
+  }
 }
 
 void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,

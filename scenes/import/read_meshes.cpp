@@ -79,6 +79,30 @@ class ExodusReader final : public Reader {
   std::vector<double> times_;
 };
 
+/// Leaves out what VTK derives from a file's energy where that cannot be: a pressure and a
+/// temperature are not negative, but for a few points that a solver has not met.
+void dropImpossible(Content& content) {
+  constexpr double kFew = 0.01;
+  for (Piece& piece : content.pieces) {
+    std::erase_if(piece.arrays, [&](const Array& array) {
+      if (array.name != "Pressure" && array.name != "Temperature") return false;
+      double points = 0.0;
+      double negative = 0.0;
+      for (std::size_t i = 0; i < array.values.tuples(); ++i) {
+        if (!piece.hidden.none() && piece.hidden.at(i, 0) != 0.0) continue;
+        points += 1.0;
+        negative += array.values.at(i, 0) < 0.0 ? 1.0 : 0.0;
+      }
+      if (!(negative > kFew * points)) return false;
+      content.notes.push_back(
+          fmt::format("{}: left out: it follows from the energy, and is negative in {:.3g} % of "
+                      "the points: the file has no energy, or one of another scale",
+                      array.name, 100.0 * negative / points));
+      return true;
+    });
+  }
+}
+
 Content readPlot3d(const Request& request) {
   vtkNew<vtkMultiBlockPLOT3DReader> reader;
   reader->SetXYZFileName(request.file.c_str());
@@ -91,6 +115,7 @@ Content readPlot3d(const Request& request) {
       "give a grid with --solution Q, both of one size and format");
   Content content;
   content.pieces = piecesOf(reader->GetOutput(), request.file.string(), content.notes);
+  dropImpossible(content);
   return content;
 }
 

@@ -146,6 +146,7 @@ class NiftiReader final : public Reader {
     }
     classify();
     weigh();
+    findDirections();
   }
 
   [[nodiscard]] std::vector<double> times() const override {
@@ -171,7 +172,7 @@ class NiftiReader final : public Reader {
     }
     if (as_components_) values = turned(values, fslFrame(image.file_from_index));
     const char* names[] = {"density", "vector", "tensor"};
-    image.arrays.push_back({names[static_cast<int>(meaning_)], values, "", "", false});
+    image.arrays.push_back({names[static_cast<int>(meaning_)], values, "", "", axial_});
     content.pieces.push_back(std::move(image));
     content.description = header_.description;
     const char* units[] = {"", "m", "mm", "um"};
@@ -191,6 +192,15 @@ class NiftiReader final : public Reader {
       refuse(fmt::format("it has {} dimensions", size[0]), "export it with 3, 4 or 5");
     }
     series_ = size[4] > 1;
+    constexpr int kDisplacement = 1006;
+    constexpr int kVector = 1007;
+    if (size[4] == 3 && size[5] == 1 &&
+        (header_.intent == kVector || header_.intent == kDisplacement)) {
+      // Components where steps of time belong, but said to be a vector's.
+      header_.size[5] = 3;
+      header_.size[4] = 1;
+      series_ = false;
+    }
     if (size[5] > 1) {
       constexpr int kSymmetricMatrix = 1005;
       if (size[5] == 3) {
@@ -217,6 +227,33 @@ class NiftiReader final : public Reader {
         "components are taken along the voxel axes, as FSL writes them (its x is mirrored where "
         "the "
         "axes are right-handed)");
+  }
+
+  /// Three volumes that are a vector of length 1 wherever they are not nothing are no series of
+  /// time: so FSL writes the directions of fibres.
+  void findDirections() {
+    if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
+    if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
+    as_components_ = true;
+    const Values values = rescaled(readValues(0), header_.slope, header_.intercept);
+    std::size_t there = 0;
+    std::size_t unit = 0;
+    for (std::size_t i = 0; i < values.tuples(); ++i) {
+      const Vec3 v(values.at(i, 0), values.at(i, 1), values.at(i, 2));
+      if (v.squaredNorm() == 0.0) continue;
+      ++there;
+      unit += std::abs(v.norm() - 1.0) < 2e-3 ? 1 : 0;
+    }
+    constexpr double kNearlyAll = 0.99;
+    as_components_ =
+        there > 0 && static_cast<double>(unit) >= kNearlyAll * static_cast<double>(there);
+    if (!as_components_) return;
+    series_ = false;
+    axial_ = true;
+    meaning_ = Meaning::kVector;
+    notes_.emplace_back(
+        "its three volumes are vectors of length 1: taken as directions along the voxel axes, as "
+        "FSL writes them, not as steps of time");
   }
 
   void findType() {
@@ -393,6 +430,7 @@ class NiftiReader final : public Reader {
   Meaning meaning_ = Meaning::kScalar;
   bool series_ = false;
   bool as_components_ = false;  ///< The volumes of a 4-D file.
+  bool axial_ = false;          ///< Directions, whose sign means nothing.
   bool sound_ = false;          ///< The values' file was looked through to its end.
   std::vector<std::string> notes_;
 };

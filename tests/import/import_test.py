@@ -448,6 +448,64 @@ class Meshes(Case):
         self.assertEqual([r["inside"] for r in rows], [1, 0], report)
 
 
+    def test_plot3d_without_energy_has_no_pressure(self):
+        n = 5
+        points = [(float(i), float(j), float(k)) for k in range(n) for j in range(n)
+                  for i in range(n)]
+        grid = [p[axis] for axis in range(3) for p in points]
+        head = struct.pack("<3i", n, n, n)
+        source = self.write("grid.xyz", head + struct.pack(f"<{len(grid)}f", *grid)
+                            + struct.pack(f"<{len(points)}i", *[1] * len(points)))
+        for energy, derived in ((0.0, False), (9.0, True)):
+            q = [[1.0 + 0.01 * p[1] for p in points], [2.0 + p[0] for p in points],
+                 [0.1 * p[1] for p in points], [0.2] * len(points), [20 * energy] * len(points)]
+            self.write("flow.q", head + struct.pack("<4f", 0.1, 0, 1000, 0)
+                       + b"".join(struct.pack(f"<{len(c)}f", *c) for c in q))
+            report = self.imported(source, "--solution", self.dir / "flow.q", "--voxel", 0.25)
+            names = {grid["name"] for grid in report["grids"]}
+            said = [note for note in report["notes"] if "negative in 100 %" in note]
+            self.assertEqual(names & {"Pressure", "Temperature"},
+                             {"Pressure", "Temperature"} if derived else set())
+            self.assertEqual(len(said), 0 if derived else 2, report["notes"])
+            self.assertLessEqual({"Density", "Momentum", "Velocity"}, names)
+
+    def test_components_are_joined_into_a_vector(self):
+        n = 6
+        at = [(i, j, k) for k in range(n) for j in range(n) for i in range(n)]
+        for names, vector in ((("X Velocity", "Y Velocity", "Z Velocity"), "Velocity"),
+                              (("u", "v", "w"), "velocity"),
+                              (("Momentum_x", "Momentum_y", "Momentum_z"), "Momentum")):
+            arrays = [(names[0], 1, [-p[1] for p in at]), (names[1], 1, [p[0] for p in at]),
+                      (names[2], 1, [0.5 * p[2] for p in at]),
+                      ("p", 1, [p[0] * p[1] for p in at])]
+            source = self.write("a.vti", vti(n, n, n, arrays))
+            scene = self.dir / "s.json"
+            report = self.imported(source, "--scene", scene)
+            self.assertEqual({grid["name"] for grid in report["grids"]}, {vector, "p"})
+            self.assertIn(f"{names[0]}, {names[1]} and {names[2]}: joined into the vector {vector}",
+                          report["notes"])
+            row = self.sample(vector, [(3, 2, 4)])[0]
+            self.assertEqual([row["vx"], row["vy"], row["vz"]], [-2, 3, 2])
+            modes = json.loads(scene.read_text())["modes"]
+            self.assertEqual(modes[0]["mode"], "follow")
+            # One of them, or the vector, if asked for.
+            report = self.imported(source, "--field", names[1])
+            self.assertEqual([grid["name"] for grid in report["grids"]], [names[1]])
+            report = self.imported(source, "--field", vector)
+            self.assertEqual([grid["name"] for grid in report["grids"]], [vector])
+
+    def test_a_bare_vdb_is_felt_as_its_import_says(self):
+        n = 12
+        at = [(i - 5.5, j - 5.5, k - 5.5) for k in range(n) for j in range(n) for i in range(n)]
+        arrays = [("velocity", 3, [c for p in at for c in (-p[1], p[0], 1.0)]),
+                  ("density", 1, [1000.0 if math.hypot(*p) < 4 else 0.0 for p in at])]
+        source = self.write("a.vti", vti(n, n, n, arrays))
+        scene = self.dir / "s.json"
+        self.imported(source, "--scene", scene)
+        self.assertEqual(json.loads(run("scene", self.dir / "out.vdb").stdout)["modes"],
+                         json.loads(scene.read_text())["modes"])
+
+
 class Series(Case):
     def test_each_step_becomes_a_file(self):
         """Exodus: the value is sin(2 pi t) everywhere, 10 steps from 0 to 1."""
@@ -493,6 +551,39 @@ class Series(Case):
         (self.dir / "out_0003.vdb" / "x").mkdir()
         self.refused(source, self.dir / "out.vdb", "--time", "all", "--scene", self.dir / "s.json",
                      says="out_0003.vdb")
+
+    def test_three_volumes_of_a_vector_are_no_series(self):
+        """4-D NIfTI of three volumes: unit vectors, by the intent, or steps of time."""
+        def nifti(volumes, intent=0):
+            header = bytearray(352)
+            struct.pack_into("<i", header, 0, 348)
+            struct.pack_into("<8h", header, 40, 4, 4, 4, 4, 3, 1, 1, 1)
+            struct.pack_into("<h", header, 68, intent)
+            struct.pack_into("<2h", header, 70, 16, 32)
+            struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+            struct.pack_into("<f", header, 108, 352.0)
+            header[344:348] = b"n+1\0"
+            return bytes(header) + b"".join(struct.pack("<64f", *v) for v in volumes)
+        angles = [0.1 * i for i in range(64)]
+        unit = [[math.cos(a) for a in angles], [math.sin(a) for a in angles], [0.0] * 64]
+        scene = self.dir / "s.json"
+        report = self.imported(self.write("a.nii", nifti(unit)), "--scene", scene)
+        self.assertTrue(any("not as steps of time" in note for note in report["notes"]))
+        self.assertFalse(any("the first of" in note for note in report["notes"]))
+        written = json.loads(scene.read_text())
+        self.assertEqual([mode["mode"] for mode in written["modes"]], ["follow"])
+        self.assertTrue(written["volumes"]["vector"]["axial"])
+        # The frame is right-handed: FSL mirrors x.
+        row = self.sample("vector", [(1, 0, 0)])[0]
+        self.assertAlmostEqual(row["vx"], -math.cos(0.1), places=6)
+        self.assertAlmostEqual(row["vy"], math.sin(0.1), places=6)
+
+        twice = [[2 * v for v in volume] for volume in unit]
+        report = self.imported(self.write("a.nii", nifti(twice, 1007)))
+        row = self.sample("vector", [(1, 0, 0)])[0]
+        self.assertAlmostEqual(row["vx"], 2 * math.cos(0.1), places=6)
+        report = self.imported(self.write("a.nii", nifti(twice)))
+        self.assertTrue(any("first of 3 steps" in note for note in report["notes"]))
 
     def test_a_step_alone_is_reported_alone(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
