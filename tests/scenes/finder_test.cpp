@@ -1,0 +1,204 @@
+/// A simulated hand that finds what there is to feel: in scenes whose places are known.
+#include "palpate/scenes/cli/finder.h"
+
+#include <cmath>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+
+using namespace palpate;
+
+namespace {
+
+constexpr double kHalf = 0.05;   // [m]: of the box that there is
+constexpr double kRadius = 0.1;  // [m]: of the workspace
+constexpr double kSeconds = 10.0;
+const Box kBox{Vec3::Constant(-kHalf), Vec3::Constant(kHalf)};
+
+FieldFrame frame() {
+  FieldFrame frame;
+  frame.voxel = 1e-3;
+  frame.bounds = kBox;
+  return frame;
+}
+
+FieldPtr ballAt(const Vec3& centre, double radius) {
+  return makeScalarField(frame(), [=](const Vec3& p) noexcept {
+    const Vec3 r = p - centre;
+    const double distance = r.norm();
+    return ScalarSample{distance - radius, distance > 0.0 ? Vec3(r / distance) : Vec3::UnitX(),
+                        true};
+  });
+}
+
+ModeSpec mode(ModeKind kind, const std::string& of, const TransferSpec& strength) {
+  ModeSpec mode;
+  mode.kind = kind;
+  mode.of = mode.name = of;
+  mode.strength = strength;
+  mode.solid = kind == ModeKind::kIsosurface ? Solid::kBelow : Solid::kAbove;
+  return mode;
+}
+
+/// What a run felt.
+struct Run {
+  double share = 0.0;        ///< Of ticks with more than 0.2 N.
+  double most = 0.0;         ///< [N]
+  double farthest = 0.0;     ///< Of the arm, from the origin [m].
+  std::vector<double> held;  ///< By mode [N].
+  std::vector<Vec3> came;    ///< By mode, from where it was felt first in each second [unit].
+};
+
+Run feel(const Scene& scene, const Vec3& about = Vec3::Zero()) {
+  cli::Search search;
+  SimulatedDevice device({}, {}, cli::findingHand(scene, kBox, kRadius, kSeconds, &search), 1000.0);
+  INFO(search.rays << " rays, " << search.met << " met something, " << search.visits << " visits, "
+                   << search.ms << " ms");
+  Reader reader;
+  ProxyState state(device.info().limits);
+  Run run;
+  run.held.resize(scene.graph.modes.size());
+  int strong = 0;
+  int ticks = 0;
+  for (; ticks < kSeconds * 1000; ++ticks) {
+    const HandState hand = device.read();
+    const StepReport r = hapticStep(scene, reader, hand, state, 1e-3);
+    device.write(r.force);
+    strong += r.force.norm() > 0.2 ? 1 : 0;
+    run.most = std::max(run.most, r.force.norm());
+    run.farthest = std::max(run.farthest, hand.position.norm());
+    std::size_t next = 0;
+    for (std::size_t i = 0; i < run.held.size(); ++i) {
+      Vec3 force = Vec3::Zero();
+      for (int k = 0; k < state.memory(i).emitted; ++k) force += state.forces()[next++];
+      run.held[i] = std::max(run.held[i], force.norm());
+    }
+    const bool fresh =
+        run.came.empty() || run.came.back().dot((hand.position - about).normalized()) < 0.7;
+    if (r.force.norm() > 0.2 && fresh) run.came.push_back((hand.position - about).normalized());
+  }
+  run.share = static_cast<double>(strong) / ticks;
+  return run;
+}
+
+}  // namespace
+
+TEST_CASE("a small ball far off the middle of a big box is found and felt from two sides",
+          "[finder]") {
+  const Vec3 centre(0.03, -0.027, 0.021);
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
+  const auto scene = makeScene(spec, {{"ball", ballAt(centre, 4e-3)}});
+  const Run run = feel(*scene, centre);
+  CAPTURE(run.share, run.most);
+  CHECK(run.share > 0.3);
+  CHECK(run.most > 1.0);
+  CHECK(run.most < 4.0);
+  CHECK(run.came.size() >= 2);
+  CHECK(run.farthest < kRadius);
+}
+
+TEST_CASE("a smoke is felt where it is dense", "[finder]") {
+  const Vec3 centre(-0.02, 0.015, -0.01);
+  const FieldPtr smoke = makeScalarField(frame(), [=](const Vec3& p) noexcept {
+    constexpr double kWidth = 0.012;
+    const Vec3 r = (p - centre) / kWidth;
+    const double value = std::exp(-0.5 * r.squaredNorm());
+    return ScalarSample{value, Vec3(-value / kWidth * r), true};
+  });
+  GraphSpec spec;
+  const TransferFunction grows = TransferFunction::piecewise({{0.1, 0.0}, {1.0, 0.6}});
+  spec.modes = {mode(ModeKind::kSurface, "smoke", grows),
+                mode(ModeKind::kViscosity, "smoke", grows)};
+  const Run run = feel(*makeScene(spec, {{"smoke", smoke}}));
+  CAPTURE(run.share, run.most, run.held[0], run.held[1]);
+  CHECK(run.share > 0.3);
+  CHECK(run.held[0] > 0.4);
+  CHECK(run.held[1] > 0.4);
+}
+
+TEST_CASE("vectors alone are felt across them", "[finder]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kFollow, "flow", 1.0)};
+  const FieldPtr flow = makeVortex({0.02, 0.02, 0.0}, {0.0, 0.0, 5.0}, 0.01, 0.02);
+  const Run run = feel(*makeScene(spec, {{"flow", flow}}));
+  CAPTURE(run.share, run.most);
+  CHECK(run.share > 0.3);
+  CHECK(run.most > 0.9);
+}
+
+TEST_CASE("of two things apart, one of them weak, both are visited", "[finder]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "left", 3.0),
+                mode(ModeKind::kIsosurface, "right", 0.5)};
+  const auto scene = makeScene(spec, {{"left", ballAt({-0.03, 0.0, 0.0}, 0.012)},
+                                      {"right", ballAt({0.035, 0.01, 0.0}, 0.006)}});
+  const Run run = feel(*scene);
+  CAPTURE(run.share, run.held[0], run.held[1]);
+  CHECK(run.share > 0.3);
+  CHECK(run.held[0] > 2.0);
+  CHECK(run.held[1] > 0.4);
+}
+
+TEST_CASE("what moves is found where it is by then, and a part like any volume", "[finder]") {
+  SECTION("a ball that turns about the origin") {
+    const std::vector<Keyframe> turn{{0.0, {1, 0, 0, 0}, Vec3::Zero()},
+                                     {5.0, {0.7071, 0, 0, 0.7071}, Vec3::Zero()},
+                                     {10.0, {0.02, 0, 0, 0.9998}, Vec3::Zero()}};
+    GraphSpec spec;
+    spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
+    spec.motions["ball"] = std::make_shared<const Motion>(turn);
+    const Run run = feel(*makeScene(spec, {{"ball", ballAt({0.03, 0.0, 0.0}, 0.01)}}));
+    CAPTURE(run.share, run.most);
+    CHECK(run.share > 0.3);
+  }
+  SECTION("parts") {
+    std::vector<Part> parts;
+    for (const double x : {-0.03, 0.03}) {
+      GraphSpec spec;
+      spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
+      parts.push_back(makePart(spec, {{"ball", ballAt({x, 0.0, 0.0}, 0.01)}}));
+    }
+    const Run run = feel(*makeScene({}, {}, {}, {}, std::move(parts)));
+    CAPTURE(run.share, run.most);
+    CHECK(run.share > 0.3);
+  }
+}
+
+TEST_CASE("the hand's path is the same every time, slow, and within the workspace", "[finder]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
+  const auto scene = makeScene(spec, {{"ball", ballAt({0.02, 0.0, 0.0}, 0.015)}});
+  // Also where there is more than the arm reaches.
+  const double radius = GENERATE(0.1, 0.04);
+  HandTarget a = cli::findingHand(*scene, kBox, radius, 5.0);
+  HandTarget b = cli::findingHand(*scene, kBox, radius, 200.0);
+  double fastest = 0.0;
+  double farthest = 0.0;
+  double apart = 0.0;
+  Vec3 last = b.at(0.0);
+  for (double t = 0.0; t < 200.0; t += 0.01) {
+    const Vec3 p = b.at(t);
+    if (t < 5.0) apart = std::max(apart, (a.at(t) - p).norm());
+    fastest = std::max(fastest, (p - last).norm() / 0.01);
+    farthest = std::max(farthest, p.norm());
+    last = p;
+  }
+  CHECK(apart == 0.0);
+  CHECK(fastest <= 0.1 + 1e-9);
+  CHECK(farthest <= radius);
+}
+
+TEST_CASE("where there is nothing to feel the hand looks, and that is bounded", "[finder]") {
+  GraphSpec spec;
+  spec.modes = {mode(ModeKind::kIsosurface, "ball", 2.0)};
+  const auto scene = makeScene(spec, {{"ball", ballAt({0.5, 0.0, 0.0}, 0.01)}});
+  cli::Search search;
+  HandTarget target = cli::findingHand(*scene, kBox, kRadius, 10.0, &search);
+  CHECK(search.met == 0);
+  CHECK(search.rays <= 4096);
+  CHECK(search.reads < 1200000);
+  for (double t = 0.0; t <= 10.0; t += 0.01) REQUIRE(target.at(t).norm() <= kRadius);
+}
