@@ -15,7 +15,9 @@
 #include "palpate/devices/open_device.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
+#include "palpate/scenes/cli/again.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/finder.h"
 #include "palpate/scenes/cli/room.h"
 #include "palpate/scenes/cli/session.h"
 #include "palpate/scenes/cli/touch.h"
@@ -26,14 +28,13 @@ namespace palpate::cli {
 namespace {
 
 constexpr double kDefaultSeconds = 10.0;
+constexpr double kMostSeconds = 1e6;
 
-DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, Window* window) {
+DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const HandTarget& target,
+                            Window* window) {
   DeviceOptions asked;
   asked.rate = options.rate;
-  // A picture is of a moment of the whole exploration.
-  const double seconds = options.seconds.value_or(kDefaultSeconds);
-  asked.target =
-      explore(bounds, options.still.empty() ? seconds : std::max(seconds, kDefaultSeconds));
+  asked.target = target;
   if (window != nullptr) {
     // In front of all there is, as the window looks at it.
     Vec3 start = bounds.centre();
@@ -46,6 +47,34 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, Windo
   asked.say = [](const std::string& words) { complain("feel: " + words); };
   asked.stop = [] { return interrupted != 0; };
   return asked;
+}
+
+/// Where simulated hands go, and what it took to find that; empty where there are none.
+HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
+  const auto& names = options.devices;
+  if (std::find(names.begin(), names.end(), "simulated") == names.end()) return {};
+  // In a window it goes on as long as a run may be.
+  const bool endless = options.window && options.still.empty();
+  const double seconds = options.seconds.value_or(endless ? kMostSeconds : kDefaultSeconds);
+  Search did;
+  HandTarget target =
+      findingHand(*built.scene, built.bounds, DeviceInfo{}.workspace_radius, seconds, &did);
+  search = {{"rays", did.rays},
+            {"met", did.met},
+            {"reads", did.reads},
+            {"visits", did.visits},
+            {"ms", did.ms}};
+  return target;
+}
+
+/// The moment at which most was felt; null where nothing was.
+OrderedJson mostOf(const Hand& hand, const Scene& scene) {
+  const Most most = hand.log.felt.most();
+  if (!(most.force > 0.0)) return nullptr;
+  const Again again = againOf(most, scene);
+  return {{"force", most.force},         {"mode", most.mode},           {"time", most.time},
+          {"probe", toJson(most.probe)}, {"proxy", toJson(most.proxy)}, {"at", toJson(again.at)},
+          {"push", toJson(again.push)}};
 }
 
 OrderedJson machine() {
@@ -110,7 +139,7 @@ void checkOptions(const FeelOptions& options) {
     throw Error("--rate", fmt::format("{} Hz is not {} to {}", options.rate, slowest, fastest),
                 "use 1000");
   }
-  if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= 1e6)) {
+  if (options.seconds && !(*options.seconds > 0.0 && *options.seconds <= kMostSeconds)) {
     throw Error("--seconds",
                 fmt::format("{} is not more than 0 and at most 1000000", *options.seconds),
                 "use 10");
@@ -141,7 +170,8 @@ void checkOptions(const FeelOptions& options) {
   }
 }
 
-OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec) {
+OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec,
+                      const Scene& scene) {
   OrderedJson summary;
   summary["version"] = kVersion;
   summary["commit"] = commit();
@@ -150,6 +180,7 @@ OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneS
   summary["clock"] = options.realtime ? "real" : "virtual";
   const OrderedJson counted = hand.log.felt.summary();
   for (const auto& [key, value] : counted.items()) summary[key] = value;
+  summary["most"] = mostOf(hand, scene);
   summary["room"] = roomFor(hand.device->info(), options.rate, stiffestCoupling(spec));
   if (options.realtime) {
     summary["realtime"] = hand.granted;
@@ -167,6 +198,15 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
       summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
   if (!summary["room"].is_null()) say("room      {}\n", sentence(roomWords(summary["room"])));
   if (options.realtime) say("{}", timeWords(summary));
+  const OrderedJson& most = summary["most"];
+  if (most.is_null()) return;
+  const auto place = [&](const char* key) {
+    return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
+  };
+  say("most      {} N after {} s, most of it by {}: why:\n{}\n",
+      rounded(most["force"].get<double>()), rounded(most["time"].get<double>()),
+      most["mode"].get<std::string>(),
+      sentence(explainLine(options.scene, {place("at"), place("push")})));
 }
 
 int feel(const FeelOptions& options) {
@@ -188,10 +228,12 @@ int feel(const FeelOptions& options) {
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
+  OrderedJson search;
+  const HandTarget target = targetOf(options, built, search);
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
-    devices.push_back(
-        openDevice(name, deviceOptions(options, built.bounds, window ? &*window : nullptr)));
+    devices.push_back(openDevice(
+        name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
   }
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());
@@ -234,8 +276,9 @@ int feel(const FeelOptions& options) {
   }
 
   std::vector<OrderedJson> felt;
-  for (const auto& hand : hands) felt.push_back(summaryOf(options, *hand, spec));
+  for (const auto& hand : hands) felt.push_back(summaryOf(options, *hand, spec, *built.scene));
   OrderedJson summary = felt[0];
+  if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
@@ -251,6 +294,11 @@ int feel(const FeelOptions& options) {
   if (options.json) {
     sayJson(summary);
   } else if (options.trace != "-" && options.summary != "-") {
+    if (!search.is_null()) {
+      say("search    {} rays, of which {} met something, and a path past {} places: {} ms\n",
+          search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
+          rounded(search["ms"].get<double>()));
+    }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }
   if (std::none_of(hands.begin(), hands.end(),

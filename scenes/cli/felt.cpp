@@ -6,6 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/cli/again.h"
+
 namespace palpate::cli {
 namespace {
 
@@ -42,6 +44,8 @@ std::shared_ptr<Felt::SceneFelt> Felt::startOf(const Scene& scene) {
   auto felt = std::make_shared<SceneFelt>();
   felt->id = scene.id;
   felt->names = scene.graph.mode_names;
+  felt->motions = scene.graph.motions;
+  felt->motion_of = scene.graph.mode_motions;
   felt->volumes = scene.graph.scalar_reads.size() + scene.graph.vector_reads.size();
   felt->own = felt->names.size();
   std::map<std::vector<std::string>, std::size_t> known;
@@ -70,7 +74,8 @@ void Felt::expect(const Scene& scene) {
 void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   const StepReport& r = tick.report;
   // The force of a tick works while the hand moves to the next reading.
-  if (durations_.count() > 0) net_energy_ += last_force_.dot(tick.probe - last_probe_);
+  const Vec3 moved = durations_.count() > 0 ? Vec3(tick.probe - last_probe_) : Vec3::Zero();
+  net_energy_ += last_force_.dot(moved);
   last_probe_ = tick.probe;
   last_force_ = r.force;
   durations_.add(tick.tick_ns);
@@ -89,6 +94,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   primitives_ += r.primitives;
   iterations_ += r.iterations;
   force_max_ = std::max(force_max_, r.force.norm());
+  strong_ += static_cast<std::int64_t>(r.force.norm() > kStrong);
   bound_max_ = std::max(bound_max_, r.error_bound);
   injected_ += r.injected;
   still_ += static_cast<std::int64_t>(r.moving < 1.0);
@@ -119,15 +125,22 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   }
   const auto forces = state.forces();
   std::size_t next = 0;
-  const auto add = [&](ModeFelt& mode, const ModeMemory& memory, Side& last) {
+  double most = 0.0;
+  std::size_t main = 0;
+  const auto add = [&](std::size_t index, const ModeMemory& memory, Side& last) {
     // What the mode's primitives do together; after a fault there may be none.
     Vec3 force = Vec3::Zero();
     const std::size_t end = next + static_cast<std::size_t>(memory.emitted);
     const bool there = r.status != StepStatus::kFault && end <= forces.size();
     for (; there && next < end; ++next) force += forces[next];
-    addMode(mode, force.norm(), memory, last);
+    const double held = force.norm();
+    if (held > most) {
+      most = held;
+      main = index;
+    }
+    addMode(felt.modes[index], held, r.proxy, memory, last);
   };
-  for (std::size_t i = 0; i < felt.own; ++i) add(felt.modes[i], state.memory(i), own_.of[i]);
+  for (std::size_t i = 0; i < felt.own; ++i) add(i, state.memory(i), own_.of[i]);
   for (const std::uint8_t slot : state.near().order()) {
     const NearPart& near = state.near()[slot];
     if (near.part >= felt.modes_of_part.size()) continue;
@@ -135,12 +148,19 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
     if (last.part != near.part) last = {near.part, {}};
     const std::size_t first = felt.modes_of_part[near.part];
     const std::size_t count = near.modes;
-    for (std::size_t i = 0; i < count; ++i)
-      add(felt.modes[first + i], near.memories[i], last.of[i]);
+    for (std::size_t i = 0; i < count; ++i) add(first + i, near.memories[i], last.of[i]);
   }
+
+  // While the hand leaps the force is of that moment only.
+  constexpr double kFast = 0.1;  // [m/s]
+  const double worth = (moved.norm() * rate_ > kFast ? 0.5 : 1.0) * size;
+  if (most <= 0.0 || worth <= most_.worth) return;
+  most_ = {worth, size, tick.time, tick.probe, r.proxy, r.stiffness, tick.scene, main, {}};
+  const int motion = main < felt.own ? felt.motion_of[main] : -1;
+  if (motion >= 0) most_.pose = state.bodies()[static_cast<std::size_t>(motion)].pose;
 }
 
-void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory,
+void Felt::addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
                    Side& last) const noexcept {
   constexpr double kNewtons = 1e-3;  // less is not felt
   constexpr double kPause = 0.05;    // [s]
@@ -149,7 +169,10 @@ void Felt::addMode(ModeFelt& mode, double held, const ModeMemory& memory,
   if (side == Side::kYielded && last != Side::kYielded) ++mode.yields;
   last = side;
   if (held < kNewtons) return;
-  mode.held = std::max(mode.held, held);
+  if (held > mode.held) {
+    mode.held = held;
+    mode.at = proxy;
+  }
   ++mode.active;
   if (mode.last_active < 0 || static_cast<double>(now - mode.last_active) > kPause * rate_) {
     ++mode.touches;
@@ -162,6 +185,19 @@ bool Felt::anything() const {
     return std::any_of(felt->modes.begin(), felt->modes.end(),
                        [](const ModeFelt& m) { return m.active > 0; });
   });
+}
+
+Most Felt::most() const {
+  Most most;
+  for (const auto& felt : scenes_) {
+    if (!(most_.force > 0.0) || felt->id != most_.scene) continue;
+    most = {most_.force, most_.time,      most_.probe,
+            most_.proxy, most_.stiffness, felt->names[most_.mode],
+            felt->id,    nullptr,         most_.pose};
+    const int motion = most_.mode < felt->own ? felt->motion_of[most_.mode] : -1;
+    if (motion >= 0) most.motion = felt->motions[static_cast<std::size_t>(motion)];
+  }
+  return most;
 }
 
 OrderedJson Felt::summary() const {
@@ -182,6 +218,8 @@ OrderedJson Felt::summary() const {
                      {"p99.9", durations_.percentile(0.999)},
                      {"max", durations_.max()}};
   json["force_max"] = force_max_;
+  json["felt_anything"] = anything();
+  json["felt_share"] = static_cast<double>(strong_) / ticks;
   json["error_bound_max"] = bound_max_;
   json["net_energy"] = net_energy_;
   json["injected_energy"] = injected_;
@@ -229,7 +267,8 @@ OrderedJson Felt::summary() const {
                               {"seconds", static_cast<double>(mode.active) / rate_},
                               {"touches", mode.touches},
                               {"pushed_through", mode.yields},
-                              {"held_max", mode.held}});
+                              {"held_max", mode.held},
+                              {"at", mode.active > 0 ? toJson(mode.at) : OrderedJson()}});
     }
   }
   return json;
@@ -251,9 +290,11 @@ Legible Felt::words() const {
       cli::words("balance   {} % closed form, {} iterations a tick; within {} m of the exact one\n",
                  rounded(100.0 * static_cast<double>(closed_form_) / ticks),
                  rounded(s["per_tick"]["iterations"].get<double>()), rounded(bound_max_));
-  text += cli::words("force     at most {} N; the limiter acted in {} ticks; {} faults\n",
-                     rounded(force_max_), limited_,
-                     statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  text += cli::words(
+      "force     at most {} N, above {} N in {} % of the ticks; the limiter acted in {} ticks; {} "
+      "faults\n",
+      rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks), limited_,
+      statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
   if (still_ > 0) {
     text += cli::words("still     the arm did not move by a count: the force faded in {} ticks\n",
                        still_);
@@ -301,6 +342,9 @@ Legible Felt::words() const {
     }
     text += cli::words("{} s in {} touches, up to {} N", rounded(mode["seconds"].get<double>()),
                        mode["touches"].get<int>(), rounded(mode["held_max"].get<double>()));
+    const OrderedJson& at = mode["at"];
+    text += cli::words(" at {}",
+                       placeWords({at[0].get<double>(), at[1].get<double>(), at[2].get<double>()}));
     if (mode["pushed_through"].get<int>() > 0) {
       text += cli::words(", pushed through {} times", mode["pushed_through"].get<int>());
     }

@@ -16,6 +16,8 @@
 
 namespace palpate::cli {
 
+inline constexpr double kStrong = 0.2;  ///< [N]: more than this is surely felt.
+
 /// Counts of durations, exact below 65,536 ns and to 2 % above: a run may be long.
 class Durations {
  public:
@@ -34,6 +36,19 @@ class Durations {
   std::int64_t max_ = 0;
 };
 
+/// The moment at which most was felt, of those in which the hand was about still.
+struct Most {
+  double force = 0.0;         ///< [N]; 0: nothing was felt.
+  double time = 0.0;          ///< Since the start [s].
+  Vec3 probe = Vec3::Zero();  ///< [m]
+  Vec3 proxy = Vec3::Zero();  ///< [m]
+  double stiffness = 0.0;     ///< [N/m]
+  std::string mode;           ///< The one that bore most.
+  std::uint64_t scene = 0;    ///< Scene::id.
+  MotionPtr motion;           ///< Carries the mode; null: it stands.
+  Pose pose;                  ///< Of that motion then.
+};
+
 /// Adds up a run, on the thread of its ticks.
 // The mailbox keeps its sides on cache lines of their own.
 class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
@@ -49,6 +64,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// False if no mode ever took part in a force.
   [[nodiscard]] bool anything() const;
+  /// Where most was felt.
+  [[nodiscard]] Most most() const;
   /// The summary file's content, less what the caller knows better.
   [[nodiscard]] OrderedJson summary() const;
   /// The same in words.
@@ -60,7 +77,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t last_active = -1;
     std::int64_t touches = 0;  ///< Times it began to, after at least 50 ms without.
     std::int64_t yields = 0;   ///< Times a surface was pushed through.
-    double held = 0.0;         ///< Largest force of its primitives [N].
+    double held = 0.0;         ///< Largest force of its primitives [N],
+    Vec3 at = Vec3::Zero();    ///< and where the proxy was then [m].
   };
   /// The contacts of a graph's modes, as the last tick left them.
   struct Contacts {
@@ -71,12 +89,27 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   struct SceneFelt {
     std::uint64_t id = 0;  ///< Scene::id. The scene itself may go.
     std::vector<std::string> names;
-    std::size_t volumes = 0;  ///< That are read.
+    std::vector<MotionPtr> motions;  ///< Graph::motions
+    std::vector<int> motion_of;      ///< and Graph::mode_motions.
+    std::size_t volumes = 0;         ///< That are read.
     std::vector<ModeFelt> modes;
     std::size_t own = 0;                     ///< Of these, the scene's own; then those of parts.
     std::vector<std::size_t> modes_of_part;  ///< The first of each part's; alike ones share theirs.
   };
-  void addMode(ModeFelt& mode, double held, const ModeMemory& memory, Side& last) const noexcept;
+  /// As Most, in a tick.
+  struct Moment {
+    double worth = 0.0;  ///< [N]
+    double force = 0.0;  ///< [N]
+    double time = 0.0;
+    Vec3 probe = Vec3::Zero();
+    Vec3 proxy = Vec3::Zero();
+    double stiffness = 0.0;
+    std::uint64_t scene = 0;
+    std::size_t mode = 0;
+    Pose pose;
+  };
+  void addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
+               Side& last) const noexcept;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
 
   double rate_;
@@ -118,6 +151,8 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::uint64_t scene_ = 0;   ///< Whose contacts these are.
   Contacts own_;
   std::array<Contacts, kMaxNearParts> slots_;
+  Moment most_;
+  std::int64_t strong_ = 0;  ///< Ticks of more than kStrong.
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();
 };

@@ -9,6 +9,7 @@ import math
 import os
 import pty
 import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -632,7 +633,51 @@ class Feel(Case):
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode":'
                          ' "isosurface", "of": "a", "value": 50, "strength": 1}]}')
         self.assertIn("outside the grid", run("check", scene).stderr)
-        self.assertIn("nothing was felt", run("feel", scene, "--seconds", 1).stderr)
+        done = run("feel", scene, "--seconds", 1, "--json")
+        self.assertIn("nothing was felt", done.stderr)
+        nothing = json.loads(done.stdout)
+        self.assertFalse(nothing["felt_anything"])
+        self.assertEqual(nothing["felt_share"], 0)
+        self.assertIsNone(nothing["most"])
+        self.assertIsNone(nothing["felt"][0]["at"])
+        self.assertEqual(nothing["search"]["met"], 0)
+        self.assertNotIn("palpate explain", run("feel", scene, "--seconds", 1).stdout)
+
+    def test_it_ends_with_where_most_was_felt_for_explain(self):
+        place = self.dir / "it's a ball.vdb"
+        place.write_bytes((self.dir / "ball.vdb").read_bytes())
+        felt = json.loads(run("feel", place, "--json").stdout)
+        self.assertTrue(felt["felt_anything"])
+        self.assertGreater(felt["felt_share"], 0.3)
+        self.assertGreater(felt["most"]["force"], 2.0)
+        self.assertEqual(felt["most"]["mode"], felt["felt"][0]["mode"])
+        self.assertEqual(len(felt["felt"][0]["at"]), 3)
+        last = run("feel", place).stdout.splitlines()[-1]
+        words = shlex.split(last)
+        self.assertEqual(words[:3], ["palpate", "explain", str(place)])
+        told = json.loads(run(*words[1:], "--json").stdout)
+        self.assertAlmostEqual(math.hypot(*told["modes"][0]["load"]), felt["most"]["force"],
+                               delta=0.1 * felt["most"]["force"])
+        os.remove(place)
+
+    def test_where_most_was_felt_of_what_moves(self):
+        """Explain begins with the scene: what moved is felt where it stood then."""
+        turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
+                 for t, z in ((0, 0), (10, 0.02))]
+        scene = self.dir / "moving.json"
+        scene.write_text(json.dumps({
+            "palpate": 1, "volumes": {"a": {"file": "ball.vdb", "place": {
+                "fit": 0.06, "keyframes": turns}}},
+            "modes": [{"mode": "isosurface", "of": "a", "value": 0, "solid": "below",
+                       "strength": 2}]}))
+        felt = json.loads(run("feel", scene, "--json").stdout)
+        self.assertGreater(felt["felt_share"], 0.3)
+        self.assertGreater(felt["most"]["time"], 0.5)
+        line = run("feel", scene).stdout.splitlines()[-1]
+        told = json.loads(run(*shlex.split(line)[1:], "--json").stdout)
+        self.assertAlmostEqual(math.hypot(*told["modes"][0]["load"]), felt["most"]["force"],
+                               delta=0.1 * felt["most"]["force"])
+        os.remove(scene)
 
     def test_two_hands_feel_one_scene_each_as_if_alone(self):
         ball = self.dir / "ball.vdb"
@@ -875,7 +920,7 @@ class Stability(Case):
                                       "--json").stdout)["tank"] for watts in (0, 5)}
         self.assertEqual(felt[0]["refilled"], 0.0)
         self.assertGreater(felt[5]["refilled"], 0.0)
-        self.assertGreater(felt[0]["force_lost"], 0.1)
+        self.assertGreater(felt[0]["force_lost"], 0.02)
         self.assertLess(felt[5]["force_lost"], 0.01)
         self.refused("feel", scene, "--refill", 1, says="add --passive")
         self.refused("feel", scene, "--passive", "--refill", 50, says="0 to 10")
@@ -1048,11 +1093,12 @@ class Examples(Case):
                     self.assertGreater(mode["seconds"], 0.05, mode)
                 # A tick in which nothing fits together (an edge of the data, of the wing) may wait.
                 self.assertGreaterEqual(felt["status"]["converged"], felt["ticks"] - 5)
-                self.assertEqual(felt["status"]["iteration-limit"], 0)
+                self.assertLess(felt["error_bound_max"], 1e-4)
                 self.assertEqual(felt["limited"], 0)
-                self.assertLess(felt["force_max"], 5.0)
+                self.assertLess(felt["force_max"], 6.0)
+                self.assertGreater(felt["felt_share"], 0.3)
                 # A wind pushes and a guide draws in: docs/examples.md says how much.
-                self.assertLess(felt["injected_energy"], 0.1)
+                self.assertLess(felt["injected_energy"], 0.3)
                 os.remove(place)
 
     def test_prepare_knows_every_example(self):

