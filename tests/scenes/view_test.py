@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """The window and its stills, under Xvfb with a synthetic mouse: what is seen is what the trace says.
-view_test.py BIN_DIR VOLUMES_PROGRAM. Exit status 77 where Xvfb, xdotool or matplotlib are missing."""
+view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 where Xvfb, xdotool or matplotlib are missing."""
 import csv
 import json
 import math
@@ -197,7 +197,7 @@ class Still(Case):
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
 
-class Live(Case):
+class Window(Case):
     def setUp(self):
         super().setUp()
         ends = os.pipe()
@@ -279,6 +279,10 @@ class Live(Case):
             # What it comes to is seen before the next: too deep, the skin gives way.
             told = self.until("a step", lambda told, before=before: math.dist(told["hand"], before) > 5e-4)
             told = self.until("a later tick", lambda later, told=told: later["time"] > told["time"] + 0.15)
+
+
+class Drawn(Window):
+    """What is drawn while a hand feels."""
 
     def test_a_mouse_feels_a_ball_and_keys_do_what_they_say(self):
         feel = self.start("--seconds", "900", "--trace", "t.csv")
@@ -382,6 +386,10 @@ class Live(Case):
                    and any("drawn coarse" in note for note in t["notes"]))
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
+
+
+class Lost(Window):
+    """Window, display or loop are gone: threads and processes, [host] in tests/CMakeLists.txt."""
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
