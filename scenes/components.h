@@ -1,4 +1,4 @@
-/// Vectors that a file keeps as three scalars.
+/// Private to guesses and imports: vectors that a file keeps as three scalars.
 #pragma once
 
 #include <array>

@@ -24,8 +24,8 @@ struct Guess {
 
 /// A loaded grid, and how a scene names it.
 struct GuessVolume {
-  std::string grid;  ///< As gridNames has it.
-  std::shared_ptr<const Volume> volume;
+  std::string grid;                      ///< As gridNames has it.
+  std::shared_ptr<const Volume> volume;  ///< Not null.
 };
 
 /// How the scene names things.

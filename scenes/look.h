@@ -1,4 +1,5 @@
-/// What the values of a grid are like: where they have boundaries, how a flow runs.
+/// Private to what knows OpenVDB: what the values of a grid are like, where they have boundaries,
+/// how a flow runs.
 #pragma once
 
 #include <cstddef>

@@ -471,7 +471,9 @@ class Check(Case):
 class Room(Case):
     """What a coupling has room for, and the tank."""
     def test_check_and_feel_say_it(self):
-        ball = self.dir / "ball.vdb"
+        ball = self.dir / "undamped.json"
+        ball.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode": '
+                        '"isosurface", "of": "a", "value": 0, "solid": "below", "strength": 1}]}')
         checked = json.loads(run("check", ball, "--json").stdout)["coupling"]["room"]
         self.assertAlmostEqual(checked["passive"], 1000 / 3, places=6)
         self.assertGreater(checked["stable"], 3000)

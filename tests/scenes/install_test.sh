@@ -14,7 +14,7 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 declare -A says=(
     [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
-    [make]=voxels [import]=voxels [view]=felt)
+    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
@@ -36,6 +36,7 @@ run() {
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;
         shatter) "$palpate" shatter bodies.vdb pieces --grid cloud --value 0.5 --pieces 4 --count 8 ;;
+        scene) "$palpate" scene bodies.vdb ;;
         make) "$palpate" make fibres fibres.vdb ;;
         import)
             head -c 4096 "$palpate" >block.raw
