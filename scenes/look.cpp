@@ -822,6 +822,7 @@ SumLook lookAtSum(const std::vector<const SuggestInput*>& scalars) {
   constexpr double kMost = 0.5;
   const auto means = [&](const std::vector<Coord>& at, std::vector<double>& mean) {
     std::vector<Read> reads;
+    reads.reserve(scalars.size());
     for (const SuggestInput* scalar : scalars) reads.push_back(readAt(*scalar, at));
     double count = 0.0;
     double ones = 0.0;

@@ -292,11 +292,11 @@ Profile profileOf(Finger& finger, const Ray& ray, const std::vector<double>& top
   Profile profile;
   profile.contact = ray.length;
   finger.lift();
-  const auto depthAt = [&](int k) { return ray.length * k / steps; };
+  const auto depth_at = [&](int k) { return ray.length * k / steps; };
   for (int k = 0; k <= steps; ++k) {
-    finger.touch(ray.at(depthAt(k)), 0.0);
+    finger.touch(ray.at(depth_at(k)), 0.0);
     if (-finger.force().dot(ray.along) > kHardest) break;
-    if (finger.force().norm() > kTouch) profile.contact = std::min(profile.contact, depthAt(k));
+    if (finger.force().norm() > kTouch) profile.contact = std::min(profile.contact, depth_at(k));
     for (std::size_t i = 0; i < top.size(); ++i) {
       held[i].push_back(static_cast<float>(-finger.forces()[i].dot(ray.along)));
     }
@@ -309,7 +309,7 @@ Profile profileOf(Finger& finger, const Ray& ray, const std::vector<double>& top
     const auto reach = [&](double share) {
       const auto at =
           std::find_if(held[i].begin(), held[i].end(), [&](float h) { return h >= share * most; });
-      return depthAt(static_cast<int>(at - held[i].begin()));
+      return depth_at(static_cast<int>(at - held[i].begin()));
     };
     stops.push_back({most, {reach(0.7), reach(0.95)}});
   }
