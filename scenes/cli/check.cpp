@@ -249,7 +249,7 @@ std::string remark(const OrderedJson& thickness) {
       thickness["least"].get<double>(), place("thinnest"));
 }
 
-void printCheck(const OrderedJson& json) {
+void printCheck(const OrderedJson& json, bool verbose) {
   say("scene     {}: valid\n", json["scene"].get<std::string>());
   const OrderedJson& bounds = json["bounds"];
   const auto corner = [&](std::size_t i) {
@@ -266,7 +266,7 @@ void printCheck(const OrderedJson& json) {
           : sentence(number(coupling["stiffness"].get<double>()) + " N/m"),
       number(json["coupling"]["damping"].get<double>()),
       number(json["tolerance_voxels"].get<double>()), json["max_substeps"].get<int>());
-  say("room      {}\n", sentence(roomWords(coupling["room"])));
+  sayRoom(coupling["room"], 10, verbose);
   for (const auto& [name, volume] : json["volumes"].items()) {
     say("volume    {}: ", name);
     if (volume.contains("file")) {
@@ -338,7 +338,9 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       app.add_subcommand("check", "Validates a scene; prints what is sampled, derived and placed");
   auto scene = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
+  auto verbose = std::make_shared<bool>(false);
   verb->add_option("SCENE", *scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_flag("-v,--verbose", *verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate check head.json");
   verb->callback([=, &body] {
@@ -348,13 +350,13 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       const BuiltScene built = buildScene(spec, showProgress("loading"));
       for (const std::string& note : built.notes) complain(note);
       const OrderedJson out = report(spec, built);
-      if (const std::string warning = roomWarning(out["coupling"]["room"]); !warning.empty()) {
-        complain("check: " + warning);
+      if (const OrderedJson& room = out["coupling"]["room"]; swingsUp(room)) {
+        complain("check: " + roomWords(room));
       }
       if (*json) {
         sayJson(out);
       } else {
-        printCheck(out);
+        printCheck(out, *verbose);
       }
       return kDone;
     };

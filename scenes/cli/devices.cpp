@@ -44,6 +44,7 @@ struct DevicesOptions {
   double seconds = 0.0;
   double force = 0.5;
   std::optional<double> ruler;
+  bool verbose = false;
   bool json = false;
 };
 
@@ -562,9 +563,7 @@ int test(const DevicesOptions& options) {
           rounded(1e3 * axis.delay_error));
     }
   }
-  if (const OrderedJson room = roomOf(r, *arm); !options.json && !room.is_null()) {
-    say("room       {}\n", sentence(roomWords(room)));
-  }
+  if (!options.json) sayRoom(roomOf(r, *arm), 11, options.verbose);
   for (const std::string& problem : r.problems) complain("devices: " + problem);
   if (tested.fault != Fault::kNone) {
     complain(fmt::format("devices: the test was cut off: {}: {}", wordsFor(tested.fault),
@@ -668,6 +667,8 @@ void addDevices(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--ruler", options->ruler,
                    "How far you move the tip along each axis so that the test knows its scale [m] "
                    "(default 0.1, of a small arm less; 0: leave it out, and the arm stays held)");
+  verb->add_flag("-v,--verbose", options->verbose,
+                 "With --test: say as well how a coupling's room is known");
   verb->add_flag("--json", options->json, "Print JSON");
   verb->footer(
       "Example:\n  palpate devices mine.json\n  palpate devices --watch hid:mine\n"

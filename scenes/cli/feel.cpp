@@ -196,7 +196,7 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
       rounded(summary["seconds"].get<double>()), rounded(options.rate),
       options.realtime ? "on time" : "in virtual time", hand.device->info().name,
       summary["ticks"].get<std::int64_t>(), hand.log.felt.words());
-  if (!summary["room"].is_null()) say("room      {}\n", sentence(roomWords(summary["room"])));
+  sayRoom(summary["room"], 10, options.verbose);
   if (options.realtime) say("{}", timeWords(summary));
   const OrderedJson& most = summary["most"];
   if (most.is_null()) return;
@@ -344,6 +344,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->picture, "PNG: path over the slices, force over time");
+  verb->add_flag("-v,--verbose", options->verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
       "Example:\n  palpate feel head.json --seconds 10 --trace trace.csv --summary "

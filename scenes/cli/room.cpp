@@ -43,11 +43,34 @@ OrderedJson roomFor(const DeviceInfo& device, double rate, const CouplingParams&
   return json;
 }
 
+bool swingsUp(const OrderedJson& room) {
+  return !room["stable"].is_null() &&
+         room["stiffness"].get<double>() > room["stable"].get<double>();
+}
+
 std::string roomWords(const OrderedJson& room) {
+  const auto newtons = [&](const char* key) { return rounded(room[key].get<double>()) + " N/m"; };
+  const std::string asked = newtons("stiffness");
+  const std::string name = room["device"].get<std::string>();
+  const std::string arm = name == "simulated" ? "the simulated arm" : name;
+  if (swingsUp(room)) {
+    return fmt::format("{} is too stiff for {}, which swings up even in a hand: use less than {}",
+                       asked, arm, newtons("stable"));
+  }
+  const auto passive = room["passive"].get<double>();
+  if (room["stiffness"].get<double>() <= passive) {
+    return fmt::format("{} is fine on {}, with a hand on it or without", asked, arm);
+  }
+  return fmt::format("{} is fine on {} with a hand on it, as {}; without, {}", asked, arm,
+                     room["stable"].is_null() ? "any is" : "less than " + newtons("stable") + " is",
+                     passive > 0.0 ? "up to " + newtons("passive") : "it may swing at any");
+}
+
+std::string roomNumbers(const OrderedJson& room) {
   std::string words = fmt::format(
-      "{} N/m of coupling on {} at {} Hz: passive with any hand to {}, stable with a relaxed one "
-      "({} N/m, {} N s/m) to {}, let go of it friction holds swings of {} mm",
-      rounded(room["stiffness"].get<double>()), room["device"].get<std::string>(),
+      "{} N/m and {} N s/m of coupling at {} Hz: passive with any hand to {} N/m, stable with a "
+      "relaxed one ({} N/m, {} N s/m) to {}, let go of it friction holds swings of {} mm",
+      rounded(room["stiffness"].get<double>()), rounded(room["damping"].get<double>()),
       rounded(room["rate"].get<double>()), rounded(room["passive"].get<double>()),
       rounded(room["hand"]["stiffness"].get<double>()),
       rounded(room["hand"]["damping"].get<double>()),
@@ -63,11 +86,10 @@ std::string roomWords(const OrderedJson& room) {
   return words;
 }
 
-std::string roomWarning(const OrderedJson& room) {
-  if (room["stable"].is_null()) return {};
-  if (room["stiffness"].get<double>() <= room["stable"].get<double>()) return {};
-  return fmt::format("the coupling swings up even in a relaxed hand: use less than {} N/m: {}",
-                     rounded(room["stable"].get<double>()), roomWords(room));
+void sayRoom(const OrderedJson& room, int column, bool verbose) {
+  if (room.is_null()) return;
+  say("{:<{}}{}\n", "room", column, sentence(roomWords(room)));
+  if (verbose) say("{:<{}}{}\n", "", column, sentence(roomNumbers(room)));
 }
 
 }  // namespace palpate::cli

@@ -1,4 +1,4 @@
-/// What a coupling has room for on an arm, in three numbers (devices/stability.h).
+/// What a coupling has room for on an arm, by three numbers (devices/stability.h).
 #pragma once
 
 #include <string>
@@ -13,9 +13,13 @@ namespace palpate::cli {
 /// `rate`: the loop's; a force lasts until the device takes the next one.
 [[nodiscard]] OrderedJson roomFor(const DeviceInfo& device, double rate,
                                   const CouplingParams& coupling);
-/// In words, of JSON that is not null; one line, without its end.
+/// Does it swing up even in a relaxed hand? Of JSON that is not null, as below.
+[[nodiscard]] bool swingsUp(const OrderedJson& room);
+/// What to use it for, or instead of it: a sentence without its end.
 [[nodiscard]] std::string roomWords(const OrderedJson& room);
-/// Why it cannot be felt, and what would allow it; empty: it can.
-[[nodiscard]] std::string roomWarning(const OrderedJson& room);
+/// How that is known: all three limits.
+[[nodiscard]] std::string roomNumbers(const OrderedJson& room);
+/// The lines of a report whose words begin at `column`; of null none. The numbers only if verbose.
+void sayRoom(const OrderedJson& room, int column, bool verbose);
 
 }  // namespace palpate::cli

@@ -41,6 +41,7 @@ struct FeelOptions {
   std::string trace;
   std::string summary;
   std::string picture;
+  bool verbose = false;
   bool json = false;
 };
 

@@ -491,9 +491,41 @@ class Room(Case):
             "palpate": 1, "coupling": {"stiffness": 9000},
             "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.05}}},
             "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3, "solid": "below"}]}))
-        told = run("check", scene).stderr
-        self.assertIn("swings up even in a relaxed hand", told)
-        self.assertIn("N s/m of friction", told)
+        told = run("check", scene)
+        for text in (told.stdout, told.stderr):
+            self.assertRegex(text, "9000 N/m is too stiff for the simulated arm, which swings up "
+                                   r"even in a hand: use less than \d+ N/m\n")
+        os.remove(scene)
+
+    def room(self, *words):
+        """Its lines in a report."""
+        lines = run(*words).stdout.splitlines()
+        at, = (i for i, line in enumerate(lines) if line.startswith("room "))
+        return [lines[at]] + [line for line in lines[at + 1:at + 2] if line.startswith(" ")]
+
+    def test_it_is_a_sentence_and_its_numbers_are_for_who_asks(self):
+        scene = self.dir / "room.json"
+
+        def asked(**coupling):
+            scene.write_text(json.dumps({
+                "palpate": 1, "coupling": coupling,
+                "volumes": {"ball": {"file": "ball.vdb", "place": {"fit": 0.05}}},
+                "modes": [{"mode": "isosurface", "of": "ball", "value": 0, "strength": 3,
+                           "solid": "below"}]}))
+            return scene
+        self.assertEqual(self.room("check", asked(stiffness=500, damping=0)), [
+            "room      500 N/m is fine on the simulated arm with a hand on it, as less than 3726 "
+            "N/m is; without, up to 333.3 N/m"])
+        self.assertEqual(self.room("check", asked(stiffness=300, damping=0)), [
+            "room      300 N/m is fine on the simulated arm, with a hand on it or without"])
+        self.assertIn("; without, it may swing at any",
+                      self.room("check", asked(stiffness=500, damping=0.5))[0])
+        for verb in (("check",), ("feel", "--seconds", 1)):
+            self.assertEqual(len(self.room(*verb, scene)), 1, verb)
+            for more in ("-v", "--verbose"):
+                _, numbers = self.room(*verb, scene, more)
+                self.assertRegex(numbers, r"^ {10}500 N/m and 0.5 N s/m of coupling at 1000 Hz: "
+                                          r"passive with any hand to .* swings of [\d.]+ mm; passive")
         os.remove(scene)
 
 
