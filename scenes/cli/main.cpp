@@ -42,12 +42,13 @@ void addPlot(CLI::App& app, Body& body);
 void addStability(CLI::App& app, Body& body);
 void addDevices(CLI::App& app, Body& body);
 void addSchema(CLI::App& app, Body& body);
+void addCompletion(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,  addImport,    addScene,   addMake,  addShatter, addSample,
-                            addSolve, addCheck,     addExplain, addPress, addFeel,    addView,
-                            addPlot,  addStability, addDevices, addSchema};
+constexpr std::array kVerbs{addInfo,  addImport,    addScene,   addMake,   addShatter,   addSample,
+                            addSolve, addCheck,     addExplain, addPress,  addFeel,      addView,
+                            addPlot,  addStability, addDevices, addSchema, addCompletion};
 
 }  // namespace
 }  // namespace palpate::cli
@@ -62,7 +63,21 @@ std::string versionLines() {
                      with_vtk ? "with VTK" : "without VTK");
 }
 
-int run(int argc, char** argv) {
+int run(const std::vector<std::string>& words);
+
+/// A verb that has the program run again.
+void addHelp(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand("help", "What palpate VERB --help says");
+  auto about = std::make_shared<std::string>();
+  verb->add_option("VERB", *about, "Which; without one, what palpate --help says");
+  verb->footer("Example:\n  palpate help feel");
+  verb->callback([=, &body] {
+    body = [=] { return about->empty() ? run({"--help"}) : run({*about, "--help"}); };
+  });
+}
+
+/// Of the command line all but the program's name.
+int run(const std::vector<std::string>& words) {
   using namespace palpate;
   // By C's stdin an error would be an end.
   std::ios::sync_with_stdio(false);
@@ -76,9 +91,10 @@ int run(int argc, char** argv) {
 
   std::function<int()> body;
   for (const auto& add : cli::kVerbs) add(app, body);
+  addHelp(app, body);
 
   // A slip deserves its own word.
-  const std::string first = argc > 1 ? argv[1] : "";
+  const std::string first = words.empty() ? "" : words[0];
   std::vector<std::string> verbs;
   for (const CLI::App* verb : app.get_subcommands({})) verbs.push_back(verb->get_name());
   if (!first.empty() && first[0] != '-' &&
@@ -89,7 +105,7 @@ int run(int argc, char** argv) {
   }
 
   try {
-    app.parse(argc, argv);
+    app.parse(std::vector<std::string>(words.rbegin(), words.rend()));
   } catch (const CLI::CallForHelp& e) {
     return app.exit(e);
   } catch (const CLI::CallForAllHelp& e) {
@@ -126,7 +142,7 @@ int main(int argc, char** argv) {
   using namespace palpate;
   try {
     holdStandardStreams();
-    return run(argc, argv);
+    return run({argv + std::min(argc, 1), argv + argc});
   } catch (const Error& e) {
     cli::complain(e.what());
     return cli::kBadInput;

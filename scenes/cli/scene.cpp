@@ -21,9 +21,8 @@ void addScene(CLI::App& app, std::function<int()>& body) {
                                               {"fibres", GuessFor::kFibres},
                                               {"labels", GuessFor::kLabels}};
   verb->add_option("FILE", *file, "A .vdb file")->required();
-  verb->add_option("--for", *what,
-                   "What it holds, whatever it looks like: ct, mri, cfd, fibres or labels")
-      ->transform(CLI::Transformer(words))
+  verb->add_option("--for", *what, "What it holds, whatever it looks like")
+      ->transform(CLI::Transformer(words).description("{ct,mri,cfd,fibres,labels}"))
       ->type_name("KIND");
   verb->footer(
       "Examples:\n  palpate scene head.vdb > head.json\n"

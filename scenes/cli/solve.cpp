@@ -148,8 +148,10 @@ void addSolve(CLI::App& app, std::function<int()>& body) {
   auto file = std::make_shared<std::string>("-");
   verb->add_option("FILE", *file, "JSON Lines; - is standard input (default)");
   verb->footer(
-      "Example (one line):\n  echo '{\"stiffness\":500,\"probe\":[0,0,-0.001],\"primitives\":[{"
-      "\"kind\":\"plane\",\"position\":[0,0,0],\"direction\":[0,0,1],\"strength\":1.5}]}' | "
+      "Example (one line):\n  echo '{\"stiffness\": 500, \"probe\": [0, 0, -0.001], "
+      "\"primitives\": "
+      "[{\"kind\": \"plane\", \"position\": [0, 0, 0], \"direction\": [0, 0, 1], \"strength\": "
+      "1.5}]}' | "
       "palpate solve");
   verb->callback([=, &body] {
     body = [=] {

@@ -13,6 +13,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/options.h"
 #include "palpate/scenes/import/guard.h"
 #include "palpate/scenes/import/importer.h"
 #include "palpate/scenes/import/report.h"
@@ -207,6 +208,14 @@ int main(int argc, char** argv) {
                  "components, order, skip, spacing, axes, origin, name, unit");
   app.add_option("--scene", options.scene, "Write a first scene file, to be edited; - prints it");
   app.add_flag("--json", options.json, "Report as JSON");
+  app.add_flag_callback(
+         cli::kOptionsOption,
+         [&] {
+           cli::sayJson(cli::optionsOf(app));
+           throw CLI::Success();
+         },
+         "For palpate completion")
+      ->group("");
   app.footer(
       "Examples:\n"
       "  palpate import head.nii.gz head.vdb --smooth 1 --scene head.json\n"
@@ -219,7 +228,7 @@ int main(int argc, char** argv) {
     return importer::runGuarded(request.file.string(), [&](importer::Teller& teller) {
       return importer::import(options, teller);
     });
-  } catch (const CLI::CallForHelp& e) {
+  } catch (const CLI::Success& e) {  // also of --help
     return app.exit(e);
   } catch (const CLI::ParseError& e) {
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));

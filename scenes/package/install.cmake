@@ -23,8 +23,6 @@ if(NOT PALPATE_ENGINE_ONLY)
   # Patterns for profiles of one's own; they find their schema one folder up.
   install(DIRECTORY ${PROJECT_SOURCE_DIR}/devices/profiles ${PROJECT_SOURCE_DIR}/scenes/examples
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
-  install(FILES ${here}/completion.bash RENAME palpate
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT programs)
   install(FILES ${here}/palpate-limits.conf
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(TARGETS palpate-import-light
@@ -45,7 +43,26 @@ if(NOT PALPATE_ENGINE_ONLY)
       LIBRARY DESTINATION ${PALPATE_PYTHON_FOLDER} COMPONENT python)
   endif()
 
-  # A page a verb, out of what each says of itself.
+  # What shells complete by, and a page a verb: out of what the programs say of themselves.
+  set(words ${PROJECT_BINARY_DIR}/words)
+  set(speakers palpate palpate-import-light)
+  if(PALPATE_VTK)
+    list(APPEND speakers palpate-import)
+  endif()
+  file(MAKE_DIRECTORY ${words})
+  set(completions "")
+  foreach(shell bash zsh)
+    add_custom_command(OUTPUT ${words}/completion.${shell}
+      COMMAND palpate completion ${shell} > ${words}/completion.${shell}
+      DEPENDS ${speakers}
+      COMMENT "Completion for ${shell}")
+    list(APPEND completions ${words}/completion.${shell})
+  endforeach()
+  add_custom_target(palpate_completion ALL DEPENDS ${completions})
+  install(FILES ${words}/completion.bash RENAME palpate
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT programs)
+  install(FILES ${words}/completion.zsh RENAME _palpate
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/vendor-completions COMPONENT programs)
   find_program(PALPATE_HELP2MAN help2man)
   if(PALPATE_HELP2MAN AND NOT PALPATE_SANITIZE)
     set(pages ${PROJECT_BINARY_DIR}/man)
@@ -53,7 +70,7 @@ if(NOT PALPATE_ENGINE_ONLY)
     add_custom_command(OUTPUT ${stamp}
       COMMAND ${here}/man_pages.sh $<TARGET_FILE:palpate> ${pages} ${PALPATE_HELP2MAN}
       COMMAND ${CMAKE_COMMAND} -E touch ${stamp}
-      DEPENDS palpate ${here}/man_pages.sh
+      DEPENDS ${speakers} ${here}/man_pages.sh
       COMMENT "Manual pages")
     add_custom_target(palpate_man ALL DEPENDS ${stamp})
     install(DIRECTORY ${pages}/ DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT programs

@@ -4,8 +4,9 @@ set -euo pipefail
 mkdir -p "$2"
 version=$("$1" --version | head -1)
 page() {
-    "$3" --no-info --no-discard-stderr --version-string "$version" --name "$4" \
-        --output "$2/palpate${5:+-$5}.1" "$1${5:+ $5}"
+    local name=palpate${5:+-$5}
+    "$3" --no-info --no-discard-stderr --version-string "$name ${version#palpate }" --name "$4" \
+        --output "$2/$name.1" "$1${5:+ $5}"
 }
 page "$1" "$2" "$3" "feel a volume" ""
 "$1" --help | sed -n '/^Subcommands:/,/^$/p' | sed '1d;/^$/d' | while read -r verb what; do

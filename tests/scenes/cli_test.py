@@ -57,7 +57,7 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "view", "plot", "stability", "devices", "schema"):
+                     "view", "plot", "stability", "devices", "schema", "completion", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")
@@ -76,6 +76,73 @@ class Program(Case):
         self.refused("info", "a", "--nonsense", says="nonsense")
 
 
+def verbs():
+    """As palpate --help lists them."""
+    told = run("--help").stdout.split("Subcommands:\n")[1].split("\n\n")[0]
+    return [line.split()[0] for line in told.splitlines()]
+
+
+def options(verb):
+    """As its --help lists them."""
+    told = run(verb, "--help").stdout.split("\nOptions:\n")[1].split("\n\n")[0]
+    return {name for line in told.splitlines() if line.startswith("  -")
+            for name in line.split()[0].split(",")}
+
+
+class Help(Case):
+    """One set of words, by whatever way they are asked for."""
+    def test_help_of_a_verb_is_what_it_says_itself(self):
+        self.assertEqual(run("help").stdout, run("--help").stdout)
+        self.assertGreater(len(verbs()), 15)
+        for verb in verbs():
+            told = run(verb, "--help").stdout
+            self.assertEqual(run("help", verb).stdout, told, verb)
+            self.assertTrue(told.replace("\n", "").isprintable(), verb)
+        self.refused("help", "fel", says='did you mean "feel"?')
+        self.refused("help", "feel", "check", says="see palpate help --help")
+
+    def bash(self, *words):
+        """What bash offers for the last word."""
+        script = run("completion", "bash").stdout + """
+            complete -p palpate >/dev/null
+            COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _palpate; printf '%s\\n' "${COMPREPLY[@]}" """
+        done = subprocess.run(["bash", "-euc", script, "bash", "palpate", *words], text=True,
+                              capture_output=True, timeout=60, cwd=self.dir)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return set(done.stdout.split())
+
+    def test_bash_completes_verbs_options_and_values(self):
+        self.assertEqual(self.bash(""), {*verbs(), "-h", "--help", "--version"})
+        self.assertEqual(self.bash("fe"), {"feel"})
+        for verb in verbs():
+            self.assertEqual(self.bash(verb, "-"), options(verb), verb)
+        self.assertEqual(self.bash("feel", "a.json", "--tr"), {"--trace"})
+        self.assertEqual(self.bash("import", "a.nii", "--as", ""), {"vector", "tensor"})
+        self.assertEqual(self.bash("completion", ""), {"bash", "zsh"})
+        self.assertEqual(self.bash("schema", "a"), {"arm"})
+        self.assertEqual(self.bash("scene", "a.vdb", "--for", "c"), {"cfd", "ct"})
+        self.assertEqual(self.bash("help", "fe"), {"feel"})
+        self.assertIn("ball.vdb", self.bash("feel", "ba"))
+        self.assertIn("ball.vdb", self.bash("feel", "--seconds", "10", "ba"))
+
+    @unittest.skipUnless(shutil.which("zsh"), "no zsh")
+    def test_zsh_reads_it(self):
+        script = self.dir / "_palpate"
+        script.write_text(run("completion", "zsh").stdout)
+        subprocess.run(["zsh", "-n", script], check=True, timeout=60)
+
+    def test_of_zsh_it_says_the_same(self):
+        text = run("completion", "zsh").stdout
+        self.assertTrue(text.startswith("#compdef palpate\n"))
+        for verb in verbs():
+            case = text.split(f"\n    {verb}) _arguments")[1].split(";;")[0]
+            self.assertEqual(set(re.findall(r"'\*?(-[-a-z]+)\[", case)), options(verb), verb)
+        self.assertIn("'--as[What the volumes", text)
+        self.assertIn(":TEXT:(vector tensor)'", text)
+        self.assertIn("'--json[Report as JSON]'", text)
+        self.assertIn("':SCENE:_files'", text)
+
+
 class Documents(unittest.TestCase):
     ROOT = Path(__file__).resolve().parents[2]
 
@@ -86,7 +153,7 @@ class Documents(unittest.TestCase):
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
         for verb in ("info", "import", "make", "shatter", "sample", "solve", "check", "explain",
-                     "press", "feel", "plot", "stability", "devices", "schema"):
+                     "press", "feel", "plot", "stability", "devices", "schema", "completion", "help"):
             self.assertIn(f"\n## {verb} ", text)
 
 

@@ -14,7 +14,7 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 declare -A says=(
     [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
-    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface)
+    [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [completion]=--trace [help]=--trace)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
@@ -35,6 +35,8 @@ run() {
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;
+        completion) "$palpate" completion bash && "$palpate" completion zsh ;;
+        help) "$palpate" help feel ;;
         shatter) "$palpate" shatter bodies.vdb pieces --grid cloud --value 0.5 --pieces 4 --count 8 ;;
         scene) "$palpate" scene bodies.vdb ;;
         make) "$palpate" make fibres fibres.vdb ;;
@@ -58,13 +60,23 @@ test -f usr/share/palpate/scene.schema.json
 for script in feel stability trace; do test -x usr/share/palpate/${script}_picture.py; done
 ! ls usr/bin/*.py 2>/dev/null || { echo "install: scripts in the user's PATH"; exit 1; }
 if [ -d usr/share/man/man1 ]; then
-    for verb in said.*; do grep -q "^.TH" "usr/share/man/man1/palpate-${verb#said.}.1"; done
+    for verb in said.*; do
+        page=usr/share/man/man1/palpate-${verb#said.}.1
+        grep -q "^palpate-${verb#said.} " "$page" || { echo "install: $page has another's name"; exit 1; }
+    done
+    grep -q smooth usr/share/man/man1/palpate-import.1
+    if command -v groff >/dev/null; then
+        for page in usr/share/man/man1/*.1; do groff -man -ww -Tutf8 "$page" 2>&1 >/dev/null; done >pages
+        [ ! -s pages ] || { echo "install: of the manual:"; cat pages; exit 1; }
+    fi
 fi
 # Completion knows the verbs, and a verb's options.
 PATH=$place/usr/bin:$PATH bash -ec '
     . usr/share/bash-completion/completions/palpate
     COMP_WORDS=(palpate fe) COMP_CWORD=1; _palpate; [ "${COMPREPLY[*]}" = feel ]
-    COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]'
+    COMP_WORDS=(palpate feel --tra) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --trace ]
+    COMP_WORDS=(palpate import --smo) COMP_CWORD=2; _palpate; [ "${COMPREPLY[*]}" = --smooth ]'
+grep -q "^#compdef palpate$" usr/share/zsh/vendor-completions/_palpate
 # A host in C finds the header and the library. With sanitizers it would have to be made with them.
 shared=$(dirname "$(find "$place/usr" -name libpalpate_c.so)")
 if ! ldd "$shared/libpalpate_c.so" | grep libasan >/dev/null; then
