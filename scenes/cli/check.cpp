@@ -107,7 +107,7 @@ OrderedJson thicknessOf(const ModeSpec& mode, const SceneSpec& spec, const Built
                       {"below_one", found->below_one},
                       {"crowd", found->crowd}};
   for (const char* key :
-       {"tenth", "least", "thinnest", "thinnest_file", "crowd_at", "crowd_at_file"}) {
+       {"tenth", "least", "thinnest", "thinnest_file", "crowd_at", "crowd_at_file", "remedy"}) {
     json[key] = nullptr;
   }
   if (found->thin_cells > 0) {
@@ -117,6 +117,8 @@ OrderedJson thicknessOf(const ModeSpec& mode, const SceneSpec& spec, const Built
     json["thinnest_file"] = toJson(found->thinnest_F);
     json["crowd_at"] = toJson(place(found->crowd_F));
     json["crowd_at_file"] = toJson(found->crowd_F);
+    json["remedy"] = fmt::format("take a {} value, or import it with a smaller --voxel",
+                                 mode.solid == Solid::kAbove ? "lower" : "higher");
   }
   return json;
 }
@@ -243,10 +245,10 @@ std::string remark(const OrderedJson& thickness) {
   };
   return fmt::format(
       "{} surface cells; {} ({} %) thinner than {} voxels, {} of them than 1, most together at "
-      "{}, the thinnest {:.2g} at {}: a fast hand can pass there",
+      "{}, the thinnest {:.2g} at {}: a fast hand can pass there: {}",
       cells, thin, rounded(100.0 * static_cast<double>(thin) / static_cast<double>(cells)), kThick,
       thickness["below_one"].get<std::uint64_t>(), place("crowd_at"),
-      thickness["least"].get<double>(), place("thinnest"));
+      thickness["least"].get<double>(), place("thinnest"), thickness["remedy"].get<std::string>());
 }
 
 void printCheck(const OrderedJson& json, bool verbose) {

@@ -24,6 +24,7 @@ inline constexpr int kDone = 0;
 inline constexpr int kEndedEarly = 1;
 inline constexpr int kBadInput = 2;
 inline constexpr int kInternal = 3;
+inline constexpr int kNothingFelt = 4;
 inline constexpr int kInterrupted = 130;
 
 /// Not 0 once a signal has asked the program to stop.

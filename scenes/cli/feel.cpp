@@ -301,14 +301,15 @@ int feel(const FeelOptions& options) {
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }
-  if (std::none_of(hands.begin(), hands.end(),
-                   [](const auto& hand) { return hand->log.felt.anything(); })) {
+  const bool nothing = std::none_of(hands.begin(), hands.end(),
+                                    [](const auto& hand) { return hand->log.felt.anything(); });
+  if (nothing) {
     complain(
         "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
         "volumes are");
   }
   if (interrupted != 0) return kInterrupted;
-  int status = kDone;
+  int status = nothing && !options.window ? kNothingFelt : kDone;
   for (std::size_t h = 0; h < hands.size(); ++h) {
     const Fault fault = hands[h]->log.felt.fault();
     if (fault == Fault::kNone) continue;
@@ -347,6 +348,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("-v,--verbose", options->verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
+      "Exit status: 4 where nothing was felt, 1 where the force was cut\n\n"
       "Example:\n  palpate feel head.json --seconds 10 --trace trace.csv --summary "
       "summary.json --picture felt.png");
   verb->callback([=, &body] { body = [=] { return feel(*options); }; });
