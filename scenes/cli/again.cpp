@@ -17,16 +17,6 @@ Vec3 roundedTo(const Vec3& p) {
   return (p / kGrid).array().round().matrix() * kGrid;
 }
 
-/// A word of a shell's command line.
-std::string shellWord(const std::string& text) {
-  const std::string plain =
-      "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_./+-=:,@%";
-  if (!text.empty() && text.find_first_not_of(plain) == std::string::npos) return text;
-  std::string quoted = "'";
-  for (const char c : text) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return quoted + "'";
-}
-
 }  // namespace
 
 std::string placeWords(const Vec3& p) {

@@ -51,6 +51,9 @@ extern volatile std::sig_atomic_t interrupted;
 /// Words as exec and posix_spawn take them, which stay `words`' own.
 [[nodiscard]] std::vector<char*> argumentsOf(std::vector<std::string>& words);
 
+/// A word of a shell's command line, quoted where it has to be.
+[[nodiscard]] std::string shellWord(const std::string& text);
+
 /// What stands behind a symbolic link, that is to change when a file of this name is replaced.
 [[nodiscard]] std::filesystem::path behindLinks(std::filesystem::path path);
 

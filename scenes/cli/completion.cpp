@@ -25,11 +25,9 @@ OrderedJson optionsOfImport() {
   for (const char* name : {"palpate-import", "palpate-import-light"}) {
     const std::filesystem::path program = programFolder() / name;
     if (!std::filesystem::exists(program)) continue;
-    std::string command = "'";
-    for (const char c : program.string()) command += c == '\'' ? "'\\''" : std::string(1, c);
+    const std::string command = shellWord(program.string()) + " " + kOptionsOption;
     const auto close = [](std::FILE* file) { pclose(file); };
-    const std::unique_ptr<std::FILE, decltype(close)> from(
-        popen(fmt::format("{}' {}", command, kOptionsOption).c_str(), "r"), close);
+    const std::unique_ptr<std::FILE, decltype(close)> from(popen(command.c_str(), "r"), close);
     std::string text;
     for (int c = 0; from && (c = std::getc(from.get())) != EOF;) text += static_cast<char>(c);
     OrderedJson options = OrderedJson::parse(text, nullptr, /*allow_exceptions=*/false);

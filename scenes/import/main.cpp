@@ -49,7 +49,7 @@ fs::path partialOf(const fs::path& file) {
   return partial;
 }
 
-/// The scene, or a note why there is none. Its text where it goes to standard output.
+/// The scene, or a note why there is none.
 std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
   teller.stage("scene");
   const bool to_stdout = options.scene == "-";
@@ -73,7 +73,32 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
     throw Error(options.scene.string(), "it cannot be written",
                 "choose another place, or make room");
   }
-  return "";
+  return scene;
+}
+
+/// The scene that was made, and what to do with what was made; a line each.
+/// @param first  The first .vdb; empty: none was written.
+std::string lastWords(const Options& options, const fs::path& first, const std::string& scene) {
+  std::string text;
+  if (!scene.empty()) {
+    std::string modes;
+    const cli::OrderedJson spec = cli::OrderedJson::parse(scene);
+    for (const auto& mode : spec["modes"]) {
+      modes += fmt::format("{}{} ({})", modes.empty() ? "" : ", ", mode["name"].get<std::string>(),
+                           mode["mode"].get<std::string>());
+    }
+    const std::size_t count = spec["modes"].size();
+    text += cli::words("{}: a scene of {} mode{}: {}\n", options.scene.string(), count,
+                       count == 1 ? "" : "s", cli::sentence(modes))
+                .text();
+  }
+  if (first.empty()) return text;
+  const std::string felt = scene.empty() ? first.string() : options.scene.string();
+  // Of which there could be no scene, that cannot be felt as it is.
+  const bool none = scene.empty() && !options.scene.empty();
+  return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
+                           cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
+                    .text();
 }
 
 int importAll(const Options& options, Teller& teller) {
@@ -88,7 +113,7 @@ int importAll(const Options& options, Teller& teller) {
 
   std::string text;
   std::string scene;
-  bool has_scene = options.scene.empty();
+  fs::path first;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
     Step step = importStep(asked, *reader, number, telling);
@@ -103,9 +128,9 @@ int importAll(const Options& options, Teller& teller) {
       }
       step.notes.emplace_back("no file: there is nothing to feel in this step");
     } else {
-      if (!has_scene) {
-        scene = writeScene(options, out, step, teller);
-        has_scene = true;
+      if (first.empty()) {
+        first = out;
+        if (!options.scene.empty()) scene = writeScene(options, out, step, teller);
       }
       teller.stage("writing");
       const fs::path partial = partialOf(out);
@@ -124,7 +149,7 @@ int importAll(const Options& options, Teller& teller) {
   } else if (options.json) {
     teller.out(cli::dump(options.time == "all" ? reports : reports[0], 2) + "\n");
   } else {
-    teller.out(text);
+    teller.out(text + lastWords(options, first, scene));
   }
   return cli::kDone;
 }

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import shlex
 import signal
 import struct
 import subprocess
@@ -735,6 +736,30 @@ class Scenes(Case):
         self.assertTrue(all(mode["description"] for mode in text["modes"]))
         summary = json.loads(run("feel", scene, "--seconds", 3, "--json").stdout)
         self.assertGreater(summary["force_max"], 0.05)
+
+    def test_it_says_what_was_made_and_what_to_type_next(self):
+        values = image_values(33, 33, 33, lambda i, j, k: 900.0 / (
+            1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9))))
+        source = self.write("a.vti", vti(33, 33, 33, [("s", 1, values)]))
+        out, scene = self.dir / "out.vdb", self.dir / "it's one.json"
+        *_, last = run("import", source, out).stdout.splitlines()
+        self.assertEqual(last, f"next: palpate feel {out} --seconds 10")
+        *_, made, last = run("import", source, out, "--scene", scene).stdout.splitlines()
+        modes = json.loads(scene.read_text())["modes"]
+        self.assertTrue(made.startswith(f"{scene}: a scene of {len(modes)} mode"), made)
+        self.assertTrue(made.endswith(": " + ", ".join(f"{m['name']} ({m['mode']})" for m in modes)))
+        self.assertTrue(last.startswith("next: palpate feel '"), last)
+        words = shlex.split(last.removeprefix("next: palpate "))
+        self.assertEqual(words, ["feel", str(scene), "--seconds", "10"])
+        run(*words)
+        # Data alone go to standard output where they are asked for.
+        json.loads(run("import", source, out, "--scene", "-").stdout)
+        json.loads(run("import", source, out, "--scene", scene, "--json").stdout)
+        # What cannot be felt as it is, is not said to be.
+        flat = self.write("b.vti", vti(8, 8, 8, [("s", 1, image_values(
+            8, 8, 8, lambda i, j, k: float(k == 4)))]))
+        *_, last = run("import", flat, out, "--scene", self.dir / "none.json").stdout.splitlines()
+        self.assertEqual(last, f"next: palpate info {out}")
 
     def test_it_finds_its_volume_from_wherever_it_is(self):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
