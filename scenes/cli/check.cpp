@@ -351,7 +351,9 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
       for (const std::string& note : spec.notes) complain(note);
       const BuiltScene built = buildScene(spec, showProgress("loading"));
       for (const std::string& note : built.notes) complain(note);
+      std::function<void(double)> progress = showProgress("measuring");
       const OrderedJson out = report(spec, built);
+      progress = nullptr;
       if (const OrderedJson& room = out["coupling"]["room"]; swingsUp(room)) {
         complain("check: " + roomWords(room));
       }

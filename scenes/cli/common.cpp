@@ -1,11 +1,17 @@
 #include "palpate/scenes/cli/common.h"
 
+#include <array>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <condition_variable>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
+#include <mutex>
+#include <string_view>
+#include <thread>
 #include <unistd.h>
 #include <utility>
 
@@ -17,24 +23,104 @@ namespace palpate::cli {
 
 volatile std::sig_atomic_t interrupted = 0;
 
+namespace {
+
+/// Files that are not whole, by their names, for who is interrupted; null: a free place.
+constexpr std::size_t kMostPartials = 16;
+std::array<std::atomic<const char*>, kMostPartials> partials{};
+std::atomic<bool> line_shown = false;
+static_assert(std::atomic<const char*>::is_always_lock_free);
+
+void addPartial(const std::filesystem::path& file) {
+  for (auto& place : partials) {
+    const char* expected = nullptr;
+    if (place.compare_exchange_strong(expected, file.c_str())) return;
+  }
+}
+
+void forgetPartial(const std::filesystem::path& file) {
+  for (auto& place : partials) {
+    const char* expected = file.c_str();
+    if (place.compare_exchange_strong(expected, nullptr)) return;
+  }
+}
+
+/// A handler of signals: system calls only.
+void endNow(int /*signal*/) {
+  for (const auto& place : partials) {
+    if (const char* file = place.load()) unlink(file);
+  }
+  constexpr std::string_view kClear = "\r\x1b[K";
+  constexpr std::string_view kSaid = "palpate: interrupted: nothing is written\n";
+  if (line_shown) (void)!write(STDERR_FILENO, kClear.data(), kClear.size());
+  (void)!write(STDERR_FILENO, kSaid.data(), kSaid.size());
+  _exit(kInterrupted);
+}
+
+void handle(void (*handler)(int)) noexcept {
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    struct sigaction now {};
+    sigaction(signal, nullptr, &now);
+    // As nohup has it.
+    if (now.sa_handler == SIG_IGN) continue;
+    struct sigaction action {};
+    action.sa_handler = handler;
+    action.sa_flags = SA_RESTART;
+    sigemptyset(&action.sa_mask);
+    sigaction(signal, &action, nullptr);
+  }
+}
+
+/// A line on a terminal that a thread of its own draws anew, so that it moves where the work says
+/// nothing.
+class Line {
+ public:
+  explicit Line(std::string what) : what_(std::move(what)), drawer_([this] { draw(); }) {}
+  Line(const Line&) = delete;
+  Line& operator=(const Line&) = delete;
+  ~Line() {
+    {
+      const std::lock_guard lock(mutex_);
+      over_ = true;
+    }
+    wake_.notify_one();
+    drawer_.join();
+  }
+  void at(double done) { percent_ = static_cast<int>(100.0 * done); }
+
+ private:
+  void draw() {
+    constexpr auto kPatience = std::chrono::seconds(1);
+    constexpr auto kOften = std::chrono::milliseconds(250);
+    std::unique_lock lock(mutex_);
+    const auto over = [this] { return over_; };
+    const auto begin = std::chrono::steady_clock::now();
+    for (auto pause = std::chrono::milliseconds(kPatience); !wake_.wait_for(lock, pause, over);
+         pause = kOften) {
+      const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(
+          std::chrono::steady_clock::now() - begin);
+      line_shown = true;
+      const int percent = percent_;
+      sayAside("\r{}: {}{} s\x1b[K", what_, percent < 0 ? "" : fmt::format("{} %, ", percent),
+               seconds.count());
+      std::fflush(stderr);
+    }
+    if (line_shown.exchange(false)) sayAside("\r\x1b[K");
+  }
+
+  std::string what_;
+  std::atomic<int> percent_ = -1;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool over_ = false;
+  std::thread drawer_;
+};
+
+}  // namespace
+
 std::function<void(double)> showProgress(const std::string& what) {
   if (isatty(STDERR_FILENO) == 0) return nullptr;
-  using Clock = std::chrono::steady_clock;
-  struct Line {
-    Clock::time_point begin = Clock::now();
-    int shown = -1;  ///< Percent.
-    ~Line() {
-      if (shown >= 0) sayAside("\r\x1b[K");
-    }
-  };
-  return [what, line = std::make_shared<Line>()](double done) {
-    const int percent = static_cast<int>(100.0 * done);
-    if (percent == line->shown || Clock::now() - line->begin < std::chrono::milliseconds(500))
-      return;
-    line->shown = percent;
-    sayAside("\r{}: {} %", what, percent);
-    std::fflush(stderr);
-  };
+  return [line = std::make_shared<Line>(what)](double done) { line->at(done); };
 }
 
 std::string number(double value) {
@@ -101,9 +187,13 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
   const auto status = std::filesystem::status(path_, error);
   const bool in_place =
       std::filesystem::exists(status) && !std::filesystem::is_regular_file(status);
-  if (!in_place) partial_ += fmt::format(".partial-{}", getpid());
+  if (!in_place) {
+    partial_ += fmt::format(".partial-{}", getpid());
+    addPartial(partial_);
+  }
   file_ = std::fopen(partial_.c_str(), "wb");
   if (file_ == nullptr) {
+    forgetPartial(partial_);
     throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
                 "choose another place");
   }
@@ -113,6 +203,7 @@ WholeFile::~WholeFile() {
   if (file_ == nullptr || file_ == stdout) return;
   std::fclose(file_);
   if (partial_ != path_) std::remove(partial_.c_str());
+  forgetPartial(partial_);
 }
 
 void WholeFile::write(const std::string& text) {
@@ -143,8 +234,10 @@ void WholeFile::commit() {
   std::error_code error;
   const bool in_place = partial_ == path_;
   if (flushed && !in_place) std::filesystem::rename(partial_, path_, error);
-  if (!flushed || error) {
-    if (!in_place) std::remove(partial_.c_str());
+  const bool whole = flushed && !error;
+  if (!whole && !in_place) std::remove(partial_.c_str());
+  forgetPartial(partial_);
+  if (!whole) {
     throw Error(path_.string(), "it could not be finished", "check the disk and its permissions");
   }
 }
@@ -213,9 +306,12 @@ void checkOutputsApart(const std::vector<std::string>& outputs,
   }
 }
 
+void endAtInterrupts() noexcept {
+  handle(endNow);
+}
+
 void noteInterrupts() noexcept {
-  const auto note = [](int) { interrupted = 1; };
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) std::signal(signal, note);
+  handle([](int) { interrupted = 1; });
 }
 
 void endIfInterrupted() {

@@ -35,8 +35,8 @@ extern volatile std::sig_atomic_t interrupted;
   return std::isfinite(value) ? OrderedJson(value) : OrderedJson();
 }
 
-/// Shows on a terminal how far long work is, 0 to 1, and clears its line when the last copy goes;
-/// silent in the first half second. Null in a pipe.
+/// Shows on a terminal what long work is at, for how long, and how far of 1 it says it is; its line
+/// is cleared when the last copy goes. Silent in the first second. Null in a pipe.
 [[nodiscard]] std::function<void(double done)> showProgress(const std::string& what);
 
 /// The shortest text that reads back the same double; empty for NaN and infinities.
@@ -113,10 +113,13 @@ class WholeFolder {
 void checkOutputsApart(const std::vector<std::string>& outputs,
                        const std::vector<std::filesystem::path>& inputs);
 
-/// Thrown where the user ends a run: nothing is written, and the program ends with kInterrupted.
-struct Interrupted {};
-/// From here on Ctrl-C, SIGTERM and SIGHUP are only noted.
+/// From here on Ctrl-C, SIGTERM and SIGHUP end the program at once with kInterrupted; what
+/// WholeFile has not committed is removed.
+void endAtInterrupts() noexcept;
+/// From here on they are only noted: for what has more to end than files.
 void noteInterrupts() noexcept;
+/// Thrown where the user ended a run: nothing is written, and the program ends with kInterrupted.
+struct Interrupted {};
 /// Throws Interrupted if there was one.
 void endIfInterrupted();
 

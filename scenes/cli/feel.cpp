@@ -214,7 +214,6 @@ int feel(const FeelOptions& options) {
   // Before there is much memory, and before there are threads.
   std::optional<Guardian> guardian;
   if (options.realtime) guardian.emplace();
-  noteInterrupts();
   std::optional<Window> window;
   // Of a still the last tick is told, whichever that is.
   constexpr double kEveryTick = 1.0;
@@ -230,6 +229,8 @@ int feel(const FeelOptions& options) {
   for (const std::string& note : built.notes) complain(note);
   OrderedJson search;
   const HandTarget target = targetOf(options, built, search);
+  // An arm is put down before the program ends, and what was felt is written.
+  noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
     devices.push_back(openDevice(
@@ -274,6 +275,9 @@ int feel(const FeelOptions& options) {
   } else {
     runInVirtualTime(run);
   }
+  // What was felt is written; who interrupts that as well ends what is drawn.
+  const bool cut_short = interrupted != 0;
+  interrupted = 0;
 
   std::vector<OrderedJson> felt;
   for (const auto& hand : hands) felt.push_back(summaryOf(options, *hand, spec, *built.scene));
@@ -286,7 +290,13 @@ int feel(const FeelOptions& options) {
     summary_file->write(dump(summary, 2) + "\n");
     summary_file->commit();
   }
-  if (picture) picture->draw(spec, built);
+  if (picture) {
+    try {
+      picture->draw(spec, built);
+    } catch (const Interrupted&) {
+      complain("feel: interrupted: the picture is not drawn");
+    }
+  }
   if (still) {
     window->draw(options.scene, still->place());
     still->commit();
@@ -308,7 +318,7 @@ int feel(const FeelOptions& options) {
         "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
         "volumes are");
   }
-  if (interrupted != 0) return kInterrupted;
+  if (cut_short || interrupted != 0) return kInterrupted;
   int status = nothing && !options.window ? kNothingFelt : kDone;
   for (std::size_t h = 0; h < hands.size(); ++h) {
     const Fault fault = hands[h]->log.felt.fault();

@@ -142,6 +142,7 @@ int main(int argc, char** argv) {
   using namespace palpate;
   try {
     holdStandardStreams();
+    cli::endAtInterrupts();
     return run({argv + std::min(argc, 1), argv + argc});
   } catch (const Error& e) {
     cli::complain(e.what());

@@ -22,10 +22,10 @@ int make(const MakeOptions& options) {
     throw Error(options.out, "the output is not named .vdb", "name it so");
   }
   checkReplaceable(options.out);
-  noteInterrupts();
+  std::function<void(double)> progress = showProgress("making");
   WholeFile file(options.out);
   const std::vector<MadeGrid> grids = writeMade(options.name, options.voxel, file.place());
-  endIfInterrupted();
+  progress = nullptr;
   file.commit();
 
   OrderedJson json;

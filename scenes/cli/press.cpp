@@ -382,14 +382,12 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
     tick.time = i * dt;
     if (i > 0) tick.report = hapticStep(scene, reader, {tick.probe}, state, dt, &trace);
     seen(i, tick, state, trace);
-    endIfInterrupted();
   }
   return !state.faulted();
 }
 
 int press(const PressOptions& options) {
   checkRate("--rate", options.rate);
-  noteInterrupts();
   const Way way = wayOf(options);
   const auto rehearse = [&](const BuiltScene& built) {
     Near near;
@@ -412,7 +410,9 @@ int press(const PressOptions& options) {
     curve.add(i, tick.report, state, trace);
     if (picture) picture->add(tick);
   };
+  std::function<void(double)> progress = showProgress("pressing");
   const bool good = run(*opened.built.scene, way, options.rate, seen);
+  progress = nullptr;
   if (file) {
     file->write(csv(curve.rows()));
     file->commit();

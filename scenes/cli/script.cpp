@@ -1,6 +1,11 @@
 #include "palpate/scenes/cli/script.h"
 
 #include <cerrno>
+#include <csignal>
+#include <fcntl.h>
+#include <poll.h>
+#include <string_view>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -10,13 +15,16 @@ namespace palpate::cli {
 namespace {
 
 /// Runs a program with `input` on its standard input and its standard output to a descriptor; its
-/// exit status, or -1.
+/// exit status, or -1. Throws Interrupted, and ends it, where the user ends the run meanwhile.
 int run(std::vector<std::string> command, const std::string& input, int output) {
   int pipe_ends[2];
   if (pipe(pipe_ends) != 0) return -1;
   const pid_t child = fork();
   if (child < 0) return -1;
   if (child == 0) {
+    // A terminal's Ctrl-C goes to both: the parent decides, and it does not draw on alone.
+    signal(SIGINT, SIG_IGN);
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
     dup2(pipe_ends[0], STDIN_FILENO);
     dup2(output, STDOUT_FILENO);
     close(pipe_ends[0]);
@@ -26,17 +34,28 @@ int run(std::vector<std::string> command, const std::string& input, int output) 
     _exit(127);
   }
   close(pipe_ends[0]);
-  std::size_t written = 0;
-  while (written < input.size()) {
-    const ssize_t n = write(pipe_ends[1], input.data() + written, input.size() - written);
-    if (n <= 0) break;
-    written += static_cast<std::size_t>(n);
-  }
-  close(pipe_ends[1]);
+  fcntl(pipe_ends[1], F_SETFL, O_NONBLOCK);
+  constexpr int kLook = 10;  // [ms]
+  std::string_view rest = input;
+  pollfd ear{pipe_ends[1], POLLOUT, 0};
   int status = 0;
-  while (waitpid(child, &status, 0) < 0) {
-    if (errno != EINTR) return -1;
+  pid_t ended = 0;
+  while (ended == 0) {
+    if (interrupted != 0) kill(child, SIGKILL);
+    if (ear.fd >= 0) {
+      const ssize_t n = write(ear.fd, rest.data(), rest.size());
+      if (n > 0) rest.remove_prefix(static_cast<std::size_t>(n));
+      if (rest.empty() || (n < 0 && errno != EAGAIN && errno != EINTR)) {
+        close(ear.fd);
+        ear.fd = -1;  // poll() leaves it out
+      }
+    }
+    (void)poll(&ear, 1, kLook);
+    ended = waitpid(child, &status, WNOHANG);
   }
+  if (ear.fd >= 0) close(ear.fd);
+  if (ended < 0) return -1;
+  if (interrupted != 0) throw Interrupted{};
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 
@@ -56,6 +75,7 @@ void Script::draw(const OrderedJson& json, const WholeFile& file, const std::str
                   const std::vector<std::string>& arguments) const {
   std::vector<std::string> command{script_.string()};
   command.insert(command.end(), arguments.begin(), arguments.end());
+  const auto progress = showProgress("drawing");
   if (run(command, dump(json), file.descriptor()) != 0) {
     throw Error(path, "the picture could not be drawn", "see the message of matplotlib above");
   }

@@ -2,7 +2,6 @@
 
 #include <chrono>
 #include <thread>
-#include <unistd.h>
 
 #include <fmt/format.h>
 
@@ -12,27 +11,6 @@
 
 namespace palpate::cli {
 namespace {
-
-/// A line on a terminal that says how far the run is; nothing in a pipe.
-class Progress {
- public:
-  explicit Progress(std::int64_t ticks) : ticks_(ticks), shown_(isatty(2) != 0) {}
-  ~Progress() {
-    if (drawn_) sayAside("\r\033[K");
-  }
-  Progress(const Progress&) = delete;
-  Progress& operator=(const Progress&) = delete;
-  void at(std::int64_t tick) {
-    if (!shown_ || ticks_ <= 0 || tick % 50000 != 0 || tick == 0) return;
-    drawn_ = true;
-    sayAside("\rfeeling {} %", 100 * tick / ticks_);
-  }
-
- private:
-  std::int64_t ticks_;
-  bool shown_;
-  bool drawn_ = false;
-};
 
 /// A hand's loop on time, and what its owner keeps an eye on.
 class OnTime {
@@ -122,7 +100,7 @@ void runInVirtualTime(const Run& run) {
     loops.push_back(std::make_unique<HapticLoop>(*hand->device, run.options.rate, &hand->log));
     loops.back()->publish(run.scene);
   }
-  Progress progress(run.whole_path ? 0 : run.ticks);
+  const auto progress = showProgress("feeling");
   TickTime time;
   time.dt = 1.0 / run.options.rate;
   bool feeling = true;
@@ -136,7 +114,9 @@ void runInVirtualTime(const Run& run) {
       hand.drain();
       feeling = true;
     }
-    progress.at(i);
+    if (progress && !run.whole_path) {
+      progress(static_cast<double>(i) / static_cast<double>(run.ticks));
+    }
   }
 }
 

@@ -256,7 +256,6 @@ OrderedJson report(const StabilityOptions& options, const Setup& setup, const Ma
 
 int draw(const StabilityOptions& options) {
   check(options);
-  noteInterrupts();
   // Everything that can be refused is refused before anything runs.
   std::vector<std::pair<std::string, std::unique_ptr<WholeFile>>> files;
   std::vector<std::string> places;
@@ -290,11 +289,7 @@ int draw(const StabilityOptions& options) {
   std::vector<StabilityMap> maps;
   {
     const auto progress = showProgress("mapping");
-    for (MapMethod method : setup.methods) {
-      method.make = [make = method.make](double stiffness, double damping, double period) {
-        endIfInterrupted();
-        return make(stiffness, damping, period);
-      };
+    for (const MapMethod& method : setup.methods) {
       const int size = method.size < options.size ? kSlowSize : options.size;
       maps.push_back(
           drawMap(setting, setup.contact, method, size, kLeastStiffness, most, kMostDamping));

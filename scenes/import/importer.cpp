@@ -67,7 +67,9 @@ Imported fromImage(const Options& options, const Piece& piece, Array array, cons
   imported.axial = array.axial;
   double tolerance = options.tolerance.value_or(0.0);
   if (options.smooth > 0.0) {
-    const Smoothed smoothed = smoothImage(piece, array, options.smooth, in);
+    telling.stage("smoothing " + array.name);
+    const Smoothed smoothed = smoothImage(piece, array, options.smooth, in, telling.progress);
+    telling.stage(array.name);
     imported.smoothing = smoothed.rms_change;
     // The filter leaves tails of next to nothing about everything.
     if (!options.tolerance) tolerance = 1e-3 * smoothed.range;

@@ -1,6 +1,7 @@
 #include "palpate/scenes/import/smooth.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -11,6 +12,7 @@
 #include <tbb/parallel_for.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/import/shared_progress.h"
 
 namespace palpate::importer {
 namespace {
@@ -59,7 +61,8 @@ void smoothLine(const Line& line, const std::vector<double>& weights, std::vecto
 }
 
 /// Along one axis, all lines of it in parallel.
-void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation) {
+void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
+                 SharedProgress& progress) {
   std::size_t size[3];
   for (std::size_t a = 0; a < 3; ++a) size[a] = static_cast<std::size_t>(image.size[a]);
   const std::vector<double> weights = weightsOf(deviation, size[axis]);
@@ -68,24 +71,31 @@ void smoothAlong(std::size_t axis, const Piece& image, const Values& values, dou
   const std::size_t strides[3] = {components, components * size[0], components * size[0] * size[1]};
   const std::size_t b = axis == 0 ? 1 : 0;
   const std::size_t c = axis == 2 ? 1 : 2;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, size[b] * size[c], 16),
-                    [&](const tbb::blocked_range<std::size_t>& part) {
-                      std::vector<float> copy;
-                      for (std::size_t n = part.begin(); n < part.end(); ++n) {
-                        Line line;
-                        line.first = values.as<float>() + n % size[b] * strides[b] +
-                                     n / size[b] * strides[c];
-                        line.count = size[axis];
-                        line.stride = strides[axis];
-                        line.components = components;
-                        smoothLine(line, weights, copy);
-                      }
-                    });
+  const std::size_t lines = size[b] * size[c];
+  std::atomic<std::size_t> done = 0;
+  tbb::parallel_for(
+      tbb::blocked_range<std::size_t>(0, lines, 16),
+      [&](const tbb::blocked_range<std::size_t>& part) {
+        std::vector<float> copy;
+        for (std::size_t n = part.begin(); n < part.end(); ++n) {
+          Line line;
+          line.first = values.as<float>() + n % size[b] * strides[b] + n / size[b] * strides[c];
+          line.count = size[axis];
+          line.stride = strides[axis];
+          line.components = components;
+          smoothLine(line, weights, copy);
+        }
+        done += part.size();
+        progress.tell(
+            (static_cast<double>(axis) + static_cast<double>(done) / static_cast<double>(lines)) /
+            3.0);
+      });
 }
 
 }  // namespace
 
-Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file) {
+Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
+                     const Progress& progress) {
   // Floats, and then one copy: an array may be all the memory that there is.
   array.values = floatsOf(array.values);
   const Values original = array.values;
@@ -101,8 +111,9 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
   auto* after = smoothed.as<float>();
   std::copy(before, before + count, after);
   const Vec3 spacing = image.file_from_index.linear.colwise().norm().transpose();
+  SharedProgress shared(progress, 1);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    smoothAlong(axis, image, smoothed, width / spacing[static_cast<Eigen::Index>(axis)]);
+    smoothAlong(axis, image, smoothed, width / spacing[static_cast<Eigen::Index>(axis)], shared);
   }
 
   Smoothed out;

@@ -18,6 +18,6 @@ struct Smoothed {
 /// spread.
 /// @param width  Standard deviation, in the file's units.
 [[nodiscard]] Smoothed smoothImage(const Piece& image, Array& array, double width,
-                                   const std::string& file);
+                                   const std::string& file, const Progress& progress = nullptr);
 
 }  // namespace palpate::importer

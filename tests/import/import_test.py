@@ -20,6 +20,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
+from terminal import Terminal  # noqa: E402
 
 PALPATE = str((Path(sys.argv[1]) / "palpate").resolve())
 MAKE_SERIES = str(Path(sys.argv[2]).resolve())
@@ -1046,6 +1047,42 @@ class Running(Case):
             # -SIGINT: before the program had begun.
             self.assertIn(process.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
+            self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def at_a_terminal(self, shows, *words):
+        """Imports until it shows where it is, and ends it by Ctrl-C."""
+        before = sorted(os.listdir(self.dir))
+        terminal = Terminal([PALPATE, "import", *words], self.dir)
+        self.assertTrue(terminal.until(shows), terminal.drawn)
+        terminal.press(b"\x03")
+        status, took = terminal.ended()
+        self.assertEqual(status, 130)
+        self.assertLess(took, 10.0)  # on a loaded machine: it takes some 0.1
+        self.assertTrue(terminal.drawn.endswith("\r\x1b[K"), terminal.drawn)
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def test_at_a_terminal_it_says_where_it_is_until_ctrl_c(self):
+        source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
+        self.at_a_terminal("resampling: ", source, "o.vdb", "--voxel", "0.0025", "--scene", "s.json")
+        source, layout = self.big(224)
+        self.at_a_terminal("smoothing density: ", source, "o.vdb", "--raw", layout, "--smooth", "80")
+
+    def test_an_interrupted_import_leaves_none_of_what_it_wrote(self):
+        """It writes the scene first, and then for a while the volume."""
+        source, layout = self.big(224)
+        before = sorted(os.listdir(self.dir))
+        for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            process = subprocess.Popen([PALPATE, "import", source, "o.vdb", "--raw", layout,
+                                        "--scene", "s.json"], cwd=self.dir, text=True,
+                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            while not any(name.startswith("o.vdb.partial") for name in os.listdir(self.dir)):
+                self.assertIsNone(process.poll())
+                time.sleep(0.001)
+            begin = time.monotonic()
+            process.send_signal(how)
+            out, err = process.communicate(timeout=60)
+            self.assertLess(time.monotonic() - begin, 10.0)
+            self.assertEqual((process.returncode, out, err), (130, "", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     @unittest.skipIf(os.environ.get("PALPATE_SANITIZE"), "sanitizers take memory of their own")

@@ -23,6 +23,7 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from refusals import refusal  # noqa: E402
+from terminal import Terminal  # noqa: E402
 
 BIN = Path(sys.argv[1])
 VOLUMES = sys.argv[2]
@@ -996,6 +997,96 @@ class OnTime(Case):
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
         os.remove(summary)
         os.remove(self.dir / "interrupted.csv")
+
+
+class Interrupted(Case):
+    """Whoever presses Ctrl-C has the prompt back at once, and no file of an odd name."""
+    HOST = True
+    SOON = 10.0  # [s], on a loaded machine: it takes some 0.05
+
+    def setUp(self):
+        self.place = self.dir / "interrupted"
+        self.place.mkdir()
+
+    def tearDown(self):
+        self.assertEqual(os.listdir(self.place), [])
+        self.place.rmdir()
+
+    def wait_for(self, child, there):
+        while not there():
+            self.assertIsNone(child.poll(), "it ended before it was interrupted")
+            time.sleep(0.01)
+
+    def partial(self):
+        return any(".partial-" in name for name in os.listdir(self.place))
+
+    def end(self, how, *words, there=None):
+        child = subprocess.Popen([PALPATE, *map(str, words)], cwd=self.place, text=True,
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        self.wait_for(child, there or self.partial)
+        begin = time.monotonic()
+        child.send_signal(how)
+        _, said = child.communicate(timeout=60)
+        self.assertLess(time.monotonic() - begin, self.SOON)
+        self.assertEqual(child.returncode, 130, said)
+        return said
+
+    def test_what_writes_a_file(self):
+        for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            self.assertEqual(self.end(how, "make", "wind-tunnel", "a.vdb", "--voxel", 0.002),
+                             "palpate: interrupted: nothing is written\n")
+        run("make", "two-bodies", self.dir / "bodies.vdb", "--voxel", 0.25)
+        self.end(signal.SIGINT, "shatter", self.dir / "bodies.vdb", "pieces", "--grid", "cloud",
+                 "--value", 0.5, "--pieces", 4000)
+        os.remove(self.dir / "bodies.vdb")
+
+    def test_what_was_ignored_stays_so(self):
+        """As nohup has it."""
+        child = subprocess.Popen(["nohup", PALPATE, "make", "wind-tunnel", "a.vdb", "--voxel", "0.003"],
+                                 cwd=self.place, stdout=subprocess.DEVNULL,
+                                 stderr=subprocess.DEVNULL)
+        self.wait_for(child, self.partial)
+        child.send_signal(signal.SIGHUP)
+        self.assertEqual(child.wait(120), 0)
+        os.remove(self.place / "a.vdb")
+
+    def test_a_picture_that_is_drawn(self):
+        """What was felt is there; matplotlib is ended too."""
+        trace = self.place / "t.csv"
+        said = self.end(signal.SIGINT, "feel", self.dir / "ball.vdb", "--seconds", 1, "--trace",
+                        "t.csv", "--picture", "p.png", there=trace.exists)
+        self.assertIn("the picture is not drawn", said)
+        self.assertEqual(len(trace.read_text().splitlines()), 1001)
+        os.remove(trace)
+
+    def test_at_a_terminal_it_says_where_it_is_until_ctrl_c(self):
+        terminal = Terminal([PALPATE, "stability", "--size", 257, "--rate", 4000, "--map",
+                             "a.json"], self.place)
+        self.assertTrue(terminal.until("mapping: "), terminal.drawn)
+        terminal.press(b"\x03")
+        status, took = terminal.ended()
+        self.assertEqual(status, 130)
+        self.assertLess(took, self.SOON)
+        # Its line is gone.
+        self.assertIn("\x1b[K" + "palpate: interrupted", terminal.drawn)
+
+    def test_scripts_say_where_they_are_and_end_at_once(self):
+        """What demo.sh, test.sh and .ci/install run their long commands by."""
+        watched = Path(__file__).resolve().parents[2] / ".ci" / "watched"
+        terminal = Terminal(["bash", "-euc", f". '{watched}'; watched building log bash -c "
+                             "'trap \"exit 3\" INT; echo [3/9]; while :; do sleep 0.1; done' || exit 1; "
+                             "touch on"], self.place)
+        self.assertTrue(terminal.until("building 0:01 [3/9]"), terminal.drawn)
+        terminal.press(b"\x03")
+        status, took = terminal.ended()
+        self.assertEqual((status, os.listdir(self.place)), (130, ["log"]))
+        self.assertLess(took, self.SOON)
+        os.remove(self.place / "log")
+
+    def test_what_is_short_says_nothing(self):
+        terminal = Terminal([PALPATE, "info", self.dir / "ball.vdb"], self.place)
+        self.assertEqual(terminal.ended()[0], 0)
+        self.assertEqual(terminal.drawn, "")
 
 
 class Stability(Case):
