@@ -31,7 +31,7 @@ std::string emptyBecause(const Imported& imported) {
 }
 
 std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const std::string& in,
-                               const Telling& telling) {
+                               const Telling& telling, std::vector<std::string>& notes) {
   if (options.smooth > 0.0) {
     throw Error("--smooth", "it works on images, and " + in + " is a mesh",
                 "smooth it in the scene: \"smooth\": N");
@@ -40,8 +40,19 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
     throw Error("--tolerance", "it works on images, and " + in + " is a mesh", "leave it out");
   }
   telling.stage("resampling");
-  const double voxel =
-      options.voxel > 0.0 && !options.iso ? options.voxel : piece.mesh->suggestVoxel();
+  double voxel = options.iso ? 0.0 : options.voxel;
+  if (voxel <= 0.0) {
+    const SuggestedVoxel suggested = piece.mesh->suggestVoxel();
+    voxel = suggested.edge;
+    if (suggested.edge > suggested.by_cell) {
+      notes.push_back(fmt::format(
+          "voxels of {:g}, at most {:g} a point: half the edge of the median cell, {:g}, makes "
+          "{:.2g} million; what that costs is said as what resampling is off by, and {}",
+          voxel, kVoxelsPerPoint, suggested.by_cell, 1e-6 * suggested.voxels_by_cell,
+          options.iso ? "an --iso of a mesh has no finer ones"
+                      : fmt::format("--voxel {:g} takes these", suggested.by_cell)));
+    }
+  }
   std::vector<Imported> out;
   std::vector<Resampled> all = piece.mesh->resample(piece.arrays, voxel, in, telling.progress);
   for (std::size_t a = 0; a < all.size(); ++a) {
@@ -197,7 +208,7 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
 
   for (Piece& piece : pieces) {
     if (!piece.isImage()) {
-      for (Imported& imported : fromMesh(options, piece, in, telling)) {
+      for (Imported& imported : fromMesh(options, piece, in, telling, out.notes)) {
         out.grids.push_back(std::move(imported));
       }
       continue;
@@ -221,15 +232,19 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
   return out;
 }
 
-void writeVdb(const std::filesystem::path& file, const Step& step, const std::string& in) {
-  openvdb::GridCPtrVec grids;
-  for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
-  writeGrids(file, grids);
+void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in) {
+  const std::size_t count = step.grids.size();
+  {
+    openvdb::GridCPtrVec grids;
+    for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
+    writeGrids(file, grids);
+  }
+  step.grids.clear();
   const auto refused = [&](const std::string& what, const std::string& refusal) {
     throw VolumeError(in, fmt::format("{} could not be felt ({})", what, refusal),
                       "look at the sizes, places and values in it, or choose arrays by --field");
   };
-  malloc_trim(0);  // what making the grids took is free by now, and what follows takes a grid more
+  malloc_trim(0);  // the grids are free by now, and what follows takes one of them
   std::vector<GridInfo> read;
   try {
     read = describeGrids(file);
@@ -239,7 +254,7 @@ void writeVdb(const std::filesystem::path& file, const Step& step, const std::st
             std::string(why.substr(std::min(why.size(), file.string().size() + 2))));
   }
   // Vectors by component are told of once more behind them.
-  for (std::size_t i = 0; i < std::min(read.size(), grids.size()); ++i) {
+  for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
     if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
   }
 }

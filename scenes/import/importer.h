@@ -60,10 +60,10 @@ struct Telling {
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
                               const Telling& telling);
 
-/// Writes the grids with Blosc, and reads them back as whoever feels them will. Throws Error where
-/// that refuses one, and leaves what there is of the file.
+/// Writes the grids with Blosc, lets go of them, and reads them back as whoever feels them will.
+/// Throws Error where that refuses one, and leaves what there is of the file.
 /// @param in  What they were imported from, for errors.
-void writeVdb(const std::filesystem::path& file, const Step& step, const std::string& in);
+void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
 /// A first scene for a .vdb with these grids; `vdb` as the scene shall say it. Throws VolumeError
 /// if nothing in it varies.

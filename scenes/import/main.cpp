@@ -132,10 +132,6 @@ int importAll(const Options& options, Teller& teller) {
         first = out;
         if (!options.scene.empty()) scene = writeScene(options, out, step, teller);
       }
-      teller.stage("writing");
-      const fs::path partial = partialOf(out);
-      teller.file(partial, out);
-      writeVdb(partial, step, options.request.file.string());
     }
     if (count > 1 && options.time.empty()) {
       step.notes.push_back(
@@ -143,6 +139,13 @@ int importAll(const Options& options, Teller& teller) {
     }
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));
+    if (!step.grids.empty()) {
+      teller.stage("writing");
+      const fs::path partial = partialOf(out);
+      teller.file(partial, out);
+      writeVdb(partial, step, options.request.file.string());
+    }
+    reports.back()["memory"]["peak"] = peakMemory();
   }
   if (options.scene == "-") {
     teller.out(scene);
@@ -212,7 +215,7 @@ int main(int argc, char** argv) {
   app.add_option("--field", request.fields, "An array to take; again for more; default all");
   app.add_option("--voxel", options.voxel,
                  "Edge of cubes to resample to, in the file's unit; default: an image's own, of a "
-                 "mesh half the edge of its median cell");
+                 "mesh half the edge of its median cell, and 16 voxels a point at most");
   app.add_option("--iso", options.iso,
                  "Make a level set of the surface of this value, of one scalar");
   app.add_option("--smooth", options.smooth,

@@ -36,6 +36,22 @@ using Progress = std::function<void(double done)>;
 
 struct Resampled;
 
+/// Edges of cubes to resample a mesh to, in the file's unit.
+struct SuggestedVoxel {
+  /// `by_cell`, or the least that makes at most kVoxelsPerPoint voxels for each of the mesh's
+  /// points, or 33 x 33 x 33.
+  double edge = 0.0;
+  /// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along
+  /// the longest side of the mesh, and not less than 32; a 64th of that side where no cell has
+  /// volume.
+  double by_cell = 0.0;
+  double voxels_by_cell = 0.0;  ///< How many these would be, about.
+};
+
+/// Half the edge of cells that are all alike makes 8. Where most cells are small ones at a wall, it
+/// makes hundreds, which the large cells have no use for.
+inline constexpr double kVoxelsPerPoint = 16.0;
+
 /// Cells with volume, as a library of meshes holds them.
 class Mesh {
  public:
@@ -44,10 +60,7 @@ class Mesh {
   Mesh& operator=(const Mesh&) = delete;
   virtual ~Mesh() = default;
 
-  /// Half the edge of the median cell: the cube of as much volume. Not more than 512 voxels along
-  /// the longest side of the mesh, and not less than 32; a 64th of that side where no cell has
-  /// volume. In the file's unit.
-  [[nodiscard]] virtual double suggestVoxel() const = 0;
+  [[nodiscard]] virtual SuggestedVoxel suggestVoxel() const = 0;
 
   /// All arrays of its points at once, on the same voxels: the first at the lowest corner of its
   /// bounds, each with the interpolation of the mesh's own cell that holds it. Works leaf by leaf

@@ -12,13 +12,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-/// Of this process so far [bytes].
-std::uint64_t peakMemory() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
-}
-
 /// Voxels, said once for arrays that share them.
 std::string voxelsOf(const Imported& imported) {
   const openvdb::GridBase& grid = *imported.made.grid;
@@ -127,6 +120,12 @@ Json gridJson(const Imported& imported) {
 
 }  // namespace
 
+std::uint64_t peakMemory() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;
+}
+
 std::string textOf(const std::filesystem::path& out, const Step& step) {
   std::string text = cli::words("{}:\n", out.string()).text();
   std::string voxels;
@@ -149,7 +148,7 @@ Json jsonOf(const std::filesystem::path& out, const Step& step) {
     report["grids"].push_back(gridJson(imported));
     memory += imported.made.grid->memUsage();
   }
-  report["memory"] = {{"grids", memory}, {"peak", peakMemory()}};
+  report["memory"] = {{"grids", memory}};
   report["notes"] = step.notes;
   return report;
 }

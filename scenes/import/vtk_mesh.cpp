@@ -16,6 +16,7 @@
 #include <vtkGenericCell.h>
 #include <vtkIdList.h>
 #include <vtkNew.h>
+#include <vtkPoints.h>
 #include <vtkStaticCellLocator.h>
 
 #include "palpate/engine/error.h"
@@ -254,25 +255,68 @@ Differences compare(const std::vector<Place>& places, const Values& values, cons
   return differences;
 }
 
-double suggestFor(vtkDataSet* mesh) {
+/// A cell's own volume, by the tetrahedra that VTK splits it into.
+double solidVolume(vtkCell* cell, vtkIdList* points, vtkPoints* corners) {
+  cell->Triangulate(0, points, corners);
+  double volume = 0.0;
+  for (vtkIdType t = 0; t + 3 < corners->GetNumberOfPoints(); t += 4) {
+    std::array<Vec3d, 4> p;
+    for (vtkIdType c = 0; c < 4; ++c) {
+      corners->GetPoint(t + c, p[static_cast<std::size_t>(c)].asPointer());
+    }
+    volume += std::abs((p[1] - p[0]).dot((p[2] - p[0]).cross(p[3] - p[0]))) / 6.0;
+  }
+  return volume;
+}
+
+/// A number of two digits is easier to repeat.
+double twoDigits(double x, double (*to_whole)(double)) {
+  const double digit = std::pow(10.0, std::floor(std::log10(x)) - 1.0);
+  return to_whole(x / digit) * digit;
+}
+
+SuggestedVoxel suggestFor(vtkDataSet* mesh) {
   vtkNew<vtkGenericCell> cell;
+  vtkNew<vtkIdList> ids;
+  vtkNew<vtkPoints> corners;
+  corners->SetDataTypeToDouble();
   std::vector<double> volumes;
-  for (const vtkIdType index : someCells(mesh->GetNumberOfCells())) {
+  double solid = 0.0;
+  const std::vector<vtkIdType> some = someCells(mesh->GetNumberOfCells());
+  for (const vtkIdType index : some) {
     mesh->GetCell(index, cell);
     double bounds[6];
     cell->GetBounds(bounds);
     volumes.push_back(volumeOf(bounds));
+    solid += solidVolume(cell, ids, corners);
   }
   double bounds[6];
   mesh->GetBounds(bounds);
   const double longest =
       std::max({bounds[1] - bounds[0], bounds[3] - bounds[2], bounds[5] - bounds[4]});
-  if (volumes.empty()) return longest / 64.0;
-  const double voxel =
-      std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0);
-  // A round number is easier to repeat.
-  const double digit = std::pow(10.0, std::floor(std::log10(voxel)) - 1.0);
-  return std::round(voxel / digit) * digit;
+  if (volumes.empty()) return {longest / 64.0, longest / 64.0, 0.0};
+  SuggestedVoxel out;
+  out.by_cell = twoDigits(
+      std::clamp(0.5 * std::cbrt(quantile(volumes, 0.5)), longest / 512.0, longest / 32.0),
+      [](double x) { return std::round(x); });
+  // The share of the bounds that is in cells has as large a share of their voxels.
+  solid *= static_cast<double>(mesh->GetNumberOfCells()) / static_cast<double>(some.size());
+  const auto voxels_of = [&](double edge) {
+    double count = std::min(solid / volumeOf(bounds), 1.0);
+    for (int a = 0; a < 3; ++a)
+      count *= std::floor((high(bounds, a) - low(bounds, a)) / edge) + 1.0;
+    return count;
+  };
+  out.voxels_by_cell = voxels_of(out.by_cell);
+  constexpr double kLeast = 33.0 * 33.0 * 33.0;
+  const double most =
+      std::max(kVoxelsPerPoint * static_cast<double>(mesh->GetNumberOfPoints()), kLeast);
+  out.edge = out.by_cell;
+  constexpr double kStep = 1.01;
+  while (voxels_of(out.edge) > most) {
+    out.edge = twoDigits(out.edge * kStep, [](double x) { return std::ceil(x); });
+  }
+  return out;
 }
 
 /// Besides the mesh it takes VTK's cell locator and the grids.
@@ -416,7 +460,7 @@ class VtkMesh final : public Mesh {
  public:
   explicit VtkMesh(vtkDataSet* mesh) : mesh_(mesh) {}
 
-  [[nodiscard]] double suggestVoxel() const override { return suggestFor(mesh_); }
+  [[nodiscard]] SuggestedVoxel suggestVoxel() const override { return suggestFor(mesh_); }
   [[nodiscard]] std::vector<Resampled> resample(const std::vector<Array>& arrays, double voxel,
                                                 const std::string& file,
                                                 const Progress& progress) const override {
