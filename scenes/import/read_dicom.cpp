@@ -33,7 +33,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kAgain = "copy or export it again";
 
-/// The DICOM files of a folder by name, `beneath` none; the folders in it.
+/// The DICOM files of a folder by name; the folders in it are added to `folders`.
 std::vector<fs::path> dicomFilesOf(const fs::path& folder, std::vector<fs::path>* folders) {
   std::vector<fs::path> files;
   std::error_code error;
@@ -329,31 +329,21 @@ class DicomReader final : public Reader {
   std::vector<bool> is_packed_;
 };
 
-/// For a folder without DICOM files: whether they are one level down.
-[[noreturn]] void refuseFolder(const fs::path& folder, const std::vector<fs::path>& folders) {
-  std::vector<fs::path> with;
-  for (const fs::path& inner : folders) {
-    std::error_code error;
-    for (fs::directory_iterator entry(inner, error), end; !error && entry != end;
-         entry.increment(error)) {
-      std::error_code ignored;
-      if (!entry->is_regular_file(ignored) || !isDicom(entry->path())) continue;
-      with.push_back(inner);
-      break;
+/// Of a study's folder, or a patient's: the files in the folders below it.
+std::vector<fs::path> filesBelow(std::vector<fs::path> folders) {
+  constexpr int kDeepest = 3;  // patient, study, series
+  std::vector<fs::path> files;
+  for (int depth = 0; depth < kDeepest && !folders.empty(); ++depth) {
+    std::vector<fs::path> inner;
+    for (const fs::path& folder : folders) {
+      std::error_code error;
+      if (fs::is_symlink(folder, error)) continue;  // it may lead back
+      const std::vector<fs::path> more = dicomFilesOf(folder, &inner);
+      files.insert(files.end(), more.begin(), more.end());
     }
+    folders = std::move(inner);
   }
-  if (with.size() == 1) {
-    throw VolumeError(folder.string(),
-                      fmt::format("no DICOM file is in it, but in its folder \"{}\"",
-                                  with.front().filename().string()),
-                      "give that folder");
-  }
-  if (!with.empty()) {
-    throw VolumeError(folder.string(),
-                      fmt::format("no DICOM file is in it, but in {} of its folders", with.size()),
-                      "give one of them");
-  }
-  throw VolumeError(folder.string(), "there is no DICOM file in it", "give a folder of slices");
+  return files;
 }
 
 }  // namespace
@@ -381,8 +371,11 @@ std::unique_ptr<Reader> openDicom(const Request& request) {
                           : request.file.has_parent_path() ? request.file.parent_path()
                                                            : fs::path(".");
   std::vector<fs::path> folders;
-  const std::vector<fs::path> paths = dicomFilesOf(folder, &folders);
-  if (paths.empty()) refuseFolder(folder, folders);
+  std::vector<fs::path> paths = dicomFilesOf(folder, &folders);
+  if (paths.empty()) paths = filesBelow(folders);
+  if (paths.empty()) {
+    throw VolumeError(folder.string(), "there is no DICOM file in it", "give a folder of slices");
+  }
   std::vector<File> files;
   files.reserve(paths.size());
   for (const fs::path& path : paths) files.push_back(headerOf(path));

@@ -399,14 +399,27 @@ class Choice(Case):
         Volume(uid="1.2").write(folder, "B")
         self.refused(folder, "--series", "Thorax", says="more than one")
 
+    def test_a_folder_above_those_of_the_series(self):
+        first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
+        first.write(self.dir / "patient" / "study" / "lung")
+        (self.dir / "patient" / "study" / "again").symlink_to(self.dir / "patient")
+        for folder in (self.dir / "patient" / "study", self.dir / "patient"):
+            self.imported(folder)
+            self.same(first)
+        second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
+        second.write(self.dir / "patient" / "study" / "head")
+        self.out.unlink()
+        self.refused(self.dir / "patient", says=["it has 2 series", '1: "Lung 1.0" CT 6 images',
+                                                 '2: "Head" MR 3 images', "--series"])
+        self.imported(self.dir / "patient", "--series", "Head")
+        self.same(second)
+
     def test_folders_without_dicom(self):
         empty = self.dir / "empty"
         empty.mkdir()
         self.refused(empty, says="there is no DICOM file in it")
-        Volume().write(empty / "scan")
-        self.refused(empty, says='in its folder "scan"')
-        Volume().write(empty / "other")
-        self.refused(empty, says="2 of its folders")
+        (empty / "in" / "the" / "depth").mkdir(parents=True)
+        self.refused(empty, says="there is no DICOM file in it")
         self.refused(self.dir / "none", says="no such file")
 
 
