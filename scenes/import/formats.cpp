@@ -71,7 +71,7 @@ void refuseUnused(const Request& request, const std::string& format, std::string
   refuse("--solution", !request.solution.empty());
 }
 
-bool isExodus(const std::string& b) {
+bool isNetcdf(const std::string& b) {
   return has(b, 0, "CDF\1") || has(b, 0, "CDF\2") || has(b, 0, "CDF\5") || has(b, 0, "\x89HDF");
 }
 bool isNifti(const std::string& b) {
@@ -103,7 +103,10 @@ const std::array kFormats = {
     Format{"MetaImage", isMetaImage, openMetaImage, nullptr, "--as"},
     Format{"VTK (legacy)", isVtkLegacy, openVtkLegacy},
     Format{"VTK (XML)", isVtkXml, openVtkXml},
-    Format{"Exodus II", isExodus, openExodus},
+    Format{"netCDF or HDF5", isNetcdf, openNetcdf},
+    Format{"CGNS", [](const std::string& b) { return b.find("ADF Database Version") < 32; },
+           openCgns},
+    Format{"GRIB", [](const std::string& b) { return has(b, 0, "GRIB"); }, openGrib},
     // What people have at hand besides.
     Format{"OpenVDB", [](const std::string& b) { return has(b, 0, " BDV"); }, nullptr,
            "it can be felt as it is: palpate feel"},
@@ -120,6 +123,8 @@ const std::array kFormats = {
              return has(b, 0, "solid ") || has(b, 0, "ply\n") || has(b, 0, "ply\r");
            },
            nullptr, "a surface has no volume: make a level set of it, as with OpenVDB's tools"},
+    Format{"SLC (a volume of VolVis)", [](const std::string& b) { return has(b, 0, "11111\n"); },
+           nullptr, "convert it to NRRD or VTK, as with ParaView"},
     Format{"a PNG picture", [](const std::string& b) { return has(b, 0, "\x89PNG"); }, nullptr,
            "put the slices of a volume together into NRRD or NIfTI"},
     Format{"a JPEG picture", [](const std::string& b) { return has(b, 0, "\xff\xd8\xff"); },
@@ -169,15 +174,24 @@ std::unique_ptr<Reader> openAny(const Request& given) {
     throw VolumeError(request.file.string(), "no such file", "check the path");
   }
   if (std::filesystem::is_directory(status)) {
+    if (std::filesystem::exists(request.file / "system" / "controlDict", error)) {
+      refuseUnused(request, "an OpenFOAM case", "");
+      return openFoam(request);
+    }
     refuseUnused(request, "a folder", "--series");
     return openDicom(request);
   }
   if (!std::filesystem::is_regular_file(status)) {
-    throw VolumeError(request.file.string(), "it is no file", "give a file, or a DICOM folder");
+    throw VolumeError(request.file.string(), "it is no file",
+                      "give a file, a DICOM folder or an OpenFOAM case");
   }
   if (!request.raw.empty()) {
     refuseUnused(request, "taken as raw", "");
     return openRaw(request);
+  }
+  if (request.file.extension() == ".foam" || request.file.extension() == ".OpenFOAM") {
+    refuseUnused(request, "an OpenFOAM case", "");
+    return openFoam(request);
   }
   const std::string bytes = beginningOf(request.file);
   if (bytes.empty()) {

@@ -209,7 +209,8 @@ int main(int argc, char** argv) {
   importer::Request& request = options.request;
   app.add_option("IN", request.file,
                  "NIfTI, MetaImage, NRRD, a DICOM file or folder, VTK (legacy or XML), Exodus II, "
-                 "PLOT3D with --solution, or anything with --raw")
+                 "CGNS, an OpenFOAM case, netCDF (CF), GRIB, PLOT3D with --solution, or anything "
+                 "with --raw")
       ->required();
   app.add_option("OUT", options.out, "The .vdb to write")->required();
   app.add_option("--field", request.fields, "An array to take; again for more; default all");

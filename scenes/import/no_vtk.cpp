@@ -12,7 +12,13 @@ namespace {
 
 }  // namespace
 
-std::unique_ptr<Reader> openExodus(const Request& request) {
+std::unique_ptr<Reader> openCgns(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openFoam(const Request& request) {
+  refuse(request);
+}
+std::unique_ptr<Reader> openNetcdf(const Request& request) {
   refuse(request);
 }
 std::unique_ptr<Reader> openPlot3d(const Request& request) {

@@ -1,23 +1,31 @@
-/// What solvers write: Exodus II and PLOT3D, through VTK.
+/// What solvers write: Exodus II, CGNS, OpenFOAM and PLOT3D, through VTK.
 #include <algorithm>
 #include <array>
+#include <filesystem>
+#include <map>
 
 #include <fmt/format.h>
+#include <vtkCGNSReader.h>
 #include <vtkExodusIIReader.h>
 #include <vtkInformation.h>
 #include <vtkMultiBlockDataSet.h>
 #include <vtkMultiBlockPLOT3DReader.h>
 #include <vtkNew.h>
+#include <vtkOpenFOAMReader.h>
+#include <vtkSmartPointer.h>
 #include <vtkStreamingDemandDrivenPipeline.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/import/netcdf_size.h"
+#include "palpate/scenes/import/read_netcdf.h"
 #include "palpate/scenes/import/reader.h"
 #include "palpate/scenes/import/vtk_pieces.h"
 #include "palpate/scenes/import/vtk_run.h"
 
 namespace palpate::importer {
 namespace {
+
+namespace fs = std::filesystem;
 
 /// The times that a reader has announced.
 std::vector<double> timesOf(vtkAlgorithm* reader) {
@@ -79,6 +87,124 @@ class ExodusReader final : public Reader {
   std::vector<double> times_;
 };
 
+/// OpenFOAM's values are by cell; those of its patches are not read.
+class FoamReader final : public Reader {
+ public:
+  explicit FoamReader(const Request& request) : request_(request) {
+    std::error_code error;
+    const bool is_folder = fs::is_directory(request.file, error);
+    const fs::path folder = is_folder                        ? request.file
+                            : request.file.has_parent_path() ? request.file.parent_path()
+                                                             : fs::path(".");
+    const fs::path control = folder / "system" / "controlDict";
+    if (!fs::is_regular_file(control, error)) {
+      throw VolumeError(request.file.string(), "there is no system/controlDict beside it",
+                        "give the folder of an OpenFOAM case");
+    }
+    if (!fs::is_directory(folder / "constant" / "polyMesh", error) &&
+        fs::is_directory(folder / "processor0", error)) {
+      throw VolumeError(request.file.string(), "it is in parts, a processor each",
+                        "put it together with reconstructPar");
+    }
+    // Time 0 is what a solver was given.
+    for (const bool skip_zero : {true, false}) {
+      reader_ = vtkSmartPointer<vtkOpenFOAMReader>::New();
+      reader_->SetFileName(control.c_str());
+      reader_->CreateCellToPointOff();
+      reader_->AddDimensionsToArrayNamesOn();
+      reader_->CacheMeshOff();
+      reader_->SetSkipZeroTime(skip_zero);
+      reader_->UpdateInformation();
+      times_ = timesOf(reader_);
+      if (reader_->GetNumberOfCellArrays() > 0) break;
+    }
+    if (times_.empty()) {
+      throw VolumeError(request.file.string(), "it has no time with fields that can be read",
+                        "run a solver, or copy its times as well");
+    }
+  }
+
+  std::vector<double> times() const override {
+    return times_.size() > 1 ? times_ : std::vector<double>();
+  }
+
+  Content read(std::size_t step) override {
+    reader_->GetOutputInformation(0)->Set(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP(),
+                                          times_.at(step));
+    run(reader_, request_.file.string(), request_.progress);
+    Content content;
+    content.pieces = piecesOf(reader_->GetOutput(), request_.file.string(), content.notes);
+    content.length_unit = "m";
+    // "U [m s^-1]"
+    for (Piece& piece : content.pieces) {
+      for (Array& array : piece.arrays) array.name = withoutUnit(array.name, content.value_unit);
+    }
+    for (std::string& note : content.notes) note = withoutUnits(note);
+    return content;
+  }
+
+ private:
+  static std::string withoutUnit(const std::string& name,
+                                 std::map<std::string, std::string>& units) {
+    const auto at = name.find(" [");
+    if (at == std::string::npos || name.back() != ']') return name;
+    std::string plain = name.substr(0, at);
+    units[plain] = name.substr(at + 2, name.size() - at - 3);
+    return plain;
+  }
+  static std::string withoutUnits(std::string text) {
+    for (auto at = text.find(" ["); at != std::string::npos; at = text.find(" [", at)) {
+      const auto end = text.find(']', at);
+      if (end == std::string::npos) break;
+      text.erase(at, end + 1 - at);
+    }
+    return text;
+  }
+
+  Request request_;
+  vtkSmartPointer<vtkOpenFOAMReader> reader_;
+  std::vector<double> times_;
+};
+
+class CgnsReader final : public Reader {
+ public:
+  explicit CgnsReader(const Request& request) : request_(request) {
+    reader_->SetFileName(request.file.c_str());
+    reader_->UpdateInformation();
+    times_ = timesOf(reader_);
+    reader_->EnableAllBases();
+    reader_->EnableAllFamilies();
+    reader_->EnableAllPointArrays();
+    reader_->EnableAllCellArrays();
+    reader_->LoadBndPatchOff();
+  }
+
+  std::vector<double> times() const override {
+    return times_.size() > 1 ? times_ : std::vector<double>();
+  }
+
+  Content read(std::size_t step) override {
+    if (step < times_.size()) {
+      reader_->GetOutputInformation(0)->Set(vtkStreamingDemandDrivenPipeline::UPDATE_TIME_STEP(),
+                                            times_[step]);
+    }
+    run(reader_, request_.file.string(), request_.progress);
+    Content content;
+    content.pieces = piecesOf(reader_->GetOutput(), request_.file.string(), content.notes);
+    return content;
+  }
+
+ private:
+  Request request_;
+  vtkNew<vtkCGNSReader> reader_;
+  std::vector<double> times_;
+};
+
+bool isCgns(const Request& request) {
+  vtkNew<vtkCGNSReader> reader;
+  return reader->CanReadFile(request.file.c_str()) != 0;
+}
+
 /// Leaves out what VTK derives from a file's energy where that cannot be: a pressure and a
 /// temperature are not negative, but for a few points that a solver has not met.
 void dropImpossible(Content& content) {
@@ -121,7 +247,7 @@ Content readPlot3d(const Request& request) {
 
 }  // namespace
 
-std::unique_ptr<Reader> openExodus(const Request& request) {
+std::unique_ptr<Reader> openNetcdf(const Request& request) {
   std::error_code error;
   const std::uint64_t there = std::filesystem::file_size(request.file, error);
   if (const auto size = netcdfSize(request.file); size && !error && there < *size) {
@@ -129,13 +255,24 @@ std::unique_ptr<Reader> openExodus(const Request& request) {
                       fmt::format("it is truncated: {} bytes of {}", there, *size),
                       "copy or export it again");
   }
+  if (isCgns(request)) return std::make_unique<CgnsReader>(request);
   vtkNew<vtkExodusIIReader> reader;
-  if (reader->CanReadFile(request.file.c_str()) == 0) {
-    throw VolumeError(request.file.string(),
-                      "it is netCDF or HDF5, but not Exodus II as far as it can be read",
-                      "export it as Exodus II or VTK");
+  if (reader->CanReadFile(request.file.c_str()) != 0) {
+    return std::make_unique<ExodusReader>(request);
   }
-  return std::make_unique<ExodusReader>(request);
+  return openCf(request);
+}
+
+std::unique_ptr<Reader> openCgns(const Request& request) {
+  if (!isCgns(request)) {
+    throw VolumeError(request.file.string(), "it is no CGNS that can be read",
+                      "it may be truncated or damaged: copy or export it again");
+  }
+  return std::make_unique<CgnsReader>(request);
+}
+
+std::unique_ptr<Reader> openFoam(const Request& request) {
+  return std::make_unique<FoamReader>(request);
 }
 
 std::unique_ptr<Reader> openPlot3d(const Request& request) {

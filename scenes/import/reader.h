@@ -131,10 +131,16 @@ class Reader {
 /// One format each. Throw VolumeError where the file does not fit.
 /// A file of a series, or a folder of them.
 [[nodiscard]] std::unique_ptr<Reader> openDicom(const Request& request);
-[[nodiscard]] std::unique_ptr<Reader> openExodus(const Request& request);
+/// CGNS's older form, ADF.
+[[nodiscard]] std::unique_ptr<Reader> openCgns(const Request& request);
+[[nodiscard]] std::unique_ptr<Reader> openGrib(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openMetaImage(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNifti(const Request& request);
+/// NetCDF or HDF5: CF conventions, Exodus II, CGNS.
+[[nodiscard]] std::unique_ptr<Reader> openNetcdf(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openNrrd(const Request& request);
+/// A case: its folder, or a file in it by which ParaView opens it.
+[[nodiscard]] std::unique_ptr<Reader> openFoam(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openPlot3d(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openRaw(const Request& request);
 [[nodiscard]] std::unique_ptr<Reader> openVtkLegacy(const Request& request);

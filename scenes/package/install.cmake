@@ -173,7 +173,8 @@ set(CPACK_COMPONENT_PROGRAMS_DESCRIPTION "\
 Feels .vdb volumes with a force-feedback arm or a simulated hand: the program, its importer of \
 NIfTI, NRRD, MetaImage and raw values, its manual, the rules that let a user open an arm.")
 set(CPACK_COMPONENT_IMPORT_DESCRIPTION "\
-Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files.")
+Lets palpate import read what VTK reads: DICOM, meshes of solvers, VTK's own files; and netCDF and \
+GRIB of weather and oceans.")
 set(CPACK_COMPONENT_VIEW_DESCRIPTION "\
 A window for palpate view: the volumes, the hand and its forces, and why they are what they are.")
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "\

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
 """What models of weather and solvers of flows write, and what it becomes: models_test.py BIN_DIR."""
+import csv
+import io
 import json
 import math
 import os
@@ -11,8 +13,16 @@ import tempfile
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import cgns  # noqa: E402
+import foam  # noqa: E402
+import grib  # noqa: E402
+import netcdf  # noqa: E402
+from cases import cases  # noqa: E402
+from refusals import refusal  # noqa: E402
 
 PALPATE = str((Path(sys.argv[1]) / "palpate").resolve())
+DEGREE = 6371.0 * math.pi / 180.0
 
 
 class Case(unittest.TestCase):
@@ -22,9 +32,9 @@ class Case(unittest.TestCase):
         self.dir = Path(holder.name)
         self.out = self.dir / "out.vdb"
 
-    def call(self, *words):
+    def call(self, *words, text=None):
         return subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True,
-                              timeout=120)
+                              input=text, timeout=120)
 
     def imported(self, source, *words):
         """The report, its grids by name."""
@@ -34,6 +44,63 @@ class Case(unittest.TestCase):
         report["grid"] = {grid["name"]: grid for grid in report["grids"]}
         report["note"] = "\n".join(report["notes"])
         return report
+
+    def sample(self, grid, points):
+        text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
+        done = self.call("sample", self.out, "--grid", grid, "--points", "-", text=text)
+        self.assertEqual((done.returncode, done.stderr), (0, ""))
+        return list(csv.DictReader(io.StringIO(done.stdout)))
+
+    def holds(self, grid, points, expected, within):
+        for p, row in zip(points, self.sample(grid, points)):
+            value = expected(*p)
+            found = [float(row[k]) for k in ("vx", "vy", "vz")] if isinstance(value, tuple) else [
+                float(row["value"])]
+            for a, b in zip(value if isinstance(value, tuple) else (value,), found):
+                self.assertAlmostEqual(a, b, delta=within, msg=(grid, p, row))
+
+    def scene(self):
+        done = self.call("scene", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        return json.loads(done.stdout)
+
+    def felt_as(self, flow, *drags):
+        """The scene follows the flow, and scalars are drags."""
+        modes = [(m["mode"], m["of"]) for m in self.scene()["modes"]]
+        self.assertIn(("follow", flow), modes)
+        for drag in drags:
+            self.assertIn(("viscosity", drag), modes)
+
+    def refused(self, source, says, *words):
+        done, line = refusal(self, self.dir,
+                             lambda: self.call("import", source, self.out, *words))
+        self.assertEqual(done.returncode, 2, line)
+        self.assertIn(says, line)
+
+    def survives(self, source, whole, count, name):
+        """Damaged copies are a line or a volume, and leave nothing else."""
+        rng = random.Random(7)
+        for case in range(cases(count, f"damaged files of {name}")):
+            broken = bytearray(whole)
+            if case % 3 == 0:
+                del broken[rng.randrange(len(broken)):]
+            else:
+                for _ in range(rng.choice((1, 1, 5, 50))):
+                    at = rng.randrange(min(len(broken), 2000) if rng.random() < 0.7
+                                       else len(broken))
+                    broken[at] = rng.randrange(256)
+            source.write_bytes(broken)
+            before = sorted(os.listdir(self.dir))
+            done = self.call("import", source, self.out)
+            label = f"case {case}: {done.stderr}"
+            self.assertIn(done.returncode, (0, 1, 2), label)
+            if done.returncode == 0:
+                self.assertEqual(done.stderr, "", label)
+                self.out.unlink()
+            else:
+                self.assertEqual(done.stderr.count("\n"), 1, label)
+                self.assertTrue(done.stderr.startswith("palpate: "), label)
+            self.assertEqual(sorted(os.listdir(self.dir)), before, label)
 
 
 def clustered(n, beta):
@@ -124,6 +191,394 @@ class Sizes(Case):
         for one in report["grids"]:
             self.assertLessEqual(one["active_voxels"], 16 * len(points))
         self.of_at_most_twice(report, grid.stat().st_size + solution.stat().st_size)
+
+
+LONGITUDES = [10 + 0.5 * i for i in range(13)]
+LATITUDES = [50 - 0.5 * j for j in range(9)]
+LEVELS = [1000, 850, 700, 500, 300]
+MIDDLE = 48.0
+
+
+def height(pressure):
+    return 44.330769 * (1 - (pressure / 1013.25) ** (1 / 5.25588))
+
+
+def wind(x, y, p):
+    return (10 + (1000 - p) / 50 + x - 13, 2 * (y - 48) + 1)
+
+
+def heat(x, y, p):
+    return 288 - 0.06 * (1000 - p) + 2 * (y - 48)
+
+
+def over(levels, function):
+    """In the order of the files: longitude is the fastest, latitudes fall."""
+    return [function(x, y, p) for p in levels for y in LATITUDES for x in LONGITUDES]
+
+
+def place(longitude, latitude, z):
+    return (longitude * DEGREE * math.cos(math.radians(MIDDLE)), latitude * DEGREE, z)
+
+
+class Netcdf(Case):
+    def weather(self, name="a.nc", form=netcdf.CLASSIC, levels=LEVELS, level=None, more=None):
+        """Two times; u is packed, t has a hole."""
+        t = over(levels, heat)
+        t[0] = -999.0
+        field = ("time", "lev", "lat", "lon")
+        u = [round((v - 5) / 0.01) for v in over(levels, lambda *p: wind(*p)[0])]
+        v = over(levels, lambda *p: wind(*p)[1])
+        variables = {
+            "time": (netcdf.DOUBLE, ("time",), {"units": "hours since 2020-01-01"}, [0, 6]),
+            "lev": (netcdf.FLOAT, ("lev",), level or {"units": "hPa"}, levels),
+            "lat": (netcdf.FLOAT, ("lat",), {"units": "degrees_north"}, LATITUDES),
+            "lon": (netcdf.FLOAT, ("lon",), {"units": "degrees_east"}, LONGITUDES),
+            "u": (netcdf.SHORT, field, {
+                "units": "m s-1", "scale_factor": (netcdf.DOUBLE, [0.01]),
+                "add_offset": (netcdf.DOUBLE, [5.0]), "_FillValue": (netcdf.SHORT, [-32767])},
+                u + [w + 100 for w in u]),
+            "v": (netcdf.FLOAT, field, {"units": "m s-1"}, v + v),
+            "w": (netcdf.FLOAT, field, {"units": "Pa s-1"}, [0.1 * a for a in v + v]),
+            "t": (netcdf.DOUBLE, field, {"units": "K", "missing_value": (netcdf.DOUBLE, [-999])},
+                  t + t),
+            "sp": (netcdf.FLOAT, field[:1] + field[2:], {"units": "Pa"},
+                   [1e5] * (2 * len(LATITUDES) * len(LONGITUDES))),
+            **(more or {})}
+        return netcdf.write(self.dir / name, {
+            "time": 2, "lev": len(levels), "lat": len(LATITUDES), "lon": len(LONGITUDES)},
+            variables, "made by a test", form, form != netcdf.CLASSIC)
+
+    def test_weather_on_pressure_levels(self):
+        for form in (netcdf.CLASSIC, netcdf.NETCDF4):
+            report = self.imported(self.weather(form=form))
+            self.assertEqual(set(report["grid"]), {"wind", "w", "t"})
+            self.assertEqual(report["grid"]["wind"]["unit"], "m s-1")
+            self.assertEqual(report["grid"]["t"]["unit"], "K")
+            for says in ("as at latitude 48", "sp: left out", "u and v: joined", "standard atmos",
+                         "heights are 20 times", "the first of 2 steps"):
+                self.assertIn(says, report["note"])
+            self.assertEqual(report["time"], 0)
+            places = [(x, y, p) for x in LONGITUDES[2:9:3] for y in LATITUDES[2:7:2]
+                      for p in (850, 700, 500)]
+            at = [place(x, y, 20 * height(p)) for x, y, p in places]
+            found = iter(places)
+            self.holds("wind", at, lambda *_: (*wind(*next(found)), 0.0), 0.05)
+            found = iter(places)
+            self.holds("t", at, lambda *_: heat(*next(found)), 0.3)
+            self.felt_as("wind", "t")
+            self.assertIn(b"made by a test, heights times 20", self.out.read_bytes())
+
+    def test_times_and_fields(self):
+        source = self.weather()
+        report = self.imported(source, "--time", 1, "--field", "u", "--field", "t")
+        self.assertEqual((report["time"], set(report["grid"])), (6, {"u", "t"}))
+        x, y, p = LONGITUDES[4], LATITUDES[4], 700
+        self.holds("u", [place(x, y, 20 * height(p))], lambda *_: wind(x, y, p)[0] + 1, 0.05)
+        self.refused(source, 'no array "q"', "--field", "q")
+        self.refused(source, "no step", "--time", "2")
+
+    def test_even_heights_are_an_image_of_its_own_values(self):
+        levels = [0, 2000, 4000, 6000]
+        report = self.imported(self.weather(levels=levels, level={"units": "m", "axis": "Z"}))
+        t = report["grid"]["t"]
+        self.assertEqual((t["voxels"], t["holes"]), (9 * 13 * 4, 1))
+        self.assertNotIn("resampling", t)
+        edges = (0.5 * DEGREE * math.cos(math.radians(MIDDLE)), 0.5 * DEGREE, 2 * 20)
+        for a, b in zip(t["voxel"], edges):
+            self.assertAlmostEqual(a, b, 4)
+        points = [(x, y, z) for x in LONGITUDES[1:6] for y in LATITUDES[1:4] for z in levels]
+        found = iter(points)
+        self.holds("t", [place(x, y, z * 20e-3) for x, y, z in points],
+                   lambda *_: heat(*next(found)), 1e-3)
+        self.assertIn(b"km", self.out.read_bytes())
+
+    def test_an_upward_wind_in_the_same_unit_is_its_z(self):
+        names = ("eastward_wind", "northward_wind", "upward_air_velocity")
+        field = ("time", "lev", "lat", "lon")
+        more = {n: (netcdf.FLOAT, field, {"units": "m s-1", "standard_name": s}, [c] * 2 * 468)
+                for n, s, c in zip("abc", names, (3.0, 4.0, 0.5))}
+        more["a"][3][0] = 5.0
+        report = self.imported(self.weather(levels=[0, 2000, 4000, 6000],
+                                            level={"units": "m", "positive": "up"}, more=more))
+        self.assertIn("a, b and c: joined into the vector wind", report["note"])
+        at = place(LONGITUDES[4], LATITUDES[4], 40)
+        self.holds("wind", [at], lambda *_: (3.0, 4.0, 10.0), 1e-4)
+
+    def test_an_ocean_by_depth(self):
+        """Longitudes over the date line, a level's number, depth downwards."""
+        size = (6, 5, 4)
+        lons, lats, depths = [178, 179, 180, -179, -178, -177], [-2, -1, 0, 1, 2], [0, 10, 20, 30]
+        values = [100.0 * k + 10 * j + i for k in range(4) for j in range(5) for i in range(6)]
+        source = netcdf.write(self.dir / "o.nc", dict(zip(("depth", "lat", "lon"), size[::-1])), {
+            "depth": (netcdf.FLOAT, ("depth",), {"units": "m", "positive": "down"}, depths),
+            "lat": (netcdf.FLOAT, ("lat",), {"units": "degrees_north"}, lats),
+            "lon": (netcdf.FLOAT, ("lon",), {"units": "degrees_east"}, lons),
+            "thetao": (netcdf.FLOAT, ("depth", "lat", "lon"), {"units": "degC"}, values)})
+        report = self.imported(source)
+        self.assertIn("depths are below 0", report["note"])
+        stretch = report["grid"]["thetao"]["voxel"][2] / 0.01
+        self.assertEqual(round(stretch), 5000)
+        points = [(i, j, k) for i in range(6) for j in range(5) for k in range(4)]
+        self.holds("thetao", [((178 + i) * DEGREE, (j - 2) * DEGREE, -0.01 * k * stretch)
+                              for i, j, k in points],
+                   lambda x, y, z: 100 * round(-z / 50) + 10 * round(y / DEGREE + 2)
+                   + round(x / DEGREE - 178), 1e-2)
+
+    def test_a_grid_in_metres_stays_as_it_is(self):
+        """Dimensions in the order x, y, z: by their axes, not by their order."""
+        source = netcdf.write(self.dir / "m.nc", {"x": 4, "y": 5, "z": 6}, {
+            **{n: (netcdf.DOUBLE, (n,), {"units": "m", "axis": n.upper()},
+                   [0.25 * i + o for i in range(c)])
+               for n, c, o in (("x", 4, 1), ("y", 5, 2), ("z", 6, 3))},
+            "q": (netcdf.INT, ("x", "y", "z"), {"units": "1"},
+                  [100 * k + 10 * j + i + 1 for i in range(4) for j in range(5)
+                   for k in range(6)])})
+        report = self.imported(source)
+        self.assertEqual(report["grid"]["q"]["voxel"], [0.25, 0.25, 0.25])
+        self.assertEqual(report["notes"], [])
+        points = [(i, j, k) for i in range(4) for j in range(5) for k in range(6)]
+        found = iter(points)
+        self.holds("q", [(1 + 0.25 * i, 2 + 0.25 * j, 3 + 0.25 * k) for i, j, k in points],
+                   lambda *_: (lambda i, j, k: 100 * k + 10 * j + i + 1.0)(*next(found)), 1e-4)
+
+    def test_what_is_no_volume_is_named(self):
+        place_of = {"units": "degrees_north"}
+        source = netcdf.write(self.dir / "c.nc", {"z": 3, "y": 4, "x": 5}, {
+            "lat2": (netcdf.FLOAT, ("y", "x"), place_of, [1.0] * 20),
+            "lon2": (netcdf.FLOAT, ("y", "x"), {"units": "degrees_east"}, [1.0] * 20),
+            "t": (netcdf.FLOAT, ("z", "y", "x"), {"coordinates": "lon2 lat2"},
+                  [float(i) for i in range(60)])})
+        self.refused(source, "interpolate it to a regular grid")
+        source = netcdf.write(self.dir / "f.nc", {"cell": 30, "z": 3}, {
+            "t": (netcdf.FLOAT, ("z", "cell"), {}, [1.0] * 90)})
+        self.refused(source, "none of its variables is a volume")
+
+    def test_absurd_sizes_and_disorder(self):
+        source = netcdf.write(self.dir / "a.nc", {"z": 100000, "y": 100000, "x": 100000}, {
+            "t": (netcdf.DOUBLE, ("z", "y", "x"), {}, None)}, form=netcdf.NETCDF4)
+        self.refused(source, "for which it is too short")
+        source = netcdf.write(self.dir / "b.nc", {"z": 3, "y": 3, "x": 3}, {
+            "x": (netcdf.FLOAT, ("x",), {}, [0, 2, 1]),
+            "t": (netcdf.FLOAT, ("z", "y", "x"), {}, [float(i) for i in range(27)])})
+        self.refused(source, "in no order")
+        whole = self.weather().read_bytes()
+        source.write_bytes(whole[:-200])
+        self.refused(source, "truncated")
+
+    def test_damage(self):
+        for form in (netcdf.CLASSIC, netcdf.NETCDF4):
+            source = self.weather(form=form)
+            self.survives(source, source.read_bytes(), 24, "netCDF")
+
+
+@unittest.skipUnless(grib.library(), "ecCodes is not installed")
+class Grib(Case):
+    def message(self, name, level, values, **keys):
+        keys = {"Ni": len(LONGITUDES), "Nj": len(LATITUDES),
+                "longitudeOfFirstGridPointInDegrees": float(LONGITUDES[0]),
+                "longitudeOfLastGridPointInDegrees": float(LONGITUDES[-1]),
+                "latitudeOfFirstGridPointInDegrees": float(LATITUDES[0]),
+                "latitudeOfLastGridPointInDegrees": float(LATITUDES[-1]),
+                "iDirectionIncrementInDegrees": 0.5, "jDirectionIncrementInDegrees": 0.5,
+                "level": level, "shortName": name, "bitsPerValue": 24, **keys}
+        return keys, values
+
+    def weather(self, sample="regular_ll_pl_grib2", levels=LEVELS, **keys):
+        messages = []
+        for name, function in (("u", lambda *p: wind(*p)[0]), ("v", lambda *p: wind(*p)[1]),
+                               ("t", heat)):
+            for level in levels:
+                messages.append((sample, *self.message(name, level, over([level], function),
+                                                       **keys)))
+        return grib.write(self.dir / "a.grib", messages)
+
+    def test_weather_on_pressure_levels(self):
+        for sample in ("regular_ll_pl_grib1", "regular_ll_pl_grib2"):
+            report = self.imported(self.weather(sample))
+            self.assertEqual(set(report["grid"]), {"wind", "t"})
+            self.assertEqual(report["grid"]["wind"]["unit"], "m s^-1")
+            places = [(x, y, p) for x in LONGITUDES[2:9:3] for y in LATITUDES[2:7:2]
+                      for p in (850, 700, 500)]
+            at = [place(x, y, 20 * height(p)) for x, y, p in places]
+            found = iter(places)
+            self.holds("wind", at, lambda *_: (*wind(*next(found)), 0.0), 0.05)
+            found = iter(places)
+            self.holds("t", at, lambda *_: heat(*next(found)), 0.3)
+            self.felt_as("wind", "t")
+
+    def test_rows_from_south_and_columns_first(self):
+        values = [heat(x, y, 0) for x in LONGITUDES for y in LATITUDES[::-1]]
+        ends = {"latitudeOfFirstGridPointInDegrees": 46.0, "latitudeOfLastGridPointInDegrees": 50.0,
+                "jScansPositively": 1, "jPointsAreConsecutive": 1}
+        source = grib.write(self.dir / "s.grib", [
+            ("regular_ll_pl_grib2", *self.message("t", level, [v + level for v in values], **ends,
+                                                  typeOfLevel="hybrid"))
+            for level in (1, 2, 3)])
+        report = self.imported(source)
+        t = report["grid"]["t"]
+        self.assertNotIn("resampling", t)
+        self.assertIn("levels have no height", report["note"])
+        points = [(x, y, k) for x in LONGITUDES[1:5] for y in LATITUDES[1:5] for k in (0, 1)]
+        found = iter(points)
+        self.holds("t", [place(x, y, k * t["voxel"][2]) for x, y, k in points],
+                   lambda *_: (lambda x, y, k: heat(x, y, 0) + k + 1)(*next(found)), 1e-2)
+
+    def test_times_missing_values_and_single_levels(self):
+        values = over([500], heat)
+        values[0] = 9999.0
+        messages = [("regular_ll_pl_grib2", *self.message(
+            "t", level, [v if v == 9999.0 else v + step for v in values], bitmapPresent=1,
+            missingValue=9999, dataDate=20201231, dataTime=1800, step=step,
+            typeOfLevel="hybrid"))
+            for step in (0, 12) for level in (1, 2)]
+        messages.append(("regular_ll_pl_grib2", *self.message(
+            "u", 500, over([500], heat), dataDate=20201231, dataTime=1800)))
+        source = grib.write(self.dir / "t.grib", messages)
+        report = self.imported(source, "--time", "1", "--field", "t")
+        self.assertEqual((report["time"], report["grid"]["t"]["holes"]), (12, 2))
+        self.holds("t", [place(LONGITUDES[5], LATITUDES[5], 0)],
+                   lambda *_: heat(LONGITUDES[5], LATITUDES[5], 500) + 12, 0.01)
+
+    def test_grids_without_rows(self):
+        for sample, kind in (("reduced_gg_pl_32_grib2", "reduced_gg"), ("sh_pl_grib2", "sh")):
+            source = grib.write(self.dir / "r.grib", [(sample, {}, None)])
+            self.refused(source, f"its grid is of type {kind}")
+        source = grib.write(self.dir / "one.grib", [
+            ("regular_ll_pl_grib2", *self.message("t", 500, over([500], heat)))])
+        self.refused(source, "one level (isobaricInhPa)")
+
+    def test_a_gaussian_grid(self):
+        source = grib.write(self.dir / "g.grib", [
+            ("regular_gg_pl_grib2", {"level": level, "shortName": "t"},
+             [float(n % 128) for n in range(8192)]) for level in (1000, 500, 200)])
+        report = self.imported(source)
+        self.assertIn("as at latitude 0", report["note"])
+        # Columns are 360 / 128 degrees apart, latitudes at the roots of Legendre's polynomial.
+        step = 360 / 128 * DEGREE
+        self.holds("t", [(step * i, y, 5000) for i in (3.5, 20.25, 80) for y in (-8000, 0, 8000)],
+                   lambda x, y, z: x / step, 1e-2)
+        self.assertEqual([row["inside"] for row in self.sample("t", [(1000, 9000, 5000)])], ["1"])
+
+    def test_a_map(self):
+        """Stereographic: 16 columns and 31 rows, 2 km apart, from the north on."""
+        source = grib.write(self.dir / "m.grib", [
+            ("polar_stereographic_pl_grib2", {"level": level, "shortName": "t"},
+             [float(n % 16 + 100 * (n // 16)) for n in range(16 * 31)])
+            for level in (1000, 500, 200)])
+        self.imported(source)
+        self.holds("t", [(4, -20, 10), (11, -7, 12)],
+                   lambda x, y, z: x / 2 - 100 * y / 2, 0.05)
+
+    def test_damage(self):
+        source = self.weather()
+        whole = source.read_bytes()
+        source.write_bytes(whole[:-40])
+        self.refused(source, "ecCodes cannot read")
+        self.survives(source, whole, 30, "GRIB")
+
+
+class Foam(Case):
+    FIELDS = {
+        "p": ("scalar", "[0 2 -2 0 0 0 0]", lambda x, y, z, t: x + 2 * y + t),
+        "U": ("vector", "[0 1 -1 0 0 0 0]", lambda x, y, z, t: (1 + y + t, 0.5 * x, z)),
+    }
+    INNER = [(0.2, 0.2, 0.2), (0.35, 0.25, 0.15), (0.4, 0.3, 0.25)]
+
+    def case(self, **more):
+        return foam.box(self.dir / "case", (6, 5, 4), 0.1, self.FIELDS, **more)
+
+    def test_a_case_by_its_folder_or_its_file(self):
+        case = self.case()
+        (case / "case.foam").touch()
+        for source in (case, case / "case.foam"):
+            report = self.imported(source)
+            self.assertEqual(report["time"], 0.5)
+            self.assertEqual((report["grid"]["U"]["unit"], report["grid"]["p"]["unit"]),
+                             ("m/s", "m2/s2"))
+            self.assertEqual(report["grid"]["U"]["type"], "vec3s")
+            self.holds("p", self.INNER, lambda x, y, z: x + 2 * y + 0.5, 1e-3)
+            self.holds("U", self.INNER, lambda x, y, z: (1.5 + y, 0.5 * x, z), 1e-3)
+            self.felt_as("U", "p")
+        self.imported(case, "--time", "1", "--field", "p")
+        self.holds("p", self.INNER, lambda x, y, z: x + 2 * y + 1, 1e-3)
+
+    def test_an_initial_state_alone_is_taken(self):
+        self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
+        self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
+
+    def test_what_is_missing_is_named(self):
+        (self.dir / "a.foam").touch()
+        self.refused(self.dir / "a.foam", "there is no system/controlDict")
+        case = self.case()
+        (case / "constant" / "polyMesh" / "points").unlink()
+        self.refused(case, "cannot read")
+        (case / "constant" / "polyMesh").rename(case / "constant" / "other")
+        (case / "processor0").mkdir()
+        self.refused(case, "reconstructPar")
+
+    def test_damage(self):
+        for name in ("constant/polyMesh/faces", "constant/polyMesh/owner", "0.5/U"):
+            case = self.case()
+            source = case / name
+            whole = source.read_bytes()
+            rng = random.Random(8)
+            for n in range(cases(8, "damaged files of OpenFOAM")):
+                broken = bytearray(whole)
+                if n % 2 == 0:
+                    del broken[rng.randrange(len(broken)):]
+                else:
+                    for _ in range(5):
+                        broken[rng.randrange(len(broken))] = rng.randrange(256)
+                source.write_bytes(broken)
+                before = sorted(os.listdir(self.dir))
+                done = self.call("import", case, self.out)
+                self.assertIn(done.returncode, (0, 1, 2), done.stderr)
+                if done.returncode == 0:
+                    self.out.unlink()
+                else:
+                    self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
+                self.assertEqual(sorted(os.listdir(self.dir)), before)
+            source.write_bytes(whole)
+
+
+class Cgns(Case):
+    def zone(self):
+        return cgns.structured(
+            self.dir / "a.cgns", (6, 5, 7), lambda i, j, k: (0.1 * i * (i + 1), 0.2 * j, 0.3 * k),
+            {"Pressure": lambda x, y, z: x + 2 * y, "VelocityX": lambda x, y, z: 1 + y,
+             "VelocityY": lambda x, y, z: z, "VelocityZ": lambda x, y, z: x})
+
+    def test_a_structured_zone(self):
+        report = self.imported(self.zone())
+        self.assertEqual({n: g["type"] for n, g in report["grid"].items()},
+                         {"Pressure": "float", "Velocity": "vec3s"})
+        points = [(0.7, 0.3, 0.9), (1.9, 0.6, 0.4), (2.6, 0.5, 1.5)]
+        self.holds("Pressure", points, lambda x, y, z: x + 2 * y, 1e-3)
+        self.holds("Velocity", points, lambda x, y, z: (1 + y, z, x), 1e-3)
+        self.felt_as("Velocity", "Pressure")
+
+    def test_damage(self):
+        source = self.zone()
+        whole = source.read_bytes()
+        source.write_bytes(whole[:len(whole) // 2])
+        self.refused(source, "")
+        self.survives(source, whole, 30, "CGNS")
+
+
+class Others(Case):
+    def test_formats_that_are_not_read(self):
+        source = self.dir / "a.slc"
+        source.write_bytes(b"11111\n10 10 10 8\n" + bytes(100))
+        self.refused(source, "SLC")
+
+    def test_grib_without_eccodes(self):
+        source = self.dir / "a.grib"
+        source.write_bytes(b"GRIB" + bytes(100))
+        light = str(Path(PALPATE).with_name("palpate-import-light"))
+        done, line = refusal(self, self.dir, lambda: subprocess.run(
+            [light, str(source), str(self.out)], capture_output=True, text=True, timeout=120))
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("without ecCodes, which reads it: install the package palpate-import", line)
 
 
 if __name__ == "__main__":
