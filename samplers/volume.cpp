@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <cctype>
 #include <cinttypes>
 #include <cstdio>
 #include <exception>
@@ -10,6 +11,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <string_view>
 #include <sys/mman.h>
 #include <tuple>
 #include <unordered_map>
@@ -162,6 +164,23 @@ std::shared_ptr<const Volume> feltFrom(Prepared prepared, const std::string& nam
   return std::make_shared<Volume>(std::move(prepared.info), std::move(prepared.grid));
 }
 
+/// The command that makes a .vdb of a file, for a person to copy.
+std::string importOf(const std::filesystem::path& path) {
+  if (path.extension() == ".vdb") return "it is damaged: write it again";
+  std::filesystem::path stem = path.filename();
+  if (stem.extension() == ".gz") stem.replace_extension();
+  const std::string out = stem.replace_extension(".vdb").string();
+  const auto is_plain = [](unsigned char c) {
+    return std::isalnum(c) != 0 ||
+           std::string_view("._-/+").find(static_cast<char>(c)) != std::string_view::npos;
+  };
+  const std::string in = path.string();
+  if (!std::all_of(in.begin(), in.end(), is_plain)) {
+    return "import it first: palpate import FILE OUT.vdb";
+  }
+  return "import it first: palpate import " + in + " " + out;
+}
+
 /// An OpenVDB file, opened and checked once; its errors turned into ours. What is const may be done
 /// by several threads at once.
 class VdbFile {
@@ -174,12 +193,15 @@ class VdbFile {
       throw VolumeError(path.string(), "no such file", "check the path");
     }
     if (!std::filesystem::is_regular_file(status)) {
-      throw VolumeError(path.string(), "it is not a file", "give a .vdb file");
+      throw VolumeError(path.string(), "it is not a file",
+                        std::filesystem::is_directory(status)
+                            ? "give a .vdb file; DICOM and OpenFOAM are imported first: palpate "
+                              "import FOLDER OUT.vdb"
+                            : "give a .vdb file");
     }
     steady_.emplace(path);
     if (!isVdb(steady_->place())) {
-      throw VolumeError(path.string(), "it is not a .vdb file",
-                        "convert it, e.g. with palpate import");
+      throw VolumeError(path.string(), "it is not a .vdb file", importOf(path));
     }
     // As the list of maps has it; "(deleted)" stands behind a copy, which has no name, there too.
     canonical_ = std::filesystem::read_symlink(steady_->place(), error).string();

@@ -1,6 +1,7 @@
 #include "palpate/scenes/scene_file.h"
 
 #include <algorithm>
+#include <fstream>
 #include <iterator>
 #include <utility>
 
@@ -27,9 +28,20 @@ std::vector<std::filesystem::path> vdbFilesOf(const std::filesystem::path& path)
   }
   std::sort(files.begin(), files.end());
   if (files.empty()) {
-    throw VolumeError(path.string(), "there is no .vdb in it", "give a folder of .vdb files");
+    throw VolumeError(path.string(), "there is no .vdb in it",
+                      "give a folder of .vdb files; DICOM and OpenFOAM are imported first: palpate "
+                      "import FOLDER OUT.vdb");
   }
   return files;
+}
+
+/// Whether a file begins as a scene does. Volumes of other formats do not.
+bool mayBeScene(const std::filesystem::path& file) {
+  if (file.extension() == ".json") return true;
+  std::ifstream in(file, std::ios::binary);
+  in >> std::ws;
+  const int first = in.peek();
+  return first == std::ifstream::traits_type::eof() || first == '{';
 }
 
 /// The grids of a file that can be felt; what is wrong with the others is noted.
@@ -74,6 +86,8 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
 }
 
 SceneSpec readSceneFile(const std::filesystem::path& file) {
+  checkRegular<SceneError>(file, "check the path");
+  if (!mayBeScene(file)) (void)gridNames(file);  // which refuses it as no .vdb
   return parseScene(readText<SceneError>(file, "check the path"), file.string(),
                     file.parent_path());
 }

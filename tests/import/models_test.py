@@ -580,6 +580,14 @@ class Others(Case):
         self.assertEqual(done.returncode, 2)
         self.assertIn("without ecCodes, which reads it: install the package palpate-import", line)
 
+    def test_a_volume_where_a_vdb_is_asked_for(self):
+        source = self.dir / "head.nii.gz"
+        source.write_bytes(b"\x1f\x8b\x08" + bytes(100))
+        for verb in (("feel",), ("info",), ("scene",), ("check",)):
+            done, line = refusal(self, self.dir, lambda v=verb: self.call(*v, source))
+            self.assertEqual(done.returncode, 2, line)
+            self.assertIn(f"import it first: palpate import {source} head.vdb", line)
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1] + sys.argv[2:], verbosity=1)
