@@ -1,8 +1,8 @@
-/// How late are ticks, and whose fault is it? The haptic thread beside a bare loop that only sleeps
-/// and reads the clock, in turns, with the same priority: what the bare loop is late, the machine
-/// is.
+/// How late are ticks, and whose fault is it? The haptic thread, asleep until a tick's time and
+/// awake before it (LoopParams::early), beside a bare loop that only sleeps and reads the clock, in
+/// turns, with the same priority: what the bare loop is late, the machine is.
 ///
-///     palpate_bench_clock [--rate HZ] [--seconds S] [--pairs N] [--load THREADS]
+///     palpate_bench_clock [--rate HZ] [--seconds S] [--turns N] [--load THREADS]
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstdio>
 #include <exception>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -29,7 +30,7 @@ using namespace palpate;
 struct Options {
   double rate = 1000.0;
   double seconds = 20.0;
-  int pairs = 3;
+  int turns = 3;
   int load = 0;
 };
 
@@ -74,7 +75,7 @@ Times runBare(const Options& options) {
   return out;
 }
 
-Times runHaptic(const Options& options) {
+Times runHaptic(const Options& options, std::optional<double> early) {
   struct Sink final : TickSink {
     Times times;
     void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
@@ -98,6 +99,7 @@ Times runHaptic(const Options& options) {
   SimulatedDevice device(ArmParams{}, GripParams{}, explore(bounds, options.seconds), options.rate);
   LoopParams params;
   params.rate = options.rate;
+  params.early = early;
   HapticThread hand(device, params, &sink);
   hand.publish(makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), kRadius)}}));
   while (hand.running()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -122,7 +124,7 @@ void tell(const char* name, const Times& times) {
 int measure(const Options& options) {
   std::printf("%s\n", bench::describe(bench::takeMachine(false)).c_str());
   std::printf("%g Hz, %d runs of %g s each, %d threads of other work\n", options.rate,
-              options.pairs, options.seconds, options.load);
+              options.turns, options.seconds, options.load);
   std::atomic<bool> done{false};
   std::vector<std::thread> others;
   others.reserve(static_cast<std::size_t>(options.load));
@@ -135,13 +137,20 @@ int measure(const Options& options) {
     });
   }
   Times bare;
-  Times haptic;
-  for (int pair = 0; pair < options.pairs; ++pair) {
-    for (const bool first : {pair % 2 == 0, pair % 2 != 0}) {
-      if (first) {
-        bare.add(runBare(options));
-      } else {
-        haptic.add(runHaptic(options));
+  Times asleep;
+  Times early;
+  for (int turn = 0; turn < options.turns; ++turn) {
+    for (int i = 0; i < 3; ++i) {
+      switch ((turn + i) % 3) {
+        case 0:
+          bare.add(runBare(options));
+          break;
+        case 1:
+          asleep.add(runHaptic(options, 0.0));
+          break;
+        default:
+          early.add(runHaptic(options, std::nullopt));
+          break;
       }
     }
   }
@@ -151,7 +160,8 @@ int measure(const Options& options) {
               " wake p50       p99     p99.9       max",
               "  tick p50       p99     p99.9       max  [us]");
   tell("bare", bare);
-  tell("HapticThread", haptic);
+  tell("asleep", asleep);
+  tell("early", early);
   return 0;
 }
 
@@ -163,7 +173,7 @@ int main(int argc, char** argv) {
     CLI::App app{"Wake-up and tick times of the haptic thread and of a bare loop."};
     app.add_option("--rate", options.rate, "[Hz], default 1000");
     app.add_option("--seconds", options.seconds, "of a run, default 20");
-    app.add_option("--pairs", options.pairs, "of runs, default 3");
+    app.add_option("--turns", options.turns, "of each kind of run, default 3");
     app.add_option("--load", options.load, "threads of other work, default 0");
     CLI11_PARSE(app, argc, argv);
     return measure(options);

@@ -159,6 +159,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
     state_.release();
   }
   const auto end = std::chrono::steady_clock::now();
+  if (rehearsal_) rehearsal_->look(hand, told_.report);
   // After a tick that hung, in a device, a user's mode or a stopped process, the force that it
   // computed is not sent: others have taken the force off meanwhile.
   const double took = std::chrono::duration<double>(end - begin).count();
@@ -183,6 +184,12 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   telemetry_.draft() = told_;
   telemetry_.publish();
   if (sink_ != nullptr) sink_->take(told_, state_);
+}
+
+bool HapticLoop::rehearse(double dt, double lead) noexcept {
+  const Scene* scene = scenes_.current().get();
+  const bool soon_enough = 4e-9 * static_cast<double>(told_.tick_ns) <= lead;
+  return rehearsal_ && scene != nullptr && soon_enough && rehearsal_->run(*scene, state_, dt);
 }
 
 /// Sends the force as it left the gate; where there is no scene the force is zero.

@@ -8,6 +8,7 @@
 
 #include "palpate/engine/device.h"
 #include "palpate/engine/mailbox.h"
+#include "palpate/engine/rehearsal.h"
 #include "palpate/engine/safety.h"
 #include "palpate/engine/scene.h"
 #include "palpate/engine/step.h"
@@ -106,6 +107,13 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// One tick: newest scene, hand, checks, hapticStep, force to the device, telemetry.
   /// RT: no allocation, no lock, no system call but the device's own.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
+  /// Before the first rehearse(): allocates what it needs.
+  void prepareRehearsal() { rehearsal_ = std::make_unique<Rehearsal>(state_.limits()); }
+  /// Rehearses the tick that comes in `lead` [s], about `dt` after the last one (rehearsal.h). Not
+  /// where the last tick took more than a quarter of `lead`: this one would come too late.
+  /// Nothing is sent, told or remembered. True if there was a rehearsal.
+  /// RT: no allocation, no lock, no system call but the clock's.
+  bool rehearse(double dt, double lead) noexcept PALPATE_NONBLOCKING;
   /// Writes zero force, after the last tick.
   void end() noexcept PALPATE_NONBLOCKING;
 
@@ -131,6 +139,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   HandWatch watch_;
   Reader reader_;
   ProxyState state_;
+  std::unique_ptr<Rehearsal> rehearsal_;  ///< Null: ticks are not rehearsed.
   Telemetry told_;
   std::uint32_t stops_seen_ = 0;  ///< The count of LoopWatch::stops that is taken back.
   std::uint32_t cuts_seen_ = 0;   ///< The count of LoopWatch::cuts that is taken back.

@@ -15,10 +15,17 @@ namespace {
 constexpr double kSlowest = 500.0;
 constexpr double kFastest = 20000.0;
 
-double checked(double rate) {
-  if (rate >= kSlowest && rate <= kFastest) return rate;
-  throw DeviceError("rate", std::to_string(rate) + " Hz is not a rate for a hand",
-                    "give 500 to 20000");
+double checked(const LoopParams& params) {
+  const double rate = params.rate;
+  if (!(rate >= kSlowest && rate <= kFastest)) {
+    throw DeviceError("rate", std::to_string(rate) + " Hz is not a rate for a hand",
+                      "give 500 to 20000");
+  }
+  if (params.early && !(*params.early >= 0.0 && *params.early <= 0.25 / rate)) {
+    throw DeviceError("early", std::to_string(*params.early) + " s is not a time to wake early by",
+                      "give 0 to a quarter of a period");
+  }
+  return rate;
 }
 
 }  // namespace
@@ -26,7 +33,7 @@ double checked(double rate) {
 HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* sink)
     : device_(device),
       params_(params),
-      loop_(device, checked(params.rate), sink, params.heartbeat, params.watch) {
+      loop_(device, checked(params), sink, params.heartbeat, params.watch) {
   try {
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {
@@ -40,6 +47,15 @@ void HapticThread::stop() noexcept {
   if (thread_.joinable()) thread_.join();
 }
 
+void HapticThread::waitFor(std::int64_t due) noexcept {
+  if (!(early_ > 0.0)) return sleepUntil(due);
+  const auto lead = static_cast<std::int64_t>(std::llround(1e9 * early_));
+  sleepUntil(due - lead);
+  // Woken too late for a rehearsal the tick comes first.
+  if (due - nowNs() > lead / 2) (void)loop_.rehearse(1.0 / params_.rate, early_);
+  while (nowNs() < due) continue;
+}
+
 void HapticThread::run() noexcept {
   // The process's signals go to other threads; only this thread's own errors reach this one.
   sigset_t others;
@@ -48,6 +64,9 @@ void HapticThread::run() noexcept {
   pthread_sigmask(SIG_BLOCK, &others, nullptr);
   const StayAwake awake(params_.realtime.awake);
   realtime_ = becomeRealtime(params_.realtime, awake);
+  early_ =
+      params_.early.value_or(realtime_.priority && kEarly * params_.rate <= 0.1 ? kEarly : 0.0);
+  if (early_ > 0.0) loop_.prepareRehearsal();
   ready_.store(true, std::memory_order_release);
   ready_.notify_one();
 
@@ -62,7 +81,7 @@ void HapticThread::run() noexcept {
   while (!quit_.load(std::memory_order_relaxed) && !device_.ended()) {
     const auto due =
         begin + static_cast<std::int64_t>(std::llround(static_cast<double>(count) * period));
-    sleepUntil(due);
+    waitFor(due);
     const std::int64_t now = nowNs();
     TickTime time;
     time.real = true;

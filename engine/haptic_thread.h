@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <thread>
 
 #include "palpate/engine/haptic_loop.h"
@@ -11,10 +12,17 @@
 
 namespace palpate {
 
+inline constexpr double kEarly = 1e-4;  ///< Usual LoopParams::early [s].
+
 /// What a HapticThread runs by: its clock, what it watches, what it asks of the system.
 struct LoopParams {
-  double rate = 1000.0;      ///< Ticks a second, 500 to 20,000 [Hz].
-  double heartbeat = 0.0;    ///< The application's longest pause between beats [s]; 0: none asked.
+  double rate = 1000.0;    ///< Ticks a second, 500 to 20,000 [Hz].
+  double heartbeat = 0.0;  ///< The application's longest pause between beats [s]; 0: none asked.
+  /// The thread wakes so long before a tick's time [s], rehearses it (rehearsal.h), and waits
+  /// awake: a wake-up comes 25 us late and more, and then the caches are cold. 0: it sleeps until
+  /// then; at most a quarter of a period. None: kEarly where priority is granted and that is no
+  /// more than a tenth of a period, else 0. Costs so much of a core, and at each tick a second one.
+  std::optional<double> early;
   RealtimeRequest realtime;  ///< Asked for by the thread itself, before its first tick.
   LoopWatch watch;           ///< Words shared with a guardian (devices/guardian.h).
 };
@@ -55,6 +63,8 @@ class HapticThread {
 
   /// What the system granted of LoopParams::realtime.
   [[nodiscard]] const RealtimeReport& realtime() const noexcept { return realtime_; }
+  /// LoopParams::early as it came to be [s].
+  [[nodiscard]] double early() const noexcept { return early_; }
   /// Page faults of the thread since its first tick.
   [[nodiscard]] std::int64_t pageFaultsSinceStart() const noexcept {
     return faults_.load(std::memory_order_relaxed);
@@ -62,12 +72,14 @@ class HapticThread {
 
  private:
   void run() noexcept;
+  void waitFor(std::int64_t due) noexcept;
 
   Device& device_;
   LoopParams params_;
   HapticLoop loop_;
   RealtimeReport realtime_;
-  std::atomic<bool> ready_{false};  ///< realtime_ is written.
+  double early_ = 0.0;
+  std::atomic<bool> ready_{false};  ///< These two are written.
   std::atomic<bool> quit_{false};
   std::atomic<bool> running_{true};
   std::atomic<std::int64_t> faults_{0};

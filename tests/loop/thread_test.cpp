@@ -209,6 +209,44 @@ TEST_CASE("what no loop can keep is refused with a remedy", "[loop]") {
     params.rate = rate;
     CHECK_THROWS_AS(HapticThread(device, params), DeviceError);
   }
+  for (const double early : {-1e-6, 2.6e-4, std::nan("")}) {
+    LoopParams params = quiet();
+    params.early = early;
+    CHECK_THROWS_AS(HapticThread(device, params), DeviceError);
+  }
+}
+
+TEST_CASE("a thread that wakes early ticks no earlier", "[loop][host]") {
+  struct Waits final : TickSink {
+    void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
+      early += tick.wake_ns < 0 ? 1 : 0;
+      ++ticks;
+    }
+    std::atomic<int> early{0};
+    std::atomic<int> ticks{0};
+  } waits;
+  SharedDevice device;
+  LoopParams params = quiet();
+  params.early = 2e-4;
+  {
+    HapticThread hand(device, params, &waits);
+    CHECK(hand.early() == 2e-4);
+    hand.publish(ballScene(ballField()));
+    ticks(device, kEngagement);
+    move(device, kIn);
+    await([&] { return hand.latest().report.force.norm() > 1.0; });
+  }
+  CHECK(waits.ticks > kEngagement);
+  CHECK(waits.early == 0);
+  // Without a priority nobody is kept from a core by one who waits awake.
+  CHECK(HapticThread(device, quiet()).early() == 0.0);
+  // With one, at 1 kHz and not where it would be a good part of the period.
+  for (const double rate : {1000.0, 10000.0}) {
+    LoopParams usual;
+    usual.rate = rate;
+    const HapticThread hand(device, usual);
+    CHECK(hand.early() == (hand.realtime().priority && rate < 2000.0 ? kEarly : 0.0));
+  }
 }
 
 TEST_CASE("what the system refuses is told, and the loop runs all the same", "[loop][host]") {

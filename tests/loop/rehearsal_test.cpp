@@ -1,0 +1,205 @@
+/// Ticks that nobody feels: about what comes, and without a trace.
+#include "palpate/engine/rehearsal.h"
+
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/haptic_loop.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/scenes.h"
+
+using namespace palpate;
+using palpate::test::ballField;
+using palpate::test::ballScene;
+using palpate::test::ballSpec;
+using palpate::test::TestDevice;
+
+namespace {
+
+constexpr double kDt = 1e-3;
+constexpr double kLead = 1.0;  ///< [s]: no tick takes a quarter of it, unless the machine stops.
+
+/// A ball with friction and a drag, one that moves, and parts.
+std::shared_ptr<const Scene> richScene() {
+  GraphSpec spec = ballSpec();
+  spec.modes[0].friction = 0.5;
+  spec.modes[0].viscosity = 0.3;
+  spec.modes.push_back(ballSpec(1.5).modes[0]);
+  spec.modes[1].of = "other";
+  const std::vector<Keyframe> keyframes{{0.0, {1, 0, 0, 0}, {0, 0, 0}},
+                                        {1.0, {1, 0, 0, 0}, {0, 0.01, 0}},
+                                        {2.0, {1, 0, 0, 0}, {0, 0, 0}}};
+  spec.motions["other"] = std::make_shared<const Motion>(keyframes, true);
+  std::vector<Part> parts;
+  for (const double x : {-0.05, 0.05}) {
+    parts.push_back(makePart(ballSpec(2.0), {{"ball", makeSphere({x, 0, 0}, 0.025)}}));
+  }
+  return makeScene(spec, {{"ball", ballField()}, {"other", makeSphere({0, 0.035, 0}, 0.02)}}, {},
+                   {}, std::move(parts));
+}
+
+/// A hand that wanders about the ball at the origin and dips into it, now and then through.
+Vec3 handAt(double t) {
+  const Vec3 out(std::sin(0.7 * t), std::sin(1.3 * t), 1.0);
+  return (0.0315 - (0.0045 + 0.003 * std::sin(0.9 * t)) * std::sin(9.0 * t)) * out.normalized();
+}
+
+bool same(const StepReport& a, const StepReport& b) {
+  return a.force == b.force && a.wanted == b.wanted && a.proxy == b.proxy && a.energy == b.energy &&
+         a.iterations == b.iterations && a.samples == b.samples && a.substeps == b.substeps &&
+         a.primitives == b.primitives && a.parts == b.parts && a.status == b.status &&
+         a.injected == b.injected;
+}
+
+}  // namespace
+
+TEST_CASE("a rehearsal leaves no trace", "[loop][rehearsal]") {
+  const std::shared_ptr<const Scene> scene = richScene();
+  TestDevice plain_device;
+  TestDevice device;
+  for (TestDevice* each : {&plain_device, &device}) {
+    each->about.limits.tank.use = TankUse::kAct;
+    each->about.limits.tank.arm.viscous = 1.0;
+  }
+  HapticLoop plain(plain_device, 1.0 / kDt);
+  HapticLoop loop(device, 1.0 / kDt);
+  CHECK_FALSE(loop.rehearse(kDt, kLead));
+  loop.prepareRehearsal();
+  plain.publish(scene);
+  loop.publish(scene);
+  int rehearsals = 0;
+  int held = 0;
+  TickTime time;
+  time.dt = kDt;
+  for (int i = 0; i < 5000; ++i) {
+    time.now += kDt;
+    plain_device.hand.position = device.hand.position = handAt(time.now);
+    {
+      const test::CountScope scope;
+      rehearsals += loop.rehearse(kDt, kLead) ? 1 : 0;
+      loop.tick(time);
+      REQUIRE(test::CountScope::counts().allocations == 0);
+      REQUIRE(test::CountScope::counts().locks == 0);
+    }
+    plain.tick(time);
+    const StepReport& report = loop.latest().report;
+    REQUIRE(same(report, plain.latest().report));
+    held += report.primitives > 0 ? 1 : 0;
+  }
+  CHECK(device.writes == plain_device.writes);
+  CHECK(rehearsals > 4900);
+  CHECK(held > 1000);
+}
+
+TEST_CASE("what is rehearsed is what comes", "[loop][rehearsal]") {
+  const std::shared_ptr<const Scene> scene = richScene();
+  Reader reader;
+  ProxyState state;
+  Rehearsal rehearsal(state.limits());
+  int rehearsals = 0;
+  int alike = 0;
+  int alike_in_contact = 0;
+  int in_contact = 0;
+  int yields = 0;
+  int before = 0;
+  for (int i = 0; i < 5000; ++i) {
+    const HandState hand{handAt(kDt * i)};
+    const bool did = rehearsal.run(*scene, state, kDt);
+    const StepReport report = hapticStep(*scene, reader, hand, state, kDt);
+    rehearsal.look(hand, report);
+    yields += report.primitives < before ? 1 : 0;
+    before = report.primitives;
+    if (!did) continue;
+    ++rehearsals;
+    const StepReport& rehearsed = rehearsal.rehearsed();
+    const bool about =
+        rehearsed.primitives == report.primitives && (rehearsed.proxy - report.proxy).norm() < 1e-5;
+    alike += about ? 1 : 0;
+    in_contact += report.primitives > 0 ? 1 : 0;
+    alike_in_contact += about && report.primitives > 0 ? 1 : 0;
+  }
+  CHECK(rehearsals == 4998);
+  CHECK(yields > 5);
+  CHECK(in_contact > 1000);
+  CHECK(alike > 0.99 * rehearsals);
+  CHECK(alike_in_contact > 0.98 * in_contact);
+}
+
+TEST_CASE("a twin that has strayed comes back to the proxy", "[loop][rehearsal]") {
+  // A wall holds the hand's proxy; the hand that was expected went through it.
+  GraphSpec spec = ballSpec(1.0);
+  spec.modes[0].depth_voxels = 0.01;  // who is through is in
+  const auto scene = makeScene(spec, {{"ball", ballField()}});
+  Reader reader;
+  ProxyState state;
+  Rehearsal rehearsal(state.limits());
+  const auto tick = [&](double z) {
+    const HandState hand{Vec3(0, 0, z)};
+    const bool did = rehearsal.run(*scene, state, kDt);
+    const StepReport report = hapticStep(*scene, reader, hand, state, kDt);
+    rehearsal.look(hand, report);
+    return did && (rehearsal.rehearsed().proxy - report.proxy).norm() < 1e-4;
+  };
+  for (int i = 0; i < 5; ++i) tick(0.035);
+  for (const double z : {0.0335, 0.0305}) tick(z);
+  // Going on by 3 mm as before the twin is deep in it; the hand has stopped.
+  CHECK_FALSE(tick(0.0288));
+  for (int i = 0; i < 3; ++i) tick(0.0288);
+  CHECK(tick(0.0288));
+  CHECK(state.primitives().size() == 1);
+}
+
+TEST_CASE("a user's mode is not called by a rehearsal", "[loop][rehearsal]") {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kUser;
+  const auto calls = std::make_shared<int>(0);
+  spec.modes[0].user = {
+      [](void* state, const ModeInput& input, PrimitiveSet& set) noexcept {
+        ++*static_cast<int*>(state);
+        return set.tryAdd({PrimitiveKind::kPoint, input.proxy, Vec3::UnitX(), 0.5});
+      },
+      calls,
+      {"ball"}};
+  TestDevice device;
+  HapticLoop loop(device, 1.0 / kDt);
+  loop.prepareRehearsal();
+  loop.publish(makeScene(spec, {{"ball", ballField()}}));
+  TickTime time;
+  for (int i = 0; i < 10; ++i) loop.tick(time);
+  const int before = *calls;
+  CHECK(before > 0);
+  CHECK_FALSE(loop.rehearse(kDt, kLead));
+  CHECK(*calls == before);
+}
+
+TEST_CASE("where a tick is too slow, or the force is cut, none is rehearsed", "[loop][rehearsal]") {
+  TestDevice device;
+  device.hand.position = {0, 0, 0.04};
+  HapticLoop loop(device, 1.0 / kDt);
+  loop.prepareRehearsal();
+  CHECK_FALSE(loop.rehearse(kDt, kLead));  // no scene
+  loop.publish(ballScene(ballField()));
+  TickTime time;
+  loop.tick(time);
+  CHECK_FALSE(loop.rehearse(kDt, kLead));  // no hand's way
+  loop.tick(time);
+  CHECK(loop.rehearse(kDt, kLead));
+  // No tick takes less than four times this.
+  CHECK_FALSE(loop.rehearse(kDt, 1e-12));
+  loop.cut();
+  loop.tick(time);
+  CHECK_FALSE(loop.rehearse(kDt, kLead));
+  loop.clear();
+  loop.tick(time);
+  loop.tick(time);
+  CHECK(loop.rehearse(kDt, kLead));
+}
