@@ -101,14 +101,17 @@ Legible timeWords(const OrderedJson& summary) {
     return rounded(1e-3 * summary["wake_ns"][key].get<double>());
   };
   const OrderedJson& got = summary["realtime"];
+  const auto early = got["early_us"].get<double>();
   return cli::words(
-      "clock     {} Hz kept; {} late ticks; woken {} us after time (median), {} p99, {} p99.9, {} "
-      "worst; {} page faults; {}, {}\n",
+      "clock     {} Hz kept; {} late ticks; begun {} us after time (median), {} p99, {} p99.9, {} "
+      "worst; {} page faults; {}, {}, {}\n",
       rounded(summary["rate_kept"].is_null() ? 0.0 : summary["rate_kept"].get<double>()),
       summary["late_ticks"].get<std::int64_t>(), us("p50"), us("p99"), us("p99.9"), us("max"),
       got["page_faults"].get<std::int64_t>(),
       got["priority"].get<bool>() ? "real-time priority" : "no real-time priority",
-      got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked");
+      got["memory_locked"].get<bool>() ? "memory locked" : "memory not locked",
+      early > 0.0 ? sentence("woken " + rounded(early) + " us early, each tick rehearsed")
+                  : sentence("asleep until each tick"));
 }
 
 /// The trace of one hand of several: T.csv, T.2.csv, ...

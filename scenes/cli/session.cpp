@@ -75,6 +75,7 @@ class OnTime {
     hand_.granted = {{"priority", got.priority},
                      {"memory_locked", got.memory},
                      {"cores_awake", got.awake},
+                     {"early_us", 1e6 * thread_->early()},
                      {"refused", got.refused.empty() ? OrderedJson() : OrderedJson(got.refused)},
                      {"page_faults", thread_->pageFaultsSinceStart()},
                      {"rows_lost", lost}};

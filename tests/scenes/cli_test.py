@@ -873,7 +873,8 @@ class OnTime(Case):
         self.assertEqual(set(summary["wake_ns"]), {"p50", "p99", "p99.9", "max"})
         self.assertGreater(summary["rate_kept"], 0)
         self.assertGreaterEqual(summary["late_ticks"], 0)
-        for key in ("priority", "memory_locked", "cores_awake", "refused", "page_faults"):
+        for key in ("priority", "memory_locked", "cores_awake", "refused", "page_faults",
+                    "early_us"):
             self.assertIn(key, summary["realtime"])
         rows = list(csv.DictReader(io.StringIO(trace.read_text())))
         self.assertEqual(len(rows), summary["ticks"] - summary["realtime"]["rows_lost"])
