@@ -16,6 +16,7 @@
 #include "palpate/samplers/volume.h"
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
+#include "palpate/scenes/metadata.h"
 #include "palpate/scenes/suggest.h"
 #include "palpate/scenes/write_grids.h"
 
@@ -147,8 +148,9 @@ void setMetadata(const Options& options, const Content& content, const Step& ste
   text("source", options.request.file.filename().string());
   text("imported_by", std::string("palpate ") + kVersion);
   text("description", content.description);
-  text("length_unit", content.length_unit);
-  text("value_unit", imported.unit);
+  text(kMetaLengthUnit, content.length_unit);
+  text(kMetaValueUnit, imported.unit);
+  if (content.patient) text(kMetaSpace, "RAS");
   if (imported.resampling) {
     number("resampled_to", imported.voxel);
     if (imported.resampling->points > 0) number("resampling_rms", imported.resampling->rms);

@@ -246,6 +246,7 @@ class DicomReader final : public Reader {
                             false});
     content.pieces.push_back(std::move(image));
     content.length_unit = "mm";
+    content.patient = true;
     content.notes = stack_.notes;
     describe(content);
     return content;

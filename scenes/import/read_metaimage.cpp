@@ -311,6 +311,7 @@ class MetaImageReader final : public Reader {
     const std::string axes = header_.text({"AnatomicalOrientation"});
     const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
     const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
+    content.patient = patient;
     image.file_from_index = place(turn, content.notes);
     image.arrays.push_back(named(values, turn, content));
     content.pieces.push_back(std::move(image));

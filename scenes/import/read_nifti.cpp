@@ -175,6 +175,7 @@ class NiftiReader final : public Reader {
     image.arrays.push_back({names[static_cast<int>(meaning_)], values, "", "", axial_});
     content.pieces.push_back(std::move(image));
     content.description = header_.description;
+    content.patient = header_.sform > 0 || header_.qform > 0;
     const char* units[] = {"", "m", "mm", "um"};
     if ((header_.units & 7) < 4) content.length_unit = units[header_.units & 7];
     return content;

@@ -655,6 +655,20 @@ class NrrdReader final : public Reader {
     }
   }
 
+  [[nodiscard]] bool namesPatient() const {
+    switch (nrrd_->space) {
+      case nrrdSpaceRightAnteriorSuperior:
+      case nrrdSpaceRightAnteriorSuperiorTime:
+      case nrrdSpaceLeftPosteriorSuperior:
+      case nrrdSpaceLeftPosteriorSuperiorTime:
+      case nrrdSpaceLeftAnteriorSuperior:
+      case nrrdSpaceLeftAnteriorSuperiorTime:
+        return true;
+      default:
+        return false;
+    }
+  }
+
   Affine place(Content& content) const {
     Affine map;
     const bool has_origin = nrrd_->spaceDim >= 3 && AIR_EXISTS(nrrd_->spaceOrigin[0]);
@@ -674,6 +688,7 @@ class NrrdReader final : public Reader {
     }
     map.linear = turn() * map.linear;
     map.origin = turn() * map.origin;
+    content.patient = directed_ && namesPatient();
     if (units[0] == units[1] && units[1] == units[2]) {
       content.length_unit = units[0];
     } else {

@@ -91,6 +91,7 @@ struct Content {
   Modality modality = Modality::kUnknown;
   std::string description;
   std::string length_unit;                        ///< "mm"; empty: the file does not say.
+  bool patient = false;                           ///< The file names a patient's axes.
   std::map<std::string, std::string> value_unit;  ///< By array.
   std::vector<std::string> notes;                 ///< What was assumed or lost, a line each.
 };

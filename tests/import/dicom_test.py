@@ -251,6 +251,7 @@ class Places(Case):
         (folder / "inner").mkdir()
         self.imported(folder)
         self.same(volume)
+        self.assertIn(b"space\6\0\0\0string\3\0\0\0RAS", self.out.read_bytes())
 
     def test_a_sagittal_series_of_oblique_orientation(self):
         rotation = turned(0.2, -0.15, 0.1)

@@ -121,6 +121,11 @@ class Case(unittest.TestCase):
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return list(csv.DictReader(io.StringIO(done.stdout)))
 
+    def says_patient(self, volume, says):
+        """In metadata, as OpenVDB writes a text."""
+        entry = b"".join(struct.pack("<i", len(w)) + w for w in (b"space", b"string", b"RAS"))
+        self.assertEqual(entry in volume.read_bytes(), says)
+
     def holds(self, volume, grid, columns, origin, expected, indices=INNER, places=4):
         """The grid has expected(i, j, k), a number or three, where (i, j, k) is in space."""
         rows = self.sample(volume, grid, [place(columns, origin, p) for p in indices])
@@ -173,9 +178,16 @@ class Nrrd(Case):
                             ("right-anterior-superior", IDENTITY),
                             ("3D-right-handed", IDENTITY), ("3D-left-handed", RIGHT_FROM_LEFT)):
             path = self.write("a.nrrd", nrrd(f"space: {space}", DIRECTIONS, ORIGIN), "\n", SHORTS)
-            self.holds(self.convert(path), "density", *turned(turn), scalar)
+            out = self.convert(path)
+            self.holds(out, "density", *turned(turn), scalar)
+            self.says_patient(out, says=not space.startswith("3D"))
         path = self.write("a.nrrd", nrrd("space dimension: 3", DIRECTIONS, ORIGIN), "\n", SHORTS)
-        self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
+        out = self.convert(path)
+        self.holds(out, "density", COLUMNS, AT, scalar)
+        self.says_patient(out, says=False)
+        # A space whose axes have no direction.
+        path = self.write("a.nrrd", nrrd("space: LPS", "spacings: 1 2 3"), "\n", SHORTS)
+        self.says_patient(self.convert(path), says=False)
 
     def test_every_encoding_and_byte_order(self):
         text = " ".join(map(str, SCALARS))
@@ -451,11 +463,14 @@ class MetaImage(Case):
         path = self.write("a.mha", meta(*self.PLACED), SHORTS)
         self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
         path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = ???"), SHORTS)
-        self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
+        out = self.convert(path)
+        self.holds(out, "density", self.COLUMNS, (10, 20, 30), scalar)
+        self.says_patient(out, says=False)
         path = self.write("a.mha", meta(*self.PLACED, "AnatomicalOrientation = RAI",
                                         "CenterOfRotation = 1 2 3"), SHORTS)
-        self.holds(self.convert(path), "density",
-                   *turned(RAS_FROM_LPS, self.COLUMNS, (10, 20, 30)), scalar)
+        out = self.convert(path)
+        self.holds(out, "density", *turned(RAS_FROM_LPS, self.COLUMNS, (10, 20, 30)), scalar)
+        self.says_patient(out, says=True)
         # The names of old files, and a sheared matrix.
         path = self.write("a.mha", meta("Rotation = 1 0.5 0 0 1 0 0 0 1", "Position = 1 2 3",
                                         "ElementSize = 2 2 2"), SHORTS)
@@ -665,18 +680,22 @@ class Nifti(Case):
 
     def test_the_place_is_exact(self):
         path = self.write("a.nii", nifti(SIZE, *SHORT, sform=self.ROWS), SHORTS)
-        self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
+        out = self.convert(path)
+        self.holds(out, "density", COLUMNS, AT, scalar)
+        self.says_patient(out, says=True)
         mirrored = ((-2, 0, 0, 10), (0.5, 3, 0.25, -20), (0, 0, 4, 30))
         path = self.write("a.nii", nifti(SIZE, *SHORT, sform=mirrored), SHORTS)
         self.holds(self.convert(path), "density", ((-2, 0.5, 0), (0, 3, 0), (0, 0.25, 4)), AT,
                    scalar)
         for qfac in (1.0, -1.0):
             path = self.write("a.nii", nifti(SIZE, *SHORT, qfac=qfac, pixdim=(1, 2, 3)), SHORTS)
-            self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3 * qfac)),
-                       (5, 6, 7), scalar)
+            out = self.convert(path)
+            self.holds(out, "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3 * qfac)), (5, 6, 7), scalar)
+            self.says_patient(out, says=True)
         path = self.write("a.nii", nifti(SIZE, *SHORT, pixdim=(1, 2, 3)), SHORTS)
-        self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
-                   scalar)
+        out = self.convert(path)
+        self.holds(out, "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0), scalar)
+        self.says_patient(out, says=False)
 
     def test_turns_are_quaternions(self):
         half = 0.5 ** 0.5

@@ -1,0 +1,24 @@
+/// Private to scenes: what a grid's metadata say of its values and its space.
+#pragma once
+
+#include <string>
+
+#include "palpate/samplers/volume.h"
+
+namespace palpate {
+
+/// Names of metadata, as the importer writes them.
+inline constexpr const char* kMetaValueUnit = "value_unit";
+inline constexpr const char* kMetaLengthUnit = "length_unit";
+inline constexpr const char* kMetaSpace = "space";  ///< RAS, or none.
+
+/// As the file says; empty or false where it does not.
+struct Metadata {
+  std::string value_unit;   ///< "HU"
+  std::string length_unit;  ///< "mm"
+  bool ras = false;         ///< Its space is a patient's: +x right, +y anterior, +z superior.
+  bool mesh = false;        ///< Imported from a mesh: outside of its voxels nothing is known.
+};
+[[nodiscard]] Metadata metadataOf(const Volume& volume);
+
+}  // namespace palpate
