@@ -17,6 +17,7 @@ struct Metadata {
   std::string value_unit;   ///< "HU"
   std::string length_unit;  ///< "mm"
   bool ras = false;         ///< Its space is a patient's: +x right, +y anterior, +z superior.
+  bool axial = false;       ///< Vectors whose sign means nothing.
   bool mesh = false;        ///< Imported from a mesh: outside of its voxels nothing is known.
 };
 [[nodiscard]] Metadata metadataOf(const Volume& volume);

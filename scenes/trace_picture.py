@@ -5,19 +5,17 @@ The argument is the format, png, pdf or svg. The JSON names the traces: {"made_b
 [{"name": TEXT, "file": T.csv}, ...]}; they are sound, `palpate plot` has read them. With --told FILE
 what was drawn is written there as JSON. With --check it only sees whether matplotlib is there.
 """
-import signal
+import sys
 
-signal.signal(signal.SIGINT, signal.SIG_DFL)  # palpate says that it was interrupted
+sys.dont_write_bytecode = True  # of the module beside it
+
+from picture_style import (AXES, BLUE, DPI, GREEN, ORANGE, PLANES, PURPLE, RED, SKY,  # noqa: E402
+                           save, use)
 
 import itertools  # noqa: E402
 import json  # noqa: E402
 import math  # noqa: E402
-import sys  # noqa: E402
-import warnings  # noqa: E402
 
-import matplotlib  # noqa: E402
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 from matplotlib.collections import LineCollection  # noqa: E402
@@ -25,31 +23,19 @@ from matplotlib.colors import ListedColormap  # noqa: E402
 from matplotlib.lines import Line2D  # noqa: E402
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator  # noqa: E402
 
-DPI = 300
 CHUNK = 200000  # rows read at a time
 LINE = 1000     # stretches of a line over time: more than a column has dots
 PATH = 60000    # stretches of all paths in a row of panels
 BINS = 60       # of the histogram
-AXES = "xyz"
-PLANES = ((0, 1), (1, 2), (0, 2))
 NUMBERS = ["t", *(f"{what}_{a}" for what in ("probe", "proxy", "force") for a in AXES),
            "error_bound", "tick_ns", "limited"]
 # As the engine words them. What no run had has a lane only where a reader would look for it.
 STATUSES = ["converged", "hairpin", "substep-limit", "iteration-limit", "dropped", "fault"]
 ALWAYS = ("converged", "substep-limit", "fault")
 SHARES = {"p50": 0.5, "p99": 0.99, "p99.9": 0.999}
-# Okabe and Ito's colours, which the colour-blind tell apart.
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7",
-                                         "#56B4E9")
 COLOURS = dict(zip(STATUSES, (BLUE, PURPLE, ORANGE, SKY, GREEN, RED)), limited="black")
 # No force is pale and the most is dark; without the palest, which paper does not show.
 FORCES = ListedColormap(plt.get_cmap("magma_r")(np.linspace(0.15, 0.95, 256)))
-STYLE = {"font.size": 7, "axes.titlesize": 8, "axes.labelsize": 7, "legend.fontsize": 6,
-         "xtick.labelsize": 6, "ytick.labelsize": 6, "axes.linewidth": 0.6, "lines.linewidth": 0.7,
-         "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 2.5,
-         "ytick.major.size": 2.5, "legend.borderpad": 0.3, "legend.handlelength": 1.6,
-         "legend.framealpha": 0.85, "legend.edgecolor": "none", "axes.axisbelow": True,
-         "pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "palpate"}
 
 
 class Run:
@@ -383,15 +369,9 @@ def main():
         return
     kind = sys.argv[1]
     data = json.load(sys.stdin)
-    plt.style.use("default")  # whatever the user's own is
-    matplotlib.rcParams.update(STYLE)
-    warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name in other letters
+    use()
     picture = Picture([Run(run["name"], run["file"]) for run in data["runs"]])
-    # No dates: the same bytes every time.
-    metadata = {"png": {"Software": data["made_by"]},
-                "pdf": {"Creator": data["made_by"], "CreationDate": None},
-                "svg": {"Creator": data["made_by"], "Date": None}}[kind]
-    picture.figure.savefig(sys.stdout.buffer, format=kind, dpi=DPI, metadata=metadata)
+    save(picture.figure, kind, data["made_by"])
     if "--told" in sys.argv:
         with open(sys.argv[sys.argv.index("--told") + 1], "w", encoding="utf-8") as file:
             json.dump(picture.told(kind), file)

@@ -136,6 +136,8 @@ void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
 }
 
 void checkOptions(const FeelOptions& options) {
+  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
+  if (!options.still.empty()) static_cast<void>(pngName(options.still));
   const double slowest = options.realtime ? 500.0 : 10.0;
   const double fastest = options.realtime ? 20000.0 : 100000.0;
   if (!(options.rate >= slowest && options.rate <= fastest)) {
@@ -295,7 +297,7 @@ int feel(const FeelOptions& options) {
   }
   if (picture) {
     try {
-      picture->draw(spec, built);
+      picture->draw(spec, built, hands[0]->log.felt);
     } catch (const Interrupted&) {
       complain("feel: interrupted: the picture is not drawn");
     }
@@ -357,7 +359,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
-  verb->add_option("--picture", options->picture, "PNG: path over the slices, force over time");
+  verb->add_option("--picture", options->picture,
+                   ".png, .pdf or .svg: path over the slices, force over time");
   verb->add_flag("-v,--verbose", options->verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(

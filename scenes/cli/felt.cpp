@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include <fmt/format.h>
 
@@ -168,6 +167,7 @@ void Felt::addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMem
   const Side side = sideOf(memory);
   if (side == Side::kYielded && last != Side::kYielded) ++mode.yields;
   last = side;
+  mode.impulse += held;
   if (held < kNewtons) return;
   if (held > mode.held) {
     mode.held = held;
@@ -198,6 +198,16 @@ Most Felt::most() const {
     if (motion >= 0) most.motion = felt->motions[static_cast<std::size_t>(motion)];
   }
   return most;
+}
+
+std::map<std::string, double> Felt::impulses() const {
+  std::map<std::string, double> impulses;
+  for (const auto& felt : scenes_) {
+    for (std::size_t i = 0; i < felt->modes.size(); ++i) {
+      impulses[felt->names[i]] += felt->modes[i].impulse / rate_;
+    }
+  }
+  return impulses;
 }
 
 OrderedJson Felt::summary() const {

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -66,6 +67,9 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] bool anything() const;
   /// Where most was felt.
   [[nodiscard]] Most most() const;
+  /// How much force of each mode there was over the run, by its name [N s]; of parts that are alike
+  /// together.
+  [[nodiscard]] std::map<std::string, double> impulses() const;
   /// The summary file's content, less what the caller knows better.
   [[nodiscard]] OrderedJson summary() const;
   /// The same in words.
@@ -77,6 +81,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::int64_t last_active = -1;
     std::int64_t touches = 0;  ///< Times it began to, after at least 50 ms without.
     std::int64_t yields = 0;   ///< Times a surface was pushed through.
+    double impulse = 0.0;      ///< Sum of the sizes of its primitives' force, tick by tick [N].
     double held = 0.0;         ///< Largest force of its primitives [N],
     Vec3 at = Vec3::Zero();    ///< and where the proxy was then [m].
   };

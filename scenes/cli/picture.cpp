@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <optional>
 #include <set>
 #include <utility>
 
@@ -10,70 +11,94 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/cli/touch.h"
+#include "palpate/scenes/metadata.h"
 #include "palpate/scenes/nearby.h"
 
 namespace palpate::cli {
 namespace {
 
-constexpr int kPixels = 180;  // along the longest side of a slice
+constexpr int kPixels = 256;  // along the longest side of the slices
+constexpr int kArrows = 18;   // likewise
 constexpr std::size_t kMostFields = 2;
+constexpr double kLeastShare = 0.01;  // of the force, for a field to be drawn
 constexpr std::size_t kMostTicks = 20000;
 constexpr double kTouched = 0.05;          // [N]
 constexpr std::size_t kMostTouches = 500;  // that are looked at to see what was felt
 constexpr std::size_t kMostParts = 12;     // drawn as one
+// Across, then up: x is always to the right, z always up.
+constexpr int kPlanes[3][2] = {{0, 1}, {0, 2}, {1, 2}};
 
-/// A field as a function for pictures: the value, or a vector's magnitude.
-std::function<double(const Vec3&)> reading(const FieldPtr& field) {
+/// What is drawn of a field: the place is W's, as the field rests.
+struct Look {
+  Vec3 vector = Vec3::Zero();  ///< Of a vector field.
+  double value = 0.0;          ///< A vector's magnitude.
+  bool inside = false;
+};
+using Read = std::function<Look(const Vec3&)>;
+
+Read reading(const FieldPtr& field) {
   auto cache = std::make_shared<FieldCache>();
   return std::visit(
-      [&](const auto& f) -> std::function<double(const Vec3&)> {
+      [&](const auto& f) -> Read {
         f->reset(*cache);
         return [f, cache](const Vec3& p) {
           const auto s = f->sample(p, *cache);
           if constexpr (std::is_same_v<std::decay_t<decltype(s)>, ScalarSample>) {
-            return s.value;
+            return Look{Vec3::Zero(), s.value, s.inside};
           } else {
-            return s.value.norm();
+            return Look{s.value, s.value.norm(), s.inside};
           }
         };
       },
       field);
 }
 
-OrderedJson slice(const FieldPtr& field, const Pose& pose, const Box& bounds, const Vec3& through,
-                  int normal) {
-  const auto read = reading(field);
-  const int a = (normal + 1) % 3;
-  const int b = (normal + 2) % 3;
-  const double step = std::max(bounds.size()[a], bounds.size()[b]) / kPixels;
-  const int columns = std::max(2, static_cast<int>(bounds.size()[a] / step));
-  const int rows = std::max(2, static_cast<int>(bounds.size()[b] / step));
-  OrderedJson json;
-  json["axes"] = {a, b};
-  json["at"] = through[normal];
-  json["extent"] = {bounds.lower[a], bounds.upper[a], bounds.lower[b], bounds.upper[b]};
-  json["values"] = OrderedJson::array();
+bool isVector(const FieldPtr& field) {
+  return std::holds_alternative<std::shared_ptr<const VectorField>>(field);
+}
+
+/// The axes of a picture.
+struct Frame {
+  Placement world;              ///< W from the frame.
+  Box bounds;                   ///< Of what is drawn, in the frame.
+  Vec3 through = Vec3::Zero();  ///< Where the slices meet, in the frame.
+  bool patient = false;         ///< The frame is a patient's: +x right, +y anterior, +z superior.
+  std::string unit = "mm";
+
+  [[nodiscard]] Vec3 of(const Vec3& p_W) const {
+    return world.rotation.transpose() * (p_W - world.translate) / world.scale;
+  }
+  /// Has a box drawn, given where its corners are in W.
+  template <class Map>
+  void take(const Box& box, const Map& world_from_box) {
+    for (int corner = 0; corner < 8; ++corner) {
+      Vec3 p;
+      for (int a = 0; a < 3; ++a) p[a] = ((corner >> a) & 1) != 0 ? box.upper[a] : box.lower[a];
+      bounds.extend(of(world_from_box(p)));
+    }
+  }
+};
+
+/// Values along the rows of a slice through a frame, `most` along the longest side of its box.
+template <class ValueAt>
+OrderedJson rowsOf(const Frame& frame, int plane, int most, const ValueAt& value_at) {
+  const auto [a, b] = kPlanes[plane];
+  const Vec3 size = frame.bounds.size();
+  const double step = size.maxCoeff() / most;
+  const int columns = std::max(2, static_cast<int>(std::lround(size[a] / step)));
+  const int rows = std::max(2, static_cast<int>(std::lround(size[b] / step)));
+  OrderedJson json = OrderedJson::array();
   for (int j = 0; j < rows; ++j) {
     OrderedJson line = OrderedJson::array();
     for (int i = 0; i < columns; ++i) {
-      Vec3 p = through;
-      p[a] = bounds.lower[a] + (i + 0.5) / columns * bounds.size()[a];
-      p[b] = bounds.lower[b] + (j + 0.5) / rows * bounds.size()[b];
-      line.push_back(static_cast<float>(read(pose.toRest(p))));
+      Vec3 p = frame.through;
+      p[a] = frame.bounds.lower[a] + (i + 0.5) / columns * size[a];
+      p[b] = frame.bounds.lower[b] + (j + 0.5) / rows * size[b];
+      line.push_back(value_at(frame.world(p)));
     }
-    json["values"].push_back(std::move(line));
+    json.push_back(std::move(line));
   }
   return json;
-}
-
-bool hasData(const FieldPtr& field, const Vec3& p) {
-  FieldCache cache;
-  return std::visit(
-      [&](const auto& f) {
-        f->reset(cache);
-        return f->sample(p, cache).inside;
-      },
-      field);
 }
 
 /// The parts at these places, those with most of them first.
@@ -94,28 +119,238 @@ std::set<std::size_t> partsAt(const Scene& scene, const std::vector<Telemetry>& 
   return parts;
 }
 
-/// Names of fields, those first in whose data most of these places are.
-std::vector<std::string> mostTouched(const BuiltScene& built,
-                                     const std::vector<Telemetry>& touches) {
-  std::vector<std::pair<std::ptrdiff_t, std::string>> counts;
-  const auto& unused = built.scene->graph.unused;
-  for (const auto& entry : built.fields) {
-    const std::string& name = entry.first;
-    const FieldPtr& field = entry.second;
-    if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
-    const auto motion = built.motions.find(name);
-    const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
-      const Pose pose = motion == built.motions.end() ? Pose{} : motion->second->poseAt(t.time);
-      return hasData(field, pose.toRest(t.report.proxy));
-    });
-    counts.emplace_back(-count, name);
-  }
-  std::sort(counts.begin(), counts.end());
-  std::vector<std::string> names(counts.size());
-  std::transform(counts.begin(), counts.end(), names.begin(),
-                 [](const auto& entry) { return entry.second; });
-  return names;
+std::string nameOf(const GraphSpec& graph, std::size_t mode) {
+  const std::string& name = graph.modes[mode].name;
+  return name.empty() ? fmt::format("/modes/{}", mode) : name;
 }
+
+constexpr std::size_t kLongestText = 40;  // [characters]
+/// Fit for a picture.
+std::string cut(const std::string& text) {
+  return Legible(text, kLongestText).text();
+}
+
+/// The last part of a path, as pictures name a scene: no folder.
+std::string lastOf(const std::filesystem::path& path) {
+  const auto name = path.filename();
+  return (name.empty() ? path.parent_path().filename() : name).string();
+}
+
+/// What a scene's picture is made of.
+class Drawing {
+ public:
+  Drawing(const SceneSpec& spec, const BuiltScene& built, const Felt& felt,
+          const std::vector<Telemetry>& touches)
+      : spec_(spec), built_(built), most_(felt.most()), names_(strongest(felt, touches)) {
+    setFrame();
+  }
+
+  [[nodiscard]] OrderedJson json(const std::vector<Telemetry>& ticks) const {
+    OrderedJson json;
+    json["scene"] = cut(lastOf(spec_.source));
+    json["made_by"] = versionText();
+    json["space"] = {
+        {"unit", frame_.unit}, {"patient", frame_.patient}, {"hand_mm", 1e3 * frame_.world.scale}};
+    json["through"] = toJson(frame_.through);
+    json["felt"] = most_.force > 0.0;
+    json["extent"] = {toJson(frame_.bounds.lower), toJson(frame_.bounds.upper)};
+    json["fields"] = OrderedJson::array();
+    for (const std::string& name : names_) json["fields"].push_back(fieldOf(name));
+    OrderedJson& rows = json["ticks"] = OrderedJson::array();
+    for (const Telemetry& t : ticks) {
+      const Vec3 proxy = frame_.of(t.report.proxy);
+      const Vec3 force = frame_.world.rotation.transpose() * t.report.force;
+      rows.push_back({t.time, proxy.x(), proxy.y(), proxy.z(), force.x(), force.y(), force.z()});
+    }
+    return json;
+  }
+
+ private:
+  /// The field that is there in the end for a volume or a derived field; empty: none.
+  [[nodiscard]] std::string sourceOf(std::string name) const {
+    while (built_.fields.count(name) == 0) {
+      const auto derived = spec_.graph.fields.find(name);
+      if (derived == spec_.graph.fields.end()) return {};
+      name = derived->second.of;
+    }
+    return name;
+  }
+
+  /// The volume that a field's metadata are of; null for none.
+  [[nodiscard]] std::shared_ptr<const Volume> volumeOf(const std::string& name) const {
+    const auto computed = built_.computed.find(name);
+    const auto volume =
+        built_.volumes.find(computed == built_.computed.end() ? name : computed->second.from);
+    return volume == built_.volumes.end() ? nullptr : volume->second;
+  }
+
+  [[nodiscard]] Pose poseOf(const std::string& name, double time) const {
+    const auto motion = built_.motions.find(name);
+    return motion == built_.motions.end() ? Pose{} : motion->second->poseAt(time);
+  }
+
+  /// Names of the fields whose modes made most of the force; where none did, of that in whose data
+  /// the hand was longest.
+  [[nodiscard]] std::vector<std::string> strongest(const Felt& felt,
+                                                   const std::vector<Telemetry>& touches) const {
+    const std::map<std::string, double> impulses = felt.impulses();
+    std::map<std::string, double> force;
+    double all = 0.0;
+    for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
+      const std::string mode = nameOf(spec_.graph, i);
+      auto found = impulses.find(mode);
+      // Of a part, "wall[7]": its kind is counted.
+      if (found == impulses.end()) found = impulses.find(mode.substr(0, mode.rfind('[')));
+      const std::string source = sourceOf(spec_.graph.modes[i].of);
+      if (found == impulses.end() || source.empty()) continue;
+      force[source] += found->second;
+      all += found->second;
+    }
+    struct Entry {
+      double force;
+      std::ptrdiff_t touches;
+      std::string name;
+    };
+    std::vector<Entry> entries;
+    const auto& unused = built_.scene->graph.unused;
+    for (const auto& [name, field] : built_.fields) {
+      if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
+      const Read read = reading(field);
+      const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
+        return read(poseOf(name, t.time).toRest(t.report.proxy)).inside;
+      });
+      entries.push_back({force[name], count, name});
+    }
+    std::stable_sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+      return a.force != b.force ? a.force > b.force : a.touches > b.touches;
+    });
+    std::vector<std::string> names;
+    for (const Entry& entry : entries) {
+      if (names.size() == kMostFields) break;
+      if (names.empty() || entry.force > kLeastShare * all) names.push_back(entry.name);
+    }
+    return names;
+  }
+
+  /// A patient's own, where the strongest field's file is of one and rests; else the hand's.
+  void setFrame() {
+    frame_.world.scale = 1e-3;
+    const std::string name = names_.empty() ? "" : names_.front();
+    const auto volume = volumeOf(name);
+    const Metadata said = volume ? metadataOf(*volume) : Metadata{};
+    if (said.ras && built_.motions.count(name) == 0) {
+      frame_.patient = true;
+      frame_.unit = cut(said.length_unit);
+      frame_.world = built_.placements.at(name);
+    }
+    if (frame_.patient) {
+      // W's box is wider where it is not along the patient's axes.
+      for (const std::string& drawn : names_) {
+        frame_.take(volumeOf(drawn)->info().bounds, built_.placements.at(drawn));
+      }
+    } else {
+      frame_.take(built_.bounds, [](const Vec3& p) { return p; });
+    }
+    frame_.through = most_.force > 0.0 ? frame_.of(most_.proxy) : frame_.bounds.centre();
+    frame_.through = frame_.through.cwiseMax(frame_.bounds.lower).cwiseMin(frame_.bounds.upper);
+  }
+
+  [[nodiscard]] OrderedJson fieldOf(const std::string& name) const {
+    const FieldPtr& field = built_.fields.at(name);
+    const bool axial = isAxial(name);
+    OrderedJson json;
+    json["name"] = cut(name);
+    json["kind"] = !isVector(field) ? "scalar" : axial ? "axial" : "vector";
+    const std::string ground = axial ? scalarBeside(name) : name;
+    const bool magnitude = isVector(built_.fields.at(ground));
+    const auto computed = built_.computed.find(ground);
+    const std::string called = computed == built_.computed.end() ? ground : computed->second.as;
+    json["label"] = magnitude ? fmt::format("|{}|", cut(called)) : cut(called);
+    json["unit"] = cut(unitOf(ground));
+    json["vector_unit"] = cut(unitOf(name));
+    json["levels"] = OrderedJson::array();
+    for (std::size_t i = 0; i < spec_.graph.modes.size(); ++i) {
+      const ModeSpec& mode = spec_.graph.modes[i];
+      if (mode.kind == ModeKind::kIsosurface && mode.of == name) {
+        json["levels"].push_back({{"mode", cut(nameOf(spec_.graph, i))}, {"value", mode.value}});
+      }
+    }
+    json["slices"] = OrderedJson::array();
+    for (int plane = 0; plane < 3; ++plane) {
+      OrderedJson slice;
+      slice["axes"] = {kPlanes[plane][0], kPlanes[plane][1]};
+      slice["values"] = values(ground, plane);
+      if (isVector(field)) slice["vectors"] = vectors(name, plane);
+      json["slices"].push_back(std::move(slice));
+    }
+    return json;
+  }
+
+  /// Null where nothing is known.
+  [[nodiscard]] OrderedJson values(const std::string& name, int plane) const {
+    const Read read = reading(built_.fields.at(name));
+    const Pose pose = poseOf(name, most_.time);
+    const auto volume = volumeOf(name);
+    const bool all = !volume || !metadataOf(*volume).mesh;
+    return rowsOf(frame_, plane, kPixels, [&](const Vec3& p_W) {
+      const Look look = read(pose.toRest(p_W));
+      return look.inside || all ? OrderedJson(static_cast<float>(look.value)) : OrderedJson();
+    });
+  }
+
+  /// Across and up; null where there is none.
+  [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
+    const Read read = reading(built_.fields.at(name));
+    const Pose pose = poseOf(name, most_.time);
+    return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
+      const Look look = read(pose.toRest(p_W));
+      if (!look.inside || look.value == 0.0) return OrderedJson();
+      const Vec3 vector = frame_.world.rotation.transpose() * (pose.rotation * look.vector);
+      return OrderedJson{static_cast<float>(vector[kPlanes[plane][0]]),
+                         static_cast<float>(vector[kPlanes[plane][1]])};
+    });
+  }
+
+  /// Vectors without a sign.
+  [[nodiscard]] bool isAxial(const std::string& name) const {
+    const auto sampling = built_.samplings.find(name);
+    if (sampling != built_.samplings.end() && sampling->second.axial) return true;
+    const auto volume = volumeOf(name);
+    return built_.computed.count(name) == 0 && volume && metadataOf(*volume).axial;
+  }
+
+  /// The scalar that says how much a direction counts: what its mode's strength follows; the name
+  /// itself where it follows none.
+  [[nodiscard]] std::string scalarBeside(const std::string& name) const {
+    for (const ModeSpec& mode : spec_.graph.modes) {
+      if (sourceOf(mode.of) != name) continue;
+      std::vector<std::string> candidates{mode.by};
+      for (const auto& factor : mode.strength.factors) candidates.push_back(factor.by);
+      for (const std::string& candidate : candidates) {
+        const auto field = built_.fields.find(candidate);
+        if (field != built_.fields.end() && !isVector(field->second)) return candidate;
+      }
+    }
+    return name;
+  }
+
+  /// Of a field's values; empty: not known.
+  [[nodiscard]] std::string unitOf(const std::string& name) const {
+    const auto derived = spec_.graph.fields.find(name);
+    if (derived != spec_.graph.fields.end() &&
+        derived->second.derivation != Derivation::kMagnitude) {
+      return {};
+    }
+    const auto volume = volumeOf(name);
+    return volume ? metadataOf(*volume).value_unit : "";
+  }
+
+  const SceneSpec& spec_;
+  const BuiltScene& built_;
+  const Most most_;
+  const std::vector<std::string> names_;
+  Frame frame_;
+};
 
 }  // namespace
 
@@ -124,8 +359,16 @@ const std::string& pngName(const std::string& path) {
   throw Error(path, "it is not named .png", "give a file name that ends in .png");
 }
 
+std::string formatOf(const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  for (const char* known : {".png", ".pdf", ".svg"}) {
+    if (ending == known) return ending.substr(1);
+  }
+  throw Error(path, "it is not named .png, .pdf or .svg", "give a file name that ends in one");
+}
+
 Picture::Picture(const std::string& path)
-    : path_(path), file_(pngName(path)), script_("feel_picture.py", "--picture") {}
+    : path_(path), format_(formatOf(path)), file_(path), script_("feel_picture.py", "--picture") {}
 
 void Picture::add(const Telemetry& tick) {
   if (seen_++ % stride_ != 0) return;
@@ -137,7 +380,7 @@ void Picture::add(const Telemetry& tick) {
   stride_ *= 2;
 }
 
-void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
+void Picture::draw(const SceneSpec& spec, const BuiltScene& built, const Felt& felt) {
   std::vector<Telemetry> touches;
   std::copy_if(ticks_.begin(), ticks_.end(), std::back_inserter(touches),
                [](const Telemetry& t) { return t.report.force.norm() >= kTouched; });
@@ -155,54 +398,12 @@ void Picture::draw(const SceneSpec& spec, const BuiltScene& built) {
       complain(fmt::format("picture: only what is no part is drawn: {}", e.what()));
     }
     if (drawn) {
-      draw(some, *drawn);
+      draw(some, *drawn, felt);
       return;
     }
   }
-  // Slices through the middle of what was touched; what moves as it is then.
-  Vec3 middle = Vec3::Zero();
-  double time = 0.0;
-  int touched = 0;
-  for (const Telemetry& tick : ticks_) {
-    if (tick.report.force.norm() < kTouched) continue;
-    middle += tick.report.proxy;
-    time += tick.time;
-    ++touched;
-  }
-  middle = touched == 0 ? built.bounds.centre() : Vec3(middle / touched);
-  if (touched > 0) time /= touched;
-  middle = middle.cwiseMax(built.bounds.lower).cwiseMin(built.bounds.upper);
-
-  OrderedJson json;
-  json["scene"] = spec.source;
-  json["made_by"] = versionText();
-  json["fields"] = OrderedJson::array();
-  for (const std::string& name : mostTouched(built, touches)) {
-    const FieldPtr& field = built.fields.at(name);
-    if (json["fields"].size() == kMostFields) break;
-    OrderedJson entry;
-    entry["name"] = name;
-    entry["slices"] = OrderedJson::array();
-    const auto motion = built.motions.find(name);
-    const Pose pose = motion == built.motions.end() ? Pose{} : motion->second->poseAt(time);
-    for (int normal = 0; normal < 3; ++normal) {
-      entry["slices"].push_back(slice(field, pose, built.bounds, middle, normal));
-    }
-    entry["levels"] = OrderedJson::array();
-    for (const ModeSpec& mode : spec.graph.modes) {
-      if (mode.kind == ModeKind::kIsosurface && mode.of == name) {
-        entry["levels"].push_back(mode.value);
-      }
-    }
-    json["fields"].push_back(std::move(entry));
-  }
-  OrderedJson& rows = json["ticks"] = OrderedJson::array();
-  for (const Telemetry& t : ticks_) {
-    rows.push_back({t.time, t.probe.x(), t.probe.y(), t.probe.z(), t.report.proxy.x(),
-                    t.report.proxy.y(), t.report.proxy.z(), t.report.force.x(), t.report.force.y(),
-                    t.report.force.z()});
-  }
-  script_.draw(json, file_, path_.string());
+  const Drawing drawing(spec, built, felt, touches);
+  script_.draw(drawing.json(ticks_), file_, path_.string(), {format_});
   file_.commit();
 }
 

@@ -19,6 +19,7 @@
 #include "palpate/engine/step_report.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/picture.h"
 #include "palpate/scenes/cli/script.h"
 
 namespace palpate::cli {
@@ -194,15 +195,6 @@ class TraceFile {
   std::vector<std::size_t> numbers_;
   std::size_t status_ = 0;
 };
-
-/// The format that a name asks for.
-std::string formatOf(const std::string& out) {
-  const std::string ending = std::filesystem::path(out).extension().string();
-  for (const char* known : {".png", ".pdf", ".svg"}) {
-    if (ending == known) return ending.substr(1);
-  }
-  throw Error(out, "it is not named .png, .pdf or .svg", "give a file name that ends in one");
-}
 
 /// What stands above the columns; of equal names the later are counted.
 std::vector<std::string> titlesOf(const std::vector<std::unique_ptr<TraceFile>>& traces) {

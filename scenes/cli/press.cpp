@@ -376,6 +376,7 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
   const double dt = 1.0 / rate;
   StepTrace trace;
   Telemetry tick;
+  tick.scene = scene.id;
   tick.report = restAt(scene, reader, state, way.at, dt).report;
   for (int i = 0; i <= 2 * way.steps; ++i) {
     tick.probe = way.hand(i);
@@ -388,6 +389,7 @@ bool run(const Scene& scene, const Way& way, double rate, Seen&& seen) {
 
 int press(const PressOptions& options) {
   checkRate("--rate", options.rate);
+  if (!options.picture.empty()) static_cast<void>(formatOf(options.picture));
   const Way way = wayOf(options);
   const auto rehearse = [&](const BuiltScene& built) {
     Near near;
@@ -404,11 +406,14 @@ int press(const PressOptions& options) {
   std::optional<WholeFile> file;
   if (!options.csv.empty()) file.emplace(options.csv);
 
+  Felt felt(*opened.built.scene, options.rate);
   Curve curve(opened, way);
   const auto seen = [&](int i, const Telemetry& tick, const ProxyState& state,
                         const StepTrace& trace) {
     curve.add(i, tick.report, state, trace);
-    if (picture) picture->add(tick);
+    if (!picture) return;
+    picture->add(tick);
+    felt.add(tick, state);
   };
   std::function<void(double)> progress = showProgress("pressing");
   const bool good = run(*opened.built.scene, way, options.rate, seen);
@@ -417,7 +422,7 @@ int press(const PressOptions& options) {
     file->write(csv(curve.rows()));
     file->commit();
   }
-  if (picture) picture->draw(opened.told, opened.built);
+  if (picture) picture->draw(opened.told, opened.built, felt);
   const OrderedJson summary = curve.summary(options, opened.spec.source);
   if (options.json) {
     sayJson(summary);
@@ -444,7 +449,8 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--speed", options->speed, "Of the hand [m/s] (default 0.05)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
   verb->add_option("--csv", options->csv, "The curve, one row a tick; - is standard output");
-  verb->add_option("--picture", options->picture, "PNG: the way over the slices, force over time");
+  verb->add_option("--picture", options->picture,
+                   ".png, .pdf or .svg: the way over the slices, force over time");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
       "Example:\n  palpate press head.json --at 0,0,0.06 --along 0,0,-0.02 --csv curve.csv");

@@ -15,6 +15,8 @@ if(NOT PALPATE_ENGINE_ONLY)
                    ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
                    ${PROJECT_SOURCE_DIR}/scenes/trace_picture.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  install(FILES ${PROJECT_SOURCE_DIR}/scenes/picture_style.py
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
     DESTINATION lib/udev/rules.d COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/scene.schema.json

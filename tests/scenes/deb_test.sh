@@ -20,6 +20,7 @@ holds palpate ./usr/share/bash-completion/completions/palpate
 holds palpate ./usr/share/zsh/vendor-completions/_palpate
 holds palpate ./usr/share/palpate/palpate-limits.conf
 holds palpate ./usr/share/palpate/trace_picture.py
+holds palpate ./usr/share/palpate/picture_style.py
 ! dpkg-deb -c palpate_*.deb | grep "usr/bin/.*py$" || fail "scripts in the user's PATH"
 holds libpalpate-dev ./usr/include/palpate/scenes/palpate.h
 holds libpalpate-dev ./usr/include/palpate/scenes/c_api.h

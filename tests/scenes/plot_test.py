@@ -20,7 +20,7 @@ from refusals import refusal  # noqa: E402
 BIN = Path(sys.argv[1])
 VOLUMES = sys.argv[2]
 STRENGTHS = {"soft": 0.5, "stiff": 2.0}  # [N]
-PLANES = {"x-y": "xy", "y-z": "yz", "x-z": "xz"}
+PLANES = {"x-y": "xy", "x-z": "xz", "y-z": "yz"}
 OVER_TIME = {"force": "force [N]", "gap": "|probe - proxy| [mm]", "bound": "error bound [m]",
              "energy": "work on the hand [mJ]"}
 

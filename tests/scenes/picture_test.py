@@ -1,0 +1,335 @@
+#!/usr/bin/env python3
+"""The picture of a run: picture_test.py BIN_DIR VOLUMES_PROGRAM. What the program hands to the one
+that draws is taken on its way; what is drawn is read out of an SVG, and out of the figure."""
+import json
+import math
+import os
+import re
+import shutil
+import struct
+import subprocess
+import sys
+import unittest
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from cli_test import BIN, Case, run  # noqa: E402
+
+SCENES = Path(__file__).resolve().parents[2] / "scenes"
+SVG = "{http://www.w3.org/2000/svg}"
+PLANES = [[0, 1], [0, 2], [1, 2]]
+# Of the figure that feel_picture.py draws: greys, alphas of the path, where axes and legend are.
+LOOK = """
+import json, sys
+sys.path.insert(0, sys.argv[1])
+sys.dont_write_bytecode = True
+import feel_picture
+feel_picture.use()
+figure = feel_picture.Picture(json.load(sys.stdin)).figure
+figure.canvas.draw()
+slices = [ax for ax in figure.axes if ax.images]
+json.dump({
+    "greys": [ax.images[0].get_clim() for ax in slices],
+    "alphas": [[list(map(float, c.get_colors()[:, 3])) for c in ax.collections
+                if type(c).__name__ == "LineCollection"] for ax in slices],
+    "letters": [{t.get_text(): t.get_position() for t in ax.texts} for ax in slices],
+    "axes": [ax.get_window_extent().extents.tolist() for ax in figure.axes],
+    "legend": figure.legends[0].get_window_extent().extents.tolist()}, sys.stdout)
+"""
+
+
+def nrrd(file, size, values, *head, kind="float"):
+    """Values by (i, j, k), i fastest, with these lines in the header."""
+    lines = ["NRRD0004", f"type: {kind}", "endian: little", "encoding: raw", *head]
+    numbers = [values(i, j, k) for k in range(size[2]) for j in range(size[1])
+               for i in range(size[0])]
+    flat = [c for n in numbers for c in (n if isinstance(n, tuple) else (n,))]
+    file.write_bytes("\n".join(lines).encode() + b"\n\n" + struct.pack(f"<{len(flat)}f", *flat))
+
+
+def ball(i, j, k):
+    """1000 in a ball, -1000 about it; a bright spot to +i of its middle."""
+    if math.dist((i, j, k), (24, 15, 15)) < 3:
+        return 2000.0
+    return 1000.0 if math.dist((i, j, k), (15, 15, 15)) < 12 else -1000.0
+
+
+def texts(svg):
+    return ["".join(t.itertext()).strip() for t in ET.fromstring(svg).iter(f"{SVG}text")]
+
+
+class Pictures(Case):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        # The program beside a drawer that keeps what it is given.
+        cls.tee = cls.dir / "tee"
+        cls.tee.mkdir()
+        shutil.copy2(BIN / "palpate", cls.tee)
+        (cls.tee / "feel_picture.py").write_text(
+            "#!/bin/sh\n[ \"$1\" = --check ] || cat >\"$PALPATE_TEE\"\n")
+        os.chmod(cls.tee / "feel_picture.py", 0o755)
+        space = ("dimension: 3", "sizes: 31 31 31", "space directions: (2,0,0) (0,2,0) (0,0,2)",
+                 "space origin: (10,20,30)", "sample units: HU",
+                 'space units: "mm" "mm" "mm"')
+        nrrd(cls.dir / "lps.nrrd", (31, 31, 31), ball, "space: left-posterior-superior", *space)
+        nrrd(cls.dir / "bare.nrrd", (31, 31, 31), ball, "space dimension: 3", *space)
+        flow = ("dimension: 4", "kinds: vector space space space", "sizes: 3 21 21 21",
+                "space: right-anterior-superior",
+                "space directions: none (1,0,0) (0,1,0) (0,0,1)",
+                "measurement frame: (1,0,0) (0,1,0) (0,0,1)")
+        nrrd(cls.dir / "flow.nrrd", (21, 21, 21), lambda i, j, k: (1.0 + j, 0.5, 0.0), *flow)
+        for name in ("lps", "bare", "flow"):
+            done = subprocess.run([str(BIN / "palpate-import-light"), cls.dir / f"{name}.nrrd",
+                                   cls.dir / f"{name}.vdb"], capture_output=True, text=True,
+                                  timeout=300, check=False)
+            if "without teem" in done.stderr:
+                raise unittest.SkipTest("built without teem")
+            if done.returncode != 0:
+                raise AssertionError(done.stderr)
+
+    def path(self, *rows):
+        """A hand that goes from place to place, a second each."""
+        file = self.dir / "path.csv"
+        file.write_text("t,x,y,z\n" + "".join(f"{t},{x},{y},{z}\n"
+                                              for t, (x, y, z) in enumerate(rows)))
+        return f"path:{file}"
+
+    def scene(self, name, volumes, *modes):
+        file = self.dir / f"{name}.json"
+        file.write_text(json.dumps({"palpate": 1, "coupling": {"stiffness": 500, "damping": 0.5},
+                                    "volumes": volumes, "modes": list(modes)}))
+        return file
+
+    def given(self, *words):
+        """What is handed to the one that draws."""
+        kept = self.dir / "kept.json"
+        place = self.dir / "kept.svg"
+        subprocess.run([str(self.tee / "palpate"), *map(str, words), "--picture", place],
+                       check=True, capture_output=True, timeout=300,
+                       env={**os.environ, "PALPATE_TEE": str(kept)})
+        place.unlink()
+        return json.loads(kept.read_text())
+
+    def svg(self, *words):
+        place = self.dir / "drawn.svg"
+        run(*words, "--picture", place)
+        text = place.read_text(encoding="utf-8")
+        place.unlink()
+        return text
+
+    def look(self, data):
+        done = subprocess.run(["/usr/bin/python3", "-c", LOOK, str(SCENES)], input=json.dumps(data),
+                              capture_output=True, text=True, check=True, timeout=300)
+        return json.loads(done.stdout)
+
+    def head(self, name, **place):
+        """A scene of an imported ball, and a hand that goes into it from the patient's front."""
+        place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06], **place}
+        volume = {"file": f"{name}.vdb", "place": place}
+        scene = self.scene(f"{name}-scene", {"body": volume},
+                           {"name": "skin", "mode": "isosurface", "of": "body", "value": 0,
+                            "solid": "above", "strength": 5})
+        return scene, "--device", self.path((0, 0.04, 0), (0, 0.02, 0), (0, 0.04, 0))
+
+    def test_a_patient_has_letters_units_and_millimetres(self):
+        words = texts(self.svg("feel", *self.head("lps")))
+        for letter in "LRPAIS":
+            self.assertEqual(words.count(letter), 2, letter)  # in two of three slices
+        self.assertEqual([words.count(f"{axis} [mm]") for axis in "xyz"], [2, 2, 2])
+        self.assertIn("body [HU]", words)
+        self.assertIn("skin: body = 0 HU", words)
+        self.assertIn("force on the hand [N]", words)
+
+    def test_letters_are_where_the_patient_is(self):
+        ends = [("L", "R"), ("P", "A"), ("I", "S")]  # of -x and +x, and so on
+        letters = self.look(self.given("feel", *self.head("lps")))["letters"]
+        for seen, (a, b) in zip(letters, PLANES):
+            (left, right), (low, high) = ends[a], ends[b]
+            self.assertEqual(set(seen), {left, right, low, high})
+            self.assertLess(seen[left][0], 0.1)
+            self.assertGreater(seen[right][0], 0.9)
+            self.assertLess(seen[low][1], 0.1)
+            self.assertGreater(seen[high][1], 0.9)
+
+    def test_places_are_the_patients(self):
+        # LPS to RAS: the middle, 15 voxels of 2 mm from (10, 20, 30), is at (-40, -50, 60); the
+        # bright spot, at more i, is to the patient's left.
+        half = math.sqrt(0.5)
+        for turned in (False, True):
+            words = self.head("lps")
+            if turned:  # a quarter turn about z: the patient's front is at W's -x
+                scene, *_ = self.head("lps", rotation_wxyz=[half, 0, 0, half],
+                                      translate=[-0.05, 0.04, -0.06])
+                way = self.path((-0.04, 0, 0), (-0.02, 0, 0), (-0.04, 0, 0))
+                words = (scene, "--device", way)
+            data = self.given("feel", *words)
+            self.assertEqual(data["space"], {"unit": "mm", "patient": True, "hand_mm": 1.0})
+            for row in (data["ticks"][0], data["ticks"][-1]):
+                for shown, place in zip(row[1:4], (-40, -10, 60)):
+                    self.assertAlmostEqual(shown, place, delta=0.5)
+            strongest = max(data["ticks"], key=lambda row: math.hypot(*row[4:7]))
+            self.assertGreater(strongest[5], 1.0)  # pushed out to the front
+            for got, place in zip(data["extent"], ((-62, -72, 38), (-18, -28, 82))):
+                for a in range(3):
+                    self.assertAlmostEqual(got[a], place[a], delta=1e-3)
+            self.assertAlmostEqual(data["through"][0], -40.0, delta=0.5)
+            self.assertEqual([s["axes"] for s in data["fields"][0]["slices"]], PLANES)
+            values = data["fields"][0]["slices"][0]["values"]
+            bright = [i for line in values for i, v in enumerate(line) if v > 1500]
+            self.assertTrue(bright)
+            self.assertLess(max(bright), len(values[0]) / 2)
+
+    def test_what_the_file_does_not_say_is_not_said(self):
+        scene, *hand = self.head("bare", translate=[-0.04, -0.05, -0.06])
+        words = texts(self.svg("feel", scene, *hand))
+        self.assertFalse([w for w in words if w in tuple("LRPAIS")])
+        self.assertIn("axes: the hand's space, z up", words)
+        self.assertIn("body [HU]", words)
+        words = texts(self.svg("feel", self.dir / "ball.vdb", "--seconds", 1))
+        self.assertIn("ball", words)  # no unit: the field's name
+
+    def test_no_folder_is_named(self):
+        for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
+            text = self.svg("feel", *words)
+            self.assertNotIn(str(self.dir), text)
+            self.assertNotIn(str(BIN), text)
+            self.assertIn(Path(words[0]).name, "\n".join(texts(text)))
+
+    def test_slices_of_a_field_have_one_grey_scale(self):
+        data = self.given("feel", *self.head("lps"))
+        slices = data["fields"][0]["slices"]
+        slices[0]["values"] = [[v / 2 for v in line] for line in slices[0]["values"]]
+        slices[2]["values"][0][0] = 1e9  # one value without sense
+        greys = self.look(data)["greys"]
+        self.assertEqual(greys, [greys[0]] * 3)
+        self.assertLess(greys[0][0], -900)
+        self.assertTrue(900 < greys[0][1] < 3000, greys)
+        other = json.loads(json.dumps(data["fields"][0]))
+        for piece in other["slices"]:
+            piece["values"] = [[0.1 * v for v in line] for line in piece["values"]]
+        data["fields"].append(other)
+        greys = self.look(data)["greys"]
+        self.assertEqual([greys[0], greys[3]], [greys[1], greys[5]])
+        self.assertAlmostEqual(greys[3][1], 0.1 * greys[0][1], delta=60)
+
+    def test_vectors_are_arrows_and_fibres_lines(self):
+        volume = {"file": "flow.vdb", "place": {"fit": 0.1}}
+        follow = {"name": "along", "mode": "follow", "of": "flow", "strength": 1}
+        for axial, here, there in ((False, "arrows", "fibres"), (True, "fibres", "arrows")):
+            scene = self.scene("flow", {"flow": {**volume, "axial": axial}}, follow)
+            words = ("feel", scene, "--device", self.path((0, 0, 0), (0, 0.02, 0.03)))
+            drawn = ET.fromstring(self.svg(*words))
+            groups = [g for g in drawn.iter(f"{SVG}g") if g.get("id") == here]
+            self.assertEqual(len(groups), 3)
+            self.assertGreater(len(groups[0].findall(f".//{SVG}path")), 100)
+            self.assertNotIn(f'id="{there}"', self.svg(*words))
+            field = self.given(*words)["fields"][0]
+            self.assertEqual(field["kind"], "axial" if axial else "vector")
+            # The flow is to the right and grows with y; across x there is what it has along y.
+            for x, y in (v for line in field["slices"][0]["vectors"] for v in line if v):
+                self.assertGreater(abs(x), 0.9)
+                self.assertAlmostEqual(abs(y), 0.5, delta=1e-6)
+            first = [v for line in field["slices"][0]["vectors"] for v in line[:1] if v]
+            self.assertGreater(abs(first[-1][0]), abs(first[0][0]) + 10)
+            for y, z in (v for line in field["slices"][2]["vectors"] for v in line if v):
+                self.assertAlmostEqual(abs(y), 0.5, delta=1e-6)
+                self.assertEqual(z, 0.0)
+        text = self.svg("feel", self.dir / "ball.vdb", "--seconds", 1)
+        self.assertNotIn('id="arrows"', text)
+
+    def test_the_field_of_most_force_is_first(self):
+        place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06]}
+        volumes = {name: {"file": "lps.vdb", "place": place} for name in "ab"}
+        drag = {"name": "drag", "mode": "viscosity", "of": "a", "strength": 0.05}
+        wall = {"name": "wall", "mode": "isosurface", "of": "b", "value": 0, "solid": "above",
+                "strength": 5}
+        # Drags all the time; meets the wall for a second.
+        device = self.path((0, 0.029, 0), (0.005, 0.029, 0), (-0.005, 0.029, 0), (0, 0.029, 0),
+                           (0, 0.018, 0), (0, 0.029, 0))
+        data = self.given("feel", self.scene("two", volumes, drag, wall), "--device", device)
+        self.assertEqual(data["fields"][0]["name"], "b")
+        wall["strength"] = 0.001
+        data = self.given("feel", self.scene("two", volumes, drag, wall), "--device", device)
+        self.assertEqual(data["fields"][0]["name"], "a")
+
+    def test_a_path_fades_with_its_distance(self):
+        data = self.given("feel", *self.head("lps"))
+        x, y, z = data["through"]
+        far = 0.5 * (data["extent"][1][0] - data["extent"][0][0])
+        data["ticks"] = [[0.1 * i, x + 0.02 * i, y, z + (0 if i < 100 else far), 0, 0, 0.01 * i]
+                         for i in range(200)]
+        for colours in self.look(data)["alphas"][0]:  # the slice across z: rim and line
+            self.assertGreater(max(colours), 3 * min(colours))
+            self.assertEqual(colours, sorted(colours))  # what is near is on top
+
+    def test_the_legend_covers_no_axes_and_stays(self):
+        places = []
+        for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
+            look = self.look(self.given("feel", *words))
+            left, low, *_ = look["legend"]
+            for _, _, _, top in look["axes"]:
+                self.assertLess(top, low)
+            places.append(left)
+        self.assertEqual(places[0], places[1])
+
+    def test_formats(self):
+        words = ("feel", self.dir / "ball.vdb", "--seconds", 0.5, "--picture")
+        for ending, begin in (("png", b"\x89PNG\r\n\x1a\n"), ("pdf", b"%PDF-"), ("svg", b"<?xml")):
+            place = self.dir / f"p.{ending}"
+            run(*words, place)
+            picture = place.read_bytes()
+            place.unlink()
+            self.assertTrue(picture.startswith(begin), ending)
+            self.assertIn(run("--version").stdout.split(" (")[0].encode(), picture)
+        run(*words, self.dir / "p.png")
+        picture = (self.dir / "p.png").read_bytes()
+        (self.dir / "p.png").unlink()
+        at = picture.index(b"pHYs") + 4
+        self.assertEqual(round(0.0254 * struct.unpack(">I", picture[at:at + 4])[0]), 300)
+        self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
+
+    def test_what_cannot_be_is_refused_before_the_run(self):
+        long = ("feel", self.dir / "ball.vdb", "--seconds", 1e6, "--picture")
+        for name in ("p.gif", "p", "-", "p.PNG"):
+            self.refused(*long, name, says="it is not named .png, .pdf or .svg")
+        self.refused("feel", "none.vdb", "--picture", "p.gif", says="p.gif: it is not named .png")
+        self.refused(*long, self.dir / "none" / "p.svg", says="cannot be written")
+        self.refused("press", self.dir / "ball.vdb", "--at", "0,0,0.06", "--along", "0,0,-0.1",
+                     "--picture", "p.txt", says="it is not named .png, .pdf or .svg")
+
+    def test_a_picture_that_fails_leaves_none(self):
+        drawer = self.tee / "feel_picture.py"
+        kept = drawer.read_text()
+        self.addCleanup(drawer.write_text, kept)
+        drawer.write_text("#!/bin/sh\n[ \"$1\" = --check ] || { echo half; exit 1; }\n")
+        before = sorted(os.listdir(self.dir))
+        done = subprocess.run([str(self.tee / "palpate"), "feel", self.dir / "ball.vdb",
+                               "--seconds", "0.1", "--picture", self.dir / "p.svg"],
+                              capture_output=True, text=True, timeout=300, check=False)
+        self.assertNotEqual(done.returncode, 0)
+        self.assertIn("could not be drawn", done.stderr)
+        self.assertEqual(sorted(os.listdir(self.dir)), before)
+
+    def test_odd_names_are_drawn_as_they_are(self):
+        place = {"fit": 0.1}
+        name = "k=$5^{2}$ <b> & 直"
+        scene = self.scene("odd", {name: {"file": "ball.vdb", "grid": "ball", "place": place}},
+                           {"name": "$x$", "mode": "isosurface", "of": name, "value": 0,
+                            "solid": "below", "strength": 1})
+        words = texts(self.svg("feel", scene, "--seconds", 1))
+        self.assertIn(name, words)
+        self.assertTrue([w for w in words if w.startswith("$x$: " + name)])
+
+    def test_a_press_is_drawn_likewise(self):
+        scene, *_ = self.head("lps")
+        text = self.svg("press", scene, "--at", "0,0.04,0", "--along", "0,-0.02,0")
+        words = texts(text)
+        self.assertEqual(words.count("L"), 2)
+        self.assertIn("body [HU]", words)
+        self.assertTrue(re.search(r"slices through the place of most force", "\n".join(words)))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
