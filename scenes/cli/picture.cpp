@@ -213,9 +213,10 @@ class Drawing {
     };
     std::vector<Entry> entries;
     const auto& unused = built_.scene->graph.unused;
-    for (const auto& [name, field] : built_.fields) {
+    for (const auto& entry : built_.fields) {
+      const std::string& name = entry.first;
       if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
-      const Read read = reading(field);
+      const Read read = reading(entry.second);
       const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
         return read(poseOf(name, t.time).toRest(t.report.proxy)).inside;
       });
