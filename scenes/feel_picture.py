@@ -101,9 +101,9 @@ class Picture:
                        if (longest := longest_of(field)) > 0.0}
         marks = self.legend()
         # The same scale in all slices.
-        scale = PANELS / (2 * self.size[0] + self.size[1])
-        scale = min(scale, HIGHEST / max(self.size[1], self.size[2]))
-        row = ROW_TITLE + max(1.0, scale * max(self.size[1], self.size[2])) + LABELS
+        self.scale = min(PANELS / (2 * self.size[0] + self.size[1]),
+                         HIGHEST / max(self.size[1], self.size[2]))
+        row = ROW_TITLE + max(1.0, self.scale * max(self.size[1], self.size[2])) + LABELS
         longest = max(map(len, marks))
         columns = 3 if longest < 45 else 2 if longest < 70 else 1
         legend = LINE * math.ceil(len(marks) / columns) + 0.1
@@ -111,7 +111,7 @@ class Picture:
         self.height = first + row * len(fields) + 0.1 + TIME + LABELS + NOTE
         self.figure = plt.figure(figsize=(WIDTH, self.height))
         for number, field in enumerate(fields):
-            self.draw_field(number + 1, field, first + number * row + ROW_TITLE, scale)
+            self.draw_field(number + 1, field, first + number * row + ROW_TITLE)
         if fields:
             height = len(fields) * row - ROW_TITLE - LABELS
             bar = self.axes(FORCE_BAR, first + ROW_TITLE, BAR, height)
@@ -133,15 +133,17 @@ class Picture:
     def note(self):
         """What the axes are."""
         space = self.data["space"]
+        time = self.data["stands_at"]
+        when = "" if time is None else f"; what moves is where it was at {time:.2f} s"
         if not space["patient"]:
-            return "axes: the hand's space, z up"
+            return "axes: the hand's space, z up" + when
         ratio = f"1 {self.unit or 'unit'} of the patient is {space['hand_mm']:.3g} mm of the hand"
-        return f"axes: the patient's, x to the right, y to the front, z up; {ratio}"
+        return f"axes: the patient's, x to the right, y to the front, z up; {ratio}{when}"
 
     def forces_map(self):
         return plt.cm.ScalarMappable(plt.Normalize(0.0, self.most or 1.0), FORCES)
 
-    def draw_field(self, number, field, top, scale):
+    def draw_field(self, number, field, top):
         slices = [np.array(piece["values"], dtype=float) for piece in field["slices"]]
         low, high = grey_range(slices)
         longest = self.arrows.get(field["name"], 0.0)
@@ -151,7 +153,7 @@ class Picture:
         left = LEFT
         for piece, values in zip(field["slices"], slices):
             a, b = piece["axes"]
-            width, height = scale * self.size[[a, b]]
+            width, height = self.scale * self.size[[a, b]]
             ax = self.axes(left, top, width, height)
             left += width + GAP
             extent = (self.low[a], self.high[a], self.low[b], self.high[b])
@@ -164,7 +166,7 @@ class Picture:
                 self.draw_vectors(ax, field, piece, longest)
             self.draw_path(ax, a, b)
             self.draw_axes(ax, a, b)
-        bar = self.axes(GREY_BAR, top, BAR, max(1.0, scale * self.size[[1, 2]].max()))
+        bar = self.axes(GREY_BAR, top, BAR, max(1.0, self.scale * self.size[[1, 2]].max()))
         every = np.concatenate([s[np.isfinite(s)] for s in slices] or [np.zeros(0)])
         below, above = bool((every < low).any()), bool((every > high).any())
         extend = {(True, True): "both", (True, False): "min", (False, True): "max"}
@@ -237,7 +239,8 @@ class Picture:
         ax.set_aspect("equal")
         ax.set_xlabel(words(AXES[a], self.unit), labelpad=1)
         ax.set_ylabel(words(AXES[b], self.unit), labelpad=0)
-        ax.locator_params(nbins=5)
+        for axis, of in (("x", a), ("y", b)):
+            ax.locator_params(axis=axis, nbins=int(np.clip(4 * self.scale * self.size[of], 1, 5)))
         normal = 3 - a - b
         unit = f" {self.unit}" if self.unit else ""
         at = f"{self.through[normal]:.1f}".replace("-0.0", "0.0")

@@ -153,6 +153,10 @@ class Drawing {
         {"unit", frame_.unit}, {"patient", frame_.patient}, {"hand_mm", 1e3 * frame_.world.scale}};
     json["through"] = toJson(frame_.through);
     json["felt"] = most_.force > 0.0;
+    const bool moves = std::any_of(names_.begin(), names_.end(), [this](const std::string& name) {
+      return built_.motions.count(name) != 0;
+    });
+    json["stands_at"] = moves ? OrderedJson(most_.time) : OrderedJson();
     json["extent"] = {toJson(frame_.bounds.lower), toJson(frame_.bounds.upper)};
     json["fields"] = OrderedJson::array();
     for (const std::string& name : names_) json["fields"].push_back(fieldOf(name));

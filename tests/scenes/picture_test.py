@@ -264,6 +264,23 @@ class Pictures(Case):
             self.assertGreater(max(colours), 3 * min(colours))
             self.assertEqual(colours, sorted(colours))  # what is near is on top
 
+    def test_what_moves_is_where_it_was_felt_most(self):
+        place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06],
+                 "keyframes": [{"time": 0, "translate": [0, 0, 0]},
+                               {"time": 2, "translate": [0, 0.02, 0]}]}
+        wall = {"name": "wall", "mode": "isosurface", "of": "body", "value": 0, "solid": "above",
+                "strength": 5}
+        scene = self.scene("moves", {"body": {"file": "lps.vdb", "place": place}}, wall)
+        data = self.given("feel", scene, "--device", self.path(*[(0, 0.035, 0)] * 3))
+        self.assertFalse(data["space"]["patient"])  # which does not move
+        # It comes to the hand, whose strongest moment is the end; its front is at 0.024 + 0.02.
+        self.assertAlmostEqual(data["stands_at"], 2.0, delta=0.1)
+        column = [line[len(line) // 2] for line in data["fields"][0]["slices"][0]["values"]]
+        low, high = data["extent"][0][1], data["extent"][1][1]
+        last = max(j for j, v in enumerate(column) if v > 0)
+        front = low + (last + 1) / len(column) * (high - low)
+        self.assertAlmostEqual(front, 44.0, delta=1.5)
+
     def test_the_legend_covers_no_axes_and_stays(self):
         places = []
         for words in (self.head("lps"), (self.dir / "ball.vdb", "--seconds", 1)):
