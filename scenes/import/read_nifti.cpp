@@ -26,6 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kMendHeader = "check what wrote it";
+constexpr const char* kAsFsl =
+    "along the voxel axes, as FSL writes them (its x is mirrored where the axes are right-handed)";
 
 /// The header's numbers, of either version and byte order.
 struct Header {
@@ -224,10 +226,7 @@ class NiftiReader final : public Reader {
     as_components_ = true;
     series_ = false;
     meaning_ = request_.as == "vector" ? Meaning::kVector : Meaning::kTensor;
-    notes_.emplace_back(
-        "components are taken along the voxel axes, as FSL writes them (its x is mirrored where "
-        "the "
-        "axes are right-handed)");
+    notes_.push_back(std::string("components are taken ") + kAsFsl);
   }
 
   /// Three volumes that are a vector of length 1 wherever they are not nothing are no series of
@@ -252,9 +251,8 @@ class NiftiReader final : public Reader {
     series_ = false;
     axial_ = true;
     meaning_ = Meaning::kVector;
-    notes_.emplace_back(
-        "its three volumes are vectors of length 1: taken as directions along the voxel axes, as "
-        "FSL writes them, not as steps of time");
+    notes_.push_back(std::string("its three volumes are vectors of length 1: directions, taken ") +
+                     kAsFsl + ", not steps of time");
   }
 
   void findType() {
