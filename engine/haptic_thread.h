@@ -34,7 +34,8 @@ struct LoopParams {
 ///     draw(hand.latest());
 ///
 /// Two hands need two of these, over one shared scene. publish and latest are for one thread each.
-class HapticThread {
+// The loop's mailboxes have cache lines of their own.
+class HapticThread {  // NOLINT(clang-analyzer-optin.performance.Padding)
  public:
   /// Starts the thread; the force is zero until there is a scene. The device and the sink must
   /// outlive it. Throws DeviceError for a rate out of range or where the system gives no thread.

@@ -5,9 +5,11 @@ place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 cd "$place"
 "$1/bin/palpate" make two-bodies bodies.vdb >/dev/null
-said=$("$2" bodies.vdb)
+said=$("$2" bodies.vdb) || true
 echo "$said"
-[[ $said == *"at most 0."[1-9]*" N"*'why: {"'*"no_such.vdb: no such file"* ]]
+# A machine that stops a tick is late, which a host is told.
+[[ $said == *"at most 0."[1-9]*" N"*'why: {"'*"no_such.vdb: no such file"* ||
+   $said == "fault: "*late*'why: {"'*"no_such.vdb: no such file"* ]]
 said=$("$2" nowhere.vdb 2>&1) && { echo "it felt nothing at all"; exit 1; }
 [[ $said == "nowhere.vdb: no such file"* ]]
 # Names of C++ would meet a host's own.
