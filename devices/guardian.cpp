@@ -130,16 +130,20 @@ void standApart(int socket) noexcept {
 // What signal handlers know.
 std::atomic<Guardian*> the_guardian{nullptr};
 volatile std::sig_atomic_t* the_flag = nullptr;
+std::atomic<std::int64_t> asked_at{0};  ///< [ns]
 
 extern "C" void zeroThenGoOn(int signal) {
   const int saved = errno;
   if (Guardian* guardian = the_guardian.load()) guardian->zero();
   const bool livable =
       signal == SIGINT || signal == SIGTERM || signal == SIGHUP || signal == SIGQUIT;
-  // Asked a second time the program ends as if it had not been caught: it may hang.
+  // Asked a second time the program ends as if it had not been caught: it may hang. Not where both
+  // come at once, as from a terminal and from who started it.
+  constexpr std::int64_t kAtOnce = 500'000'000;  // [ns]
   if (livable && the_flag != nullptr && *the_flag == 0) {
     *the_flag = 1;
-  } else {
+    asked_at = nowNs();
+  } else if (!livable || nowNs() - asked_at > kAtOnce) {
     // As if it had not been caught; a stop that is taken back finds the handler again.
     struct sigaction usual {};
     usual.sa_handler = SIG_DFL;

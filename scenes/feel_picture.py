@@ -237,8 +237,8 @@ class Picture:
         ax.set_xlim(self.low[a], self.high[a])
         ax.set_ylim(self.low[b], self.high[b])
         ax.set_aspect("equal")
-        ax.set_xlabel(words(AXES[a], self.unit), labelpad=1)
-        ax.set_ylabel(words(AXES[b], self.unit), labelpad=0)
+        ax.set_xlabel(words(AXES[a], self.unit), labelpad=1, parse_math=False)
+        ax.set_ylabel(words(AXES[b], self.unit), labelpad=0, parse_math=False)
         for axis, of in (("x", a), ("y", b)):
             ax.locator_params(axis=axis, nbins=int(np.clip(4 * self.scale * self.size[of], 1, 5)))
         normal = 3 - a - b

@@ -114,24 +114,50 @@ class ComponentsOf {
   std::array<typename GridT::ConstAccessor, 3> accessors_;
 };
 
-/// make(reader, coord) of every n-th active voxel, the first of a leaf by chance of its place: as
-/// many as kSuggestSamples, in the order of the tree. Tiles are left out: nothing changes in them.
+/// Boxes of the active tiles of a tree: what is alike in a whole node is kept as one.
+template <class TreeT>
+std::vector<openvdb::CoordBBox> tilesOf(const TreeT& tree) {
+  std::vector<openvdb::CoordBBox> tiles;
+  auto it = tree.cbeginValueOn();
+  it.setMaxDepth(TreeT::ValueOnCIter::LEAF_DEPTH - 1);
+  for (; it; ++it) tiles.push_back(it.getBoundingBox());
+  return tiles;
+}
+
+/// The n-th voxel of a box.
+Coord voxelOf(const openvdb::CoordBBox& box, std::uint64_t n) {
+  const auto y = static_cast<std::uint64_t>(box.dim()[1]);
+  const auto z = static_cast<std::uint64_t>(box.dim()[2]);
+  return box.min() +
+         Coord(static_cast<int>(n / (y * z)), static_cast<int>(n / z % y), static_cast<int>(n % z));
+}
+
+/// make(reader, coord) of every n-th active voxel, the first of a leaf or tile by chance of its
+/// place: about `most`, those of leaves first, in the order of the tree.
 template <class Out, class ReaderT, class GridT, class Make>
-std::vector<Out> gather(const SuggestInput& input, const Make& make) {
+std::vector<Out> gather(const SuggestInput& input, std::size_t most, const Make& make) {
   const auto& grid = static_cast<const GridT&>(*input.grid);
   using Leaf = typename GridT::TreeType::LeafNodeType;
   std::vector<const Leaf*> leaves;
   grid.tree().getNodes(leaves);
-  const std::uint64_t step = grid.tree().activeLeafVoxelCount() / kSuggestSamples + 1;
+  const std::vector<openvdb::CoordBBox> tiles = tilesOf(grid.tree());
+  const std::uint64_t step = grid.activeVoxelCount() / most + 1;
   constexpr std::size_t kChunk = 256;
-  std::vector<std::vector<Out>> parts((leaves.size() + kChunk - 1) / kChunk);
+  std::vector<std::vector<Out>> parts((leaves.size() + tiles.size() + kChunk - 1) / kChunk);
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
     const ReaderT reader(input);
-    const std::size_t end = std::min(leaves.size(), (part + 1) * kChunk);
+    const std::size_t end = std::min(leaves.size() + tiles.size(), (part + 1) * kChunk);
     for (std::size_t i = part * kChunk; i < end; ++i) {
-      std::uint64_t n = mix(leaves[i]->origin()) % step;
-      for (auto it = leaves[i]->cbeginValueOn(); it; ++it) {
-        if (n++ % step == 0) parts[part].push_back(make(reader, it.getCoord()));
+      if (i < leaves.size()) {
+        std::uint64_t n = mix(leaves[i]->origin()) % step;
+        for (auto it = leaves[i]->cbeginValueOn(); it; ++it) {
+          if (n++ % step == 0) parts[part].push_back(make(reader, it.getCoord()));
+        }
+        continue;
+      }
+      const openvdb::CoordBBox& tile = tiles[i - leaves.size()];
+      for (std::uint64_t n = mix(tile.min()) % step; n < tile.volume(); n += step) {
+        parts[part].push_back(make(reader, voxelOf(tile, n)));
       }
     }
   });
@@ -413,12 +439,13 @@ void lookAtLabels(const std::vector<ScalarSample>& samples, ScalarLook& look) {
   double whole = 0.0;
   std::vector<float> distinct;
   for (const float value : look.values) {
-    whole += std::abs(value - std::round(value)) < 1e-3F ? 1.0 : 0.0;
+    // Beyond 2^24 every float is one.
+    whole += value == std::round(value) && std::abs(value) <= 0x1p24F ? 1.0 : 0.0;
     if (distinct.size() <= kMostDistinct && (distinct.empty() || distinct.back() != value)) {
       distinct.push_back(value);
     }
   }
-  look.whole = share(whole, static_cast<double>(look.values.size()));
+  look.whole = look.range() >= 1.0 ? share(whole, static_cast<double>(look.values.size())) : 0.0;
   if (distinct.size() > kMostDistinct) return;
   // What most voxels have surrounds the others: it says nothing of them.
   float common = look.values.front();
@@ -557,14 +584,10 @@ auto withVectors(const SuggestInput& input, const F& f) {
 }
 
 /// Some active voxels, the same for any scalar of the same topology.
-std::vector<Coord> places(const SuggestInput& input, std::size_t count = 20'000) {
-  const auto all =
-      withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
-        return gather<Coord, R, G>(input, [](const R&, const Coord& c) { return c; });
-      });
-  std::vector<Coord> some;
-  for (std::size_t i = 0; i < all.size(); i += all.size() / count + 1) some.push_back(all[i]);
-  return some;
+std::vector<Coord> places(const SuggestInput& input, std::size_t count) {
+  return withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
+    return gather<Coord, R, G>(input, count, [](const R&, const Coord& c) { return c; });
+  });
 }
 
 /// The scalar's values at places, and whether they are active.
@@ -583,6 +606,17 @@ Read readAt(const SuggestInput& input, const std::vector<Coord>& at) {
     }
     return read;
   });
+}
+
+/// Voxels all over a box.
+std::vector<Coord> spreadIn(const openvdb::CoordBBox& box) {
+  constexpr std::uint64_t kPlaces = 20'000;
+  const std::uint64_t step = box.volume() / kPlaces + 1;
+  std::vector<Coord> at;
+  for (std::uint64_t n = 0; n < box.volume(); n += step) {
+    at.push_back(voxelOf(box, n + mix(n) % std::min(step, box.volume() - n)));
+  }
+  return at;
 }
 
 /// A lattice on the faces of a box.
@@ -647,20 +681,22 @@ ScalarLook lookAtScalar(const SuggestInput& input) {
   const bool image = input.inactive_is_data;
   auto samples =
       withScalars(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
-        return gather<ScalarSample, R, G>(input, [&input](const R& reader, const Coord& c) {
-          ScalarSample sample;
-          sample.value = reader.getValue(c);
-          for (int axis = 0; axis < 3; ++axis) {
-            const auto near = neighboursOf(reader, c, axis, input);
-            if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after)) continue;
-            const auto a = static_cast<std::size_t>(axis);
-            sample.before[a] = near.before;
-            sample.after[a] = near.after;
-            sample.known[a] = true;
-            sample.at_edge = sample.at_edge || near.at_edge;
-          }
-          return sample;
-        });
+        return gather<ScalarSample, R, G>(
+            input, kSuggestSamples, [&input](const R& reader, const Coord& c) {
+              ScalarSample sample;
+              sample.value = reader.getValue(c);
+              for (int axis = 0; axis < 3; ++axis) {
+                const auto near = neighboursOf(reader, c, axis, input);
+                if (!near.known || !std::isfinite(near.before) || !std::isfinite(near.after))
+                  continue;
+                const auto a = static_cast<std::size_t>(axis);
+                sample.before[a] = near.before;
+                sample.after[a] = near.after;
+                sample.known[a] = true;
+                sample.at_edge = sample.at_edge || near.at_edge;
+              }
+              return sample;
+            });
       });
   samples.erase(std::remove_if(samples.begin(), samples.end(),
                                [](const ScalarSample& s) { return !std::isfinite(s.value); }),
@@ -734,7 +770,8 @@ VectorLook lookAtVector(const SuggestInput& input) {
   const auto samples =
       withVectors(input, [&]<class R, class G>(std::type_identity<R>, std::type_identity<G>) {
         return gather<VectorSample, R, G>(
-            input, [&](const R& reader, const Coord& c) { return sample_at(reader, c); });
+            input, kSuggestSamples,
+            [&](const R& reader, const Coord& c) { return sample_at(reader, c); });
       });
 
   VectorLook flow;
@@ -774,7 +811,7 @@ VectorLook lookAtVector(const SuggestInput& input) {
 bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
   constexpr double kAlike = 0.97;
   if (scalar.grid->transform() != other.grid->transform()) return false;
-  const std::vector<Coord> at = places(scalar);
+  const std::vector<Coord> at = places(scalar, 20'000);
   const std::vector<float> own = readAt(scalar, at).values;
   std::array<std::vector<double>, 4> theirs;
   std::vector<double> ours;
@@ -804,58 +841,117 @@ bool isLike(const SuggestInput& scalar, const SuggestInput& other) {
   });
 }
 
+namespace {
+
+/// What is said of several scalars at some places, of all of them or of all but one.
+class Sums {
+ public:
+  Sums(const std::vector<const SuggestInput*>& scalars, const std::vector<Coord>& at) {
+    reads_.reserve(scalars.size());
+    for (const SuggestInput* scalar : scalars) reads_.push_back(readAt(*scalar, at));
+    const bool image = scalars.front()->inactive_is_data;
+    for (std::size_t i = 0; i < at.size(); ++i) {
+      const auto active = [i](const Read& read) { return bool{read.active[i]}; };
+      if (image || std::any_of(reads_.begin(), reads_.end(), active)) data_.push_back(i);
+    }
+  }
+
+  /// Where they add up to 1, each within 0 and 1, without the one at `without`; a share.
+  [[nodiscard]] double ones(std::size_t without) {
+    if (totals_.empty()) addUp();
+    std::size_t count = 0;
+    for (std::size_t n = 0; n < data_.size(); ++n) {
+      Total total = totals_[n];
+      if (without < reads_.size()) {
+        const double value = reads_[without].values[data_[n]];
+        total.sum -= value;
+        total.beyond -= isFraction(value) ? 0 : 1;
+      }
+      count += total.beyond == 0 && std::abs(total.sum - 1.0) <= kNear ? 1 : 0;
+    }
+    return share(count);
+  }
+  /// Where one of them is nearly all there is; a share.
+  [[nodiscard]] double alone(std::size_t without) const {
+    constexpr double kAlone = 0.95;
+    std::size_t count = 0;
+    for (const std::size_t i : data_) {
+      bool found = false;
+      for (std::size_t m = 0; m < reads_.size(); ++m) {
+        found = found || (m != without && reads_[m].values[i] > kAlone);
+      }
+      count += found ? 1 : 0;
+    }
+    return share(count);
+  }
+  /// Of each.
+  [[nodiscard]] std::vector<double> means() const {
+    std::vector<double> means;
+    means.reserve(reads_.size());
+    for (const Read& read : reads_) {
+      double sum = 0.0;
+      for (const std::size_t i : data_) sum += read.values[i];
+      means.push_back(sum / std::max(1.0, static_cast<double>(data_.size())));
+    }
+    return means;
+  }
+
+ private:
+  struct Total {
+    double sum = 0.0;
+    int beyond = 0;  ///< So many are no fractions.
+  };
+  static constexpr double kNear = 0.01;
+  static bool isFraction(double value) { return value >= -kNear && value <= 1.0 + kNear; }
+  [[nodiscard]] double share(std::size_t count) const {
+    return static_cast<double>(count) / std::max(1.0, static_cast<double>(data_.size()));
+  }
+  void addUp() {
+    totals_.resize(data_.size());
+    for (const Read& read : reads_) {
+      for (std::size_t n = 0; n < data_.size(); ++n) {
+        const double value = read.values[data_[n]];
+        totals_[n].sum += value;
+        totals_[n].beyond += isFraction(value) ? 0 : 1;
+      }
+    }
+  }
+
+  std::vector<Read> reads_;
+  std::vector<std::size_t> data_;  ///< Places that count.
+  std::vector<Total> totals_;
+};
+
+}  // namespace
+
 SumLook lookAtSum(const std::vector<const SuggestInput*>& scalars) {
   SumLook look;
   if (scalars.size() < 2) return look;
-  const bool image = scalars.front()->inactive_is_data;
   openvdb::CoordBBox box;
   std::vector<Coord> within;
   for (const SuggestInput* scalar : scalars) {
     if (scalar->grid->transform() != scalars.front()->grid->transform()) return look;
-    const auto some = places(*scalar, 20'000 / scalars.size());
+    const auto some = places(*scalar, std::max<std::size_t>(1, 20'000 / scalars.size()));
     within.insert(within.end(), some.begin(), some.end());
     box.expand(scalar->extent.empty() ? scalar->grid->evalActiveVoxelBoundingBox()
                                       : scalar->extent);
   }
-  constexpr double kNear = 0.01;
-  constexpr double kAlone = 0.95;
-  constexpr double kMost = 0.5;
-  const auto means = [&](const std::vector<Coord>& at, std::vector<double>& mean) {
-    std::vector<Read> reads;
-    reads.reserve(scalars.size());
-    for (const SuggestInput* scalar : scalars) reads.push_back(readAt(*scalar, at));
-    double count = 0.0;
-    double ones = 0.0;
-    double pure = 0.0;
-    mean.assign(scalars.size(), 0.0);
-    for (std::size_t i = 0; i < at.size(); ++i) {
-      double sum = 0.0;
-      bool held = true;
-      bool data = image;
-      bool alone = false;
-      for (const Read& read : reads) {
-        const double value = read.values[i];
-        held = held && value >= -kNear && value <= 1.0 + kNear;
-        data = data || read.active[i];
-        alone = alone || value > kAlone;
-        sum += value;
-      }
-      if (!data) continue;
-      count += 1.0;
-      if (held && std::abs(sum - 1.0) <= kNear) ones += 1.0;
-      if (alone) pure += 1.0;
-      for (std::size_t m = 0; m < reads.size(); ++m) mean[m] += reads[m].values[i];
-    }
-    for (double& one : mean) one /= std::max(count, 1.0);
-    look.apart = pure > kMost * count;
-    return count > 0.0 ? ones / count : 0.0;
-  };
   constexpr double kNearlyEverywhere = 0.98;
-  look.is_one = means(within, look.throughout) >= kNearlyEverywhere;
+  constexpr double kMost = 0.5;
+  Sums sums(scalars, within);
+  const std::size_t most = scalars.size() > 2 ? scalars.size() : 0;
+  std::size_t without = scalars.size();
+  look.is_one = sums.ones(without) >= kNearlyEverywhere;
+  for (std::size_t i = 0; !look.is_one && i < most; ++i) {
+    look.is_one = sums.ones(i) >= kNearlyEverywhere;
+    if (look.is_one) without = i;
+  }
   if (!look.is_one) return look;
-  const bool apart = look.apart;
-  (void)means(facesOf(box), look.at_faces);
-  look.apart = apart;
+  if (without < scalars.size()) look.other = without;
+  look.at_faces = Sums(scalars, facesOf(box)).means();
+  const Sums throughout(scalars, spreadIn(box));
+  look.throughout = throughout.means();
+  look.apart = throughout.alone(without) > kMost;
   return look;
 }
 

@@ -72,8 +72,9 @@ struct VectorLook {
 
 /// What several scalars come to together.
 struct SumLook {
-  bool is_one = false;             ///< All lie within 0 and 1, and add up to 1 nearly everywhere.
-  bool apart = false;              ///< Most places are of one of them alone; else they are mixed.
+  bool is_one = false;               ///< All lie within 0 and 1, and add up to 1 nearly everywhere,
+  std::optional<std::size_t> other;  ///< but for this one, which has nothing to do with the others.
+  bool apart = false;                ///< Most places are of one of them alone; else they are mixed.
   std::vector<double> at_faces;    ///< Of each the mean at the faces of the box about all of them.
   std::vector<double> throughout;  ///< And in all of it.
 };

@@ -104,9 +104,20 @@ struct LeftOut {
   std::string remedy;
 };
 
+/// Between the first and the last knot none that is so near to one before it that the strength
+/// would be a toss of the data's noise.
 Json curve(const Knots& knots) {
+  constexpr double kNear = 0.02;  // of the curve's length
+  const double near = kNear * std::abs(knots.back().first - knots.front().first);
   Json points = Json::array();
-  for (const auto& [in, out] : knots) points.push_back(Json::array({in, out}));
+  double last = 0.0;
+  for (std::size_t i = 0; i < knots.size(); ++i) {
+    const auto& [in, out] = knots[i];
+    const bool inner = i > 0 && i + 1 < knots.size();
+    if (inner && (in - last < near || knots.back().first - in < near)) continue;
+    points.push_back(Json::array({in, out}));
+    last = in;
+  }
   return Json{{"piecewise", points}};
 }
 
@@ -207,6 +218,7 @@ class Suggestion {
       c.seen = std::move(why);
     };
     if (isLevelSet(c)) return is(Kind::kLevelSet, "a level set, as its file says");
+    if (input.apart) return is(Kind::kOther, "components with different transforms");
     if (input.isVector()) {
       c.flow = lookAtVector(input);
       const VectorLook& flow = c.flow;
@@ -238,10 +250,11 @@ class Suggestion {
     const auto is = [&](Kind kind, const std::string& why) {
       c.kind = kind;
       c.seen = fmt::format("{} from {} to {}{}: {}",
-                           look.whole > kNearlyWhole ? "whole numbers" : "values",
-                           look.round(look.low), look.round(look.high), unit(c), why);
+                           look.whole > kNearlyWhole ? "whole numbers" : "values", shown(look.low),
+                           shown(look.high), unit(c), why);
     };
-    const bool has_air = look.low < -200.0;
+    // Raw values of scanners have next to nothing below 0.
+    const bool has_air = look.low < -20.0;
     const std::string unit_name = lowerCase(c.input->value_unit);
     const bool other_unit = !unit_name.empty() && unit_name != "hu" && unit_name != "hounsfield";
     const bool as_ct = for_ == GuessFor::kCt || c.input->modality == Modality::kCt;
@@ -283,8 +296,8 @@ class Suggestion {
   /// bone. Numbers that are not whole (a resampled or smoothed CT) have to have more of both.
   static bool isHounsfield(const ScalarLook& look) {
     constexpr double kHigh = 800.0;
-    if (look.values.empty() || look.values.back() < kHigh || look.values.back() > 32768.0 ||
-        look.low < -3100.0) {
+    if (look.values.empty() || look.values.back() < kHigh ||
+        percentile(look.values, 99.9) > 32768.0 || look.low < -3100.0) {
       return false;
     }
     const double least = look.whole > kNearlyWhole ? 0.005 : 0.05;
@@ -304,7 +317,9 @@ class Suggestion {
            look.skips > kAnyOrder;
   }
 
-  static double shown(double value) { return rounded(value, std::abs(value)); }
+  static double shown(double value) {
+    return value == std::round(value) ? value : rounded(value, std::abs(value));
+  }
 
   [[nodiscard]] std::string called(const Candidate& c) const {
     return c.grid.empty() ? c.name : c.grid;
@@ -439,15 +454,30 @@ class Suggestion {
     if (const Candidate* by = anisotropyOf(*chosen)) {
       addVolume(*by);
       used_.insert(by);
-      addMode(makeMode(name, "follow", chosen->name, {{"by", by->name}},
-                       curve({{0.15, 0}, {0.4, 1}, {0.7, 2}}),
-                       "Free along the fibres, held across them: the more, the clearer their "
-                       "direction. Below an anisotropy of 0.15 there is none."));
+      addMode(byAnisotropy(name, *chosen, *by));
     } else {
       addMode(makeMode(name, "follow", chosen->name, Json::object(), bySpeed(chosen->flow),
                        "Free along the direction, both ways, held across it. A first guess, by "
                        "the vectors' lengths."));
     }
+  }
+
+  /// By fractional anisotropy; by other measures as their values are spread.
+  static Json byAnisotropy(const std::string& name, const Candidate& fibres, const Candidate& by) {
+    const std::string free =
+        "Free along the fibres, held across them: the more, the clearer their direction. ";
+    const ScalarLook& look = by.look;
+    if (look.low >= 0.0 && look.high <= 1.001 && look.high > 0.4) {
+      return makeMode(name, "follow", fibres.name, {{"by", by.name}},
+                      curve({{0.15, 0}, {0.4, 1}, {0.7, 2}}),
+                      free + "Below an anisotropy of 0.15 there is none.");
+    }
+    const auto at = [&](double percent) { return look.round(percentile(look.values, percent)); };
+    return makeMode(name, "follow", fibres.name, {{"by", by.name}},
+                    curve({{at(25.0), 0}, {at(60.0), 1}, {at(95.0), 2}}),
+                    free + fmt::format("By the values of {}, from the 25th percentile on: they "
+                                       "are no fractional anisotropy as usual.",
+                                       by.name));
   }
 
   [[nodiscard]] const Candidate* anisotropyOf(const Candidate& fibres) const {
@@ -460,8 +490,9 @@ class Suggestion {
     }
     for (const Candidate& c : candidates_) {
       const std::string name = lowerCase(c.input->name());
-      if (c.input->isScalar() && (name == prefix + "anisotropy" || name == prefix + "fa" ||
-                                  name == "fa" || name == "anisotropy")) {
+      if (c.kind != Kind::kLevelSet && c.look.range() > 0.0 &&
+          (name == prefix + "anisotropy" || name == prefix + "fa" || name == "fa" ||
+           name == "anisotropy")) {
         return &c;
       }
     }
@@ -488,6 +519,7 @@ class Suggestion {
         uniform_.push_back(&c);
         leaveOut(c, c.seen);
       }
+      if (c.kind == Kind::kOther && c.input->isVector()) leaveOut(c, c.seen);
       if (isFree(c, Kind::kFlow)) vectors.push_back(&c);
     }
     if (vectors.empty()) return;
@@ -554,12 +586,11 @@ class Suggestion {
       }
     }
     SumLook sum = lookAtSum(inputsOf(fractions));
-    // There may be one that has nothing to do with the others.
-    for (std::size_t i = 0; !sum.is_one && fractions.size() > 2 && i < fractions.size(); ++i) {
-      std::vector<const Candidate*> fewer = fractions;
-      fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
-      sum = lookAtSum(inputsOf(fewer));
-      if (sum.is_one) fractions = fewer;
+    if (sum.other) {
+      const auto other = static_cast<std::ptrdiff_t>(*sum.other);
+      fractions.erase(fractions.begin() + other);
+      sum.at_faces.erase(sum.at_faces.begin() + other);
+      sum.throughout.erase(sum.throughout.begin() + other);
     }
     // Gases that are mixed add up to 1 as well.
     if (!sum.is_one || !sum.apart) return;
@@ -855,7 +886,8 @@ class Suggestion {
   std::vector<Json> modes_;
 };
 
-/// The grid of a loaded volume, with what its metadata say of it.
+/// The grid of a loaded volume, with what its metadata say of it; of components that lie otherwise
+/// than the first none, for they are looked at by voxel.
 SuggestInput inputFrom(const GuessVolume& given) {
   SuggestInput input;
   const std::vector<Volume::Grid::Part>& parts = given.volume->grid().parts;
@@ -868,6 +900,8 @@ SuggestInput inputFrom(const GuessVolume& given) {
   if (parts.size() == 3) {
     input.y = base(1);
     input.z = base(2);
+    const auto& transform = input.grid->transform();
+    input.apart = input.y->transform() != transform || input.z->transform() != transform;
   }
   const auto text = [&](const char* key) {
     const auto meta = input.grid->getMetadata<openvdb::StringMetadata>(key);

@@ -20,6 +20,7 @@ struct SuggestInput {
   Modality modality = Modality::kUnknown;
   std::string value_unit;  ///< "HU"; empty: unknown.
   bool axial = false;      ///< Vectors without a sign, as a fibre's direction.
+  bool apart = false;      ///< `y` or `z` have another transform: they cannot be looked at.
   /// An image's: inactive voxels are its surroundings, their value is the background's, and the
   /// boundary between air and skin may lie there. False for a mesh that was resampled: there is no
   /// data beyond the active voxels, and their edge is no boundary.

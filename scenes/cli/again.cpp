@@ -28,7 +28,7 @@ std::string placeWords(const Vec3& p) {
   return text;
 }
 
-Again againOf(const Most& most, const Scene& scene) {
+std::optional<Again> againOf(const Most& most, const Scene& scene) {
   Vec3 probe = most.probe;
   Vec3 proxy = most.proxy;
   if (most.motion) {
@@ -40,7 +40,7 @@ Again againOf(const Most& most, const Scene& scene) {
   const Vec3 into = pressed.norm() > 0.0 ? Vec3(pressed.normalized()) : Vec3::Zero();
   Again best;
   double least = std::numeric_limits<double>::infinity();
-  for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 0.0}) {
+  for (const double before : {1e-3, 5e-4, 2e-3, 1e-4, 0.0, 4e-3, 6e-3, 8e-3, 12e-3}) {
     Again again;
     again.at = roundedTo(proxy - before * into);
     again.push = roundedTo(probe - again.at);
@@ -59,6 +59,8 @@ Again againOf(const Most& most, const Scene& scene) {
     least = off;
     best = again;
   }
+  constexpr double kAlike = 0.1;
+  if (least > kAlike * most.stiffness * pressed.norm()) return std::nullopt;
   return best;
 }
 

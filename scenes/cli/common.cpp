@@ -162,7 +162,13 @@ std::string shellWord(const std::string& text) {
 std::filesystem::path behindLinks(std::filesystem::path path) {
   std::error_code error;
   for (int links = 0; links < 40 && std::filesystem::is_symlink(path, error); ++links) {
-    path = path.parent_path() / std::filesystem::read_symlink(path, error);
+    const auto behind = path.parent_path() / std::filesystem::read_symlink(path, error);
+    // What has no name, as a pipe behind /dev/stdout, is reached by the link alone.
+    if (!std::filesystem::exists(std::filesystem::symlink_status(behind, error)) &&
+        std::filesystem::exists(std::filesystem::status(path, error))) {
+      break;
+    }
+    path = behind;
   }
   return path;
 }

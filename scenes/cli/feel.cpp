@@ -71,10 +71,14 @@ HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, Ordered
 OrderedJson mostOf(const Hand& hand, const Scene& scene) {
   const Most most = hand.log.felt.most();
   if (!(most.force > 0.0)) return nullptr;
-  const Again again = againOf(most, scene);
-  return {{"force", most.force},         {"mode", most.mode},           {"time", most.time},
-          {"probe", toJson(most.probe)}, {"proxy", toJson(most.proxy)}, {"at", toJson(again.at)},
-          {"push", toJson(again.push)}};
+  const std::optional<Again> again = againOf(most, scene);
+  return {{"force", most.force},
+          {"mode", most.mode},
+          {"time", most.time},
+          {"probe", toJson(most.probe)},
+          {"proxy", toJson(most.proxy)},
+          {"at", again ? toJson(again->at) : OrderedJson()},
+          {"push", again ? toJson(again->push) : OrderedJson()}};
 }
 
 OrderedJson machine() {
@@ -208,10 +212,10 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   const auto place = [&](const char* key) {
     return Vec3(most[key][0].get<double>(), most[key][1].get<double>(), most[key][2].get<double>());
   };
-  say("most      {} N after {} s, most of it by {}: why:\n{}\n",
-      rounded(most["force"].get<double>()), rounded(most["time"].get<double>()),
-      most["mode"].get<std::string>(),
-      sentence(explainLine(options.scene, {place("at"), place("push")})));
+  const bool again = !most["at"].is_null();
+  say("most      {} N after {} s, most of it by {}{}\n", rounded(most["force"].get<double>()),
+      rounded(most["time"].get<double>()), most["mode"].get<std::string>(), again ? ": why:" : "");
+  if (again) say("{}\n", sentence(explainLine(options.scene, {place("at"), place("push")})));
 }
 
 int feel(const FeelOptions& options) {
@@ -295,6 +299,16 @@ int feel(const FeelOptions& options) {
     summary_file->write(dump(summary, 2) + "\n");
     summary_file->commit();
   }
+  if (options.json) {
+    sayJson(summary);
+  } else if (options.trace != "-" && options.summary != "-") {
+    if (!search.is_null()) {
+      say("search    {} rays, of which {} met something, and a path past {} places: {} ms\n",
+          search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
+          rounded(search["ms"].get<double>()));
+    }
+    for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
+  }
   if (picture) {
     try {
       picture->draw(spec, built, hands[0]->log.felt);
@@ -305,16 +319,6 @@ int feel(const FeelOptions& options) {
   if (still) {
     window->draw(options.scene, still->place());
     still->commit();
-  }
-  if (options.json) {
-    sayJson(summary);
-  } else if (options.trace != "-" && options.summary != "-") {
-    if (!search.is_null()) {
-      say("search    {} rays, of which {} met something, and a path past {} places: {} ms\n",
-          search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
-          rounded(search["ms"].get<double>()));
-    }
-    for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }
   const bool nothing = std::none_of(hands.begin(), hands.end(),
                                     [](const auto& hand) { return hand->log.felt.anything(); });

@@ -1,4 +1,5 @@
 /// palpate scene: a first scene for a .vdb, and why it is that one.
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
@@ -22,14 +23,18 @@ void addScene(CLI::App& app, std::function<int()>& body) {
                                               {"labels", GuessFor::kLabels}};
   verb->add_option("FILE", *file, "A .vdb file")->required();
   verb->add_option("--for", *what, "What it holds, whatever it looks like")
-      ->transform(CLI::Transformer(words).description("{ct,mri,cfd,fibres,labels}"))
+      ->transform(CLI::CheckedTransformer(words, CLI::ignore_case)
+                      .description("{ct,mri,cfd,fibres,labels}"))
       ->type_name("KIND");
   verb->footer(
       "Examples:\n  palpate scene head.vdb > head.json\n"
       "  palpate scene atlas.vdb --for labels > atlas.json");
   verb->callback([=, &body] {
     body = [=] {
-      const Guess guess = guessVdb(*file, *what, showProgress("loading"));
+      // A scene's files are found from where it lies, which nobody knows yet.
+      std::filesystem::path place(*file);
+      if (place.has_parent_path()) place = std::filesystem::absolute(place);
+      const Guess guess = guessVdb(place, *what, showProgress("loading"));
       for (const std::string& line : guess.seen) complain("saw: " + line);
       for (const std::string& line : guess.made) complain("made: " + line);
       for (const std::string& line : guess.left) complain("left out: " + line);

@@ -1,7 +1,9 @@
 #include "palpate/scenes/import/geography.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <initializer_list>
 #include <numbers>
 #include <optional>
 #include <utility>
@@ -32,19 +34,65 @@ double standardHeight(double pressure) {
 }
 
 /// How many km a unit is; 0: it is none of length.
-double kilometres(const std::string& unit) {
-  if (unit == "km" || unit == "kilometer" || unit == "kilometers") return 1.0;
-  if (unit == "m" || unit == "meter" || unit == "meters" || unit == "metre" || unit == "metres") {
-    return 1e-3;
+double kilometres(std::string unit) {
+  for (char& c : unit) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  struct Length {
+    double km;
+    std::initializer_list<const char*> names;
+  };
+  const Length lengths[] = {
+      {1.0, {"km", "kilometer", "kilometers", "kilometre", "kilometres"}},
+      {1e-3, {"m", "meter", "meters", "metre", "metres"}},
+      {1e-1, {"hm"}},
+      {1e-4, {"dm"}},
+      {1e-5, {"cm", "centimeter", "centimeters", "centimetre", "centimetres"}},
+      {0.3048e-3, {"ft", "foot", "feet"}},
+      // A decibar of sea water is a metre, but for 1 in 100.
+      {1e-3, {"dbar", "decibar", "decibars"}},
+  };
+  for (const Length& length : lengths) {
+    if (std::find(length.names.begin(), length.names.end(), unit) != length.names.end()) {
+      return length.km;
+    }
   }
   return 0.0;
+}
+
+/// Units that differ in how they are written only: m/s, m s-1, m s**-1, m.s^-1.
+bool isSameUnit(const std::string& a, const std::string& b) {
+  const auto plain = [](const std::string& unit) {
+    std::string out;
+    bool divided = false;
+    for (const char c : unit) {
+      if (c == '^' || c == '*' || c == ' ' || c == '.') continue;
+      if (c == '/') {
+        divided = true;
+        continue;
+      }
+      out += c;
+    }
+    return divided ? out + "-1" : out;
+  };
+  return plain(a) == plain(b);
 }
 
 /// Longitudes go on over the meridian where they begin again.
 void unwrap(std::vector<double>& longitudes) {
   for (std::size_t i = 1; i < longitudes.size(); ++i) {
-    while (longitudes[i] - longitudes[i - 1] < -180.0) longitudes[i] += 360.0;
-    while (longitudes[i] - longitudes[i - 1] > 180.0) longitudes[i] -= 360.0;
+    const double step = std::remainder(longitudes[i] - longitudes[i - 1], 360.0);
+    // Half a turn is left as it is.
+    if (std::abs(longitudes[i] - longitudes[i - 1]) > 180.0)
+      longitudes[i] = longitudes[i - 1] + step;
+  }
+}
+
+/// Throws where these are no degrees on a globe.
+void checkDegrees(const std::vector<double>& at, double most, const char* what,
+                  const std::string& file) {
+  for (const double degrees : at) {
+    if (std::abs(degrees) <= most) continue;
+    throw VolumeError(file, fmt::format("it has a {} of {:.6g} degrees", what, degrees),
+                      "mend its coordinates");
   }
 }
 
@@ -76,9 +124,12 @@ double spanOf(const std::vector<double>& at) {
 /// What stands between files' positions and the axes of a volume.
 class Layout {
  public:
-  Layout(EarthGrid& grid, Content& content) : axes_(grid.axes), content_(content) {
+  Layout(EarthGrid& grid, const std::string& file, Content& content)
+      : axes_(grid.axes), content_(content) {
     const bool is_globe = axes_[0].along == Along::kLongitude && axes_[1].along == Along::kLatitude;
     if (is_globe) {
+      checkDegrees(axes_[0].at, 1080.0, "longitude", file);
+      checkDegrees(axes_[1].at, 90.01, "latitude", file);
       layFlat();
     } else if (grid.projected) {
       scale(axes_[0]);
@@ -128,17 +179,23 @@ class Layout {
     if (z.along == Along::kPressure) {
       for (double& at : z.at) at = standardHeight(at);
       note("pressures stand at their heights in the standard atmosphere");
+    } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
+      // The first lies at 0, whatever its number; those that count downwards below it.
+      const double step =
+          side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
+      const double up = z.along == Along::kDepth ? -step : step;
+      for (std::size_t i = 0; i < z.at.size(); ++i) z.at[i] = up * static_cast<double>(i);
+      const bool is_number =
+          z.along == Along::kNumber || z.unit.empty() || z.unit == "1" || z.unit == "level";
+      const std::string why = is_number
+                                  ? "levels have no height"
+                                  : fmt::format("the unit of levels, \"{}\", is not known", z.unit);
+      note(fmt::format("{}: they stand {:.4g} km from each other", why, step));
+      return;
     } else if (z.along == Along::kDepth) {
       for (double& at : z.at) at = -at;
       scale(z);
       note("depths are below 0");
-    } else if (z.along == Along::kNumber || kilometres(z.unit) == 0.0) {
-      // The first lies at 0, whatever its number.
-      const double step =
-          side / 4.0 / static_cast<double>(std::max<std::size_t>(z.at.size(), 2) - 1);
-      for (std::size_t i = 0; i < z.at.size(); ++i) z.at[i] = step * static_cast<double>(i);
-      note(fmt::format("levels have no height: they stand {:.4g} km from each other", step));
-      return;
     } else {
       scale(z);
     }
@@ -205,12 +262,13 @@ void joinBy(const Flows& flows, const std::vector<std::string>& names, double st
   };
   for (const Flow& flow : flows) {
     std::array<Array*, 3> parts{find(flow.parts[0]), find(flow.parts[1]), find(flow.parts[2])};
-    if (parts[0] == nullptr || parts[1] == nullptr || parts[0]->unit != parts[1]->unit) continue;
+    if (parts[0] == nullptr || parts[1] == nullptr || !isSameUnit(parts[0]->unit, parts[1]->unit))
+      continue;
     if (!fields.empty() && std::find(fields.begin(), fields.end(), flow.vector) == fields.end()) {
       continue;
     }
     // Upward is in Pa/s in many.
-    if (parts[2] != nullptr && parts[2]->unit != parts[0]->unit) parts[2] = nullptr;
+    if (parts[2] != nullptr && !isSameUnit(parts[2]->unit, parts[0]->unit)) parts[2] = nullptr;
     const std::size_t count = parts[0]->values.tuples();
     Values out(Type::kFloat32, 3, count);
     for (std::size_t c = 0; c < 3; ++c) {
@@ -287,7 +345,7 @@ double hectopascals(const std::string& unit) {
 std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& fields,
                                const std::string& file, Content& content) {
   constexpr std::array kNames{"x", "y", "z"};
-  const Layout layout(grid, content);
+  const Layout layout(grid, file, content);
   std::array<std::size_t, 3> size{};
   std::array<int, 3> direction{};
   vtkNew<vtkRectilinearGrid> points;
@@ -322,6 +380,7 @@ std::vector<Piece> earthPieces(EarthGrid grid, const std::vector<std::string>& f
     for (Array& array : piece.arrays) {
       for (const Array& own : grid.arrays) {
         if (own.values.data() == array.values.data()) array.values = own.values;
+        if (own.name == array.name || own.name == array.given) array.unit = own.unit;
       }
     }
   }

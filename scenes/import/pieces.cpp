@@ -152,6 +152,7 @@ void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& 
       }
       std::array<Array*, 3> parts{};
       for (std::size_t c = 0; c < 3; ++c) parts[c] = scalars[found.parts[c]];
+      if (parts[0]->unit != parts[1]->unit || parts[0]->unit != parts[2]->unit) continue;
       std::string name = found.name;
       for (int n = 2; !taken.insert(name).second; ++n) name = fmt::format("{}_{}", found.name, n);
       notes.push_back(fmt::format("{}, {} and {}: joined into the vector {}", parts[0]->name,

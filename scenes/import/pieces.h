@@ -20,8 +20,8 @@ namespace palpate::importer {
 void select(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
             const std::string& file);
 
-/// Arrays that are a vector's components by their names (components.h) become that vector; a note
-/// tells of it. Where `fields` asks for arrays, only the vectors that it names.
+/// Arrays of one unit that are a vector's components by their names (components.h) become that
+/// vector; a note tells of it. Where `fields` asks for arrays, only the vectors that it names.
 void joinComponents(std::vector<Piece>& pieces, const std::vector<std::string>& fields,
                     std::vector<std::string>& notes);
 

@@ -25,7 +25,7 @@ namespace palpate::importer {
 namespace {
 
 /// What a dimension is.
-enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime };
+enum class Is : std::uint8_t { kUnknown, kX, kY, kZ, kTime, kNoSpace };
 
 struct Dimension {
   std::string name;
@@ -175,6 +175,14 @@ class File {
     const auto named = [&](std::initializer_list<const char*> names) {
       return std::find(names.begin(), names.end(), name) != names.end();
     };
+    // Members of an ensemble, and steps of a forecast beside its times.
+    const std::string standard =
+        dimension.variable < 0 ? "" : text(dimension.variable, "standard_name");
+    if (standard == "realization" || standard == "forecast_period" ||
+        named({"number", "member", "ensemble", "realization", "step", "forecast_period"})) {
+      dimension.is = Is::kNoSpace;
+      return;
+    }
     if (dimension.variable >= 0) {
       const std::string axis = text(dimension.variable, "axis");
       const std::string unit = text(dimension.variable, "units");
@@ -302,6 +310,7 @@ class NetcdfReader final : public Reader {
     field.variable = v;
     std::array<std::optional<std::size_t>, 3> axes;
     std::vector<std::size_t> unknown;
+    std::vector<std::size_t> others;
     for (std::size_t i = 0; i < variable.dimensions.size(); ++i) {
       const Dimension& dimension = file_.dimension(variable.dimensions[i]);
       if (dimension.is == Is::kTime) {
@@ -309,6 +318,10 @@ class NetcdfReader final : public Reader {
         continue;
       }
       if (dimension.length < 2) continue;
+      if (dimension.is == Is::kNoSpace) {
+        others.push_back(i);
+        continue;
+      }
       const auto slot = static_cast<std::size_t>(dimension.is) - 1;
       if (dimension.is != Is::kUnknown && !axes[slot]) {
         axes[slot] = i;
@@ -338,7 +351,8 @@ class NetcdfReader final : public Reader {
             "as with cdo remapbil");
       }
     }
-    for (const std::size_t i : unknown) {
+    others.insert(others.end(), unknown.begin(), unknown.end());
+    for (const std::size_t i : others) {
       const Dimension& dimension = file_.dimension(variable.dimensions[i]);
       left_.push_back(fmt::format("{}: the first of {} along {}", variable.name, dimension.length,
                                   dimension.name));
@@ -403,7 +417,17 @@ class NetcdfReader final : public Reader {
       low = range[0];
       high = range[1];
     }
-    const bool is_unsigned = type == NC_BYTE && file_.text(v, "_Unsigned") == "true";
+    // The classic format has no unsigned types.
+    const bool is_unsigned = file_.text(v, "_Unsigned") == "true";
+    const double bits = !is_unsigned       ? 0.0
+                        : type == NC_BYTE  ? 8.0
+                        : type == NC_SHORT ? 16.0
+                        : type == NC_INT   ? 32.0
+                                           : 0.0;
+    const double turn = bits > 0.0 ? std::exp2(bits) : 0.0;
+    for (double* bound : {&low, &high}) {
+      if (*bound < 0.0 && std::isfinite(*bound)) *bound += turn;
+    }
 
     const bool fits = packed || type == NC_FLOAT || type == NC_BYTE || type == NC_UBYTE ||
                       type == NC_SHORT || type == NC_USHORT;
@@ -426,7 +450,7 @@ class NetcdfReader final : public Reader {
           for (std::size_t i = 0; i < size[0]; ++i) {
             double value = plane[x_last ? j * size[0] + i : i * size[1] + j];
             const bool none = std::find(missing.begin(), missing.end(), value) != missing.end();
-            if (is_unsigned && value < 0.0) value += 256.0;
+            if (value < 0.0) value += turn;
             *to++ = none || value < low || value > high
                         ? std::numeric_limits<T>::quiet_NaN()
                         : static_cast<T>(packed ? scale * value + offset : value);

@@ -570,7 +570,7 @@ class Series(Case):
         unit = [[math.cos(a) for a in angles], [math.sin(a) for a in angles], [0.0] * 64]
         scene = self.dir / "s.json"
         report = self.imported(self.write("a.nii", nifti(unit)), "--scene", scene)
-        self.assertTrue(any("not as steps of time" in note for note in report["notes"]))
+        self.assertTrue(any("not steps of time" in note for note in report["notes"]))
         self.assertFalse(any("the first of" in note for note in report["notes"]))
         written = json.loads(scene.read_text())
         self.assertEqual([mode["mode"] for mode in written["modes"]], ["follow"])

@@ -45,6 +45,10 @@ class Case(unittest.TestCase):
         report["note"] = "\n".join(report["notes"])
         return report
 
+    def info(self, grid):
+        done = self.call("info", self.out, "--json")
+        return next(g for g in json.loads(done.stdout)["grids"] if g["name"] == grid)
+
     def sample(self, grid, points):
         text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
         done = self.call("sample", self.out, "--grid", grid, "--points", "-", text=text)
@@ -364,6 +368,69 @@ class Netcdf(Case):
         whole = self.weather().read_bytes()
         source.write_bytes(whole[:-200])
         self.refused(source, "truncated")
+
+    def grid(self, lon=(0, 2, 4, 6), lat=(-2, 0, 2), z=(0, 1, 2), z_is=None, more=None, first="z"):
+        """One field, "a" by its number, over three axes."""
+        axes = {first: len(z), "lat": len(lat), "lon": len(lon)}
+        count = len(z) * len(lat) * len(lon)
+        variables = {
+            first: (netcdf.DOUBLE, (first,), z_is or {"units": "km"}, z),
+            "lat": (netcdf.DOUBLE, ("lat",), {"units": "degrees_north"}, lat),
+            "lon": (netcdf.DOUBLE, ("lon",), {"units": "degrees_east"}, lon),
+            "a": (netcdf.FLOAT, (first, "lat", "lon"), {}, [float(i) for i in range(count)])}
+        for name, (kind, attributes, values) in (more or {}).items():
+            variables[name] = (kind, (first, "lat", "lon"), attributes, values or range(count))
+        return netcdf.write(self.dir / "g.nc", axes, variables)
+
+    def test_coordinates_that_are_none(self):
+        for lon in ((0, math.inf, 4), (0, 2, 1e300), (0, 1e17, 2e17), (0, math.nan, 4)):
+            self.refused(self.grid(lon=lon), "longitude of")
+        self.refused(self.grid(lat=(80, 100, 120)), "latitude of 100 degrees")
+
+    def test_levels_by_what_they_are(self):
+        cases_of = [
+            # z, what it is, what is said, where its ends are
+            ((1, 2, 3), {"units": "level", "positive": "down"}, "levels have no height",
+             (-1, 0)),
+            ((0.1, 0.5, 1), {"units": "1", "positive": "down"}, "levels have no height", (-1, 0)),
+            ((1, 2, 3), {"units": "furlongs", "axis": "Z"}, '"furlongs", is not known', (0, 1)),
+            ((0, 1000, 3000), {"units": "ft"}, "heights are", (0, 0.9144)),
+            ((0, 1000, 2000), {"units": "Meters"}, "heights are", (0, 2)),
+            ((0, 1000, 2000), {"units": "dbar", "positive": "down"}, "depths are below 0", (-2, 0)),
+        ]
+        for z, what, said, (low, high) in cases_of:
+            report = self.imported(self.grid(z=z, z_is=what))
+            self.assertIn(said, report["note"], what)
+            bounds = self.info("a")["bounds"]
+            found = [bounds[0][2], bounds[1][2]]
+            self.out.unlink()
+            self.assertEqual(found[0] < -1e-9, low < 0, (what, found))
+            self.assertEqual(found[1] > 1e-9, high > 0, (what, found))
+
+    def test_an_ensemble_is_no_height(self):
+        self.refused(self.grid(first="number", z_is={"standard_name": "realization"}),
+                     "it has no three dimensions of space")
+
+    def test_unsigned_numbers_of_the_classic_format(self):
+        raw = [(i * 1800) % 65536 for i in range(36)]
+        signed = [v - 65536 if v > 32767 else v for v in raw]
+        attributes = {"_Unsigned": "true", "scale_factor": (netcdf.DOUBLE, [0.5]),
+                      "valid_range": (netcdf.SHORT, [0, -2])}
+        self.imported(self.grid(more={"b": (netcdf.SHORT, attributes, signed)}))
+        found = self.info("b")
+        self.assertEqual(found["active_voxels"], 35)  # and the background
+        self.assertEqual(found["value_range"], [0, 0.5 * max(raw)])
+
+    def test_only_what_has_one_unit_is_a_vector(self):
+        def flow(*units):
+            return {name: (netcdf.FLOAT, {"units": unit}, None)
+                    for name, unit in zip("uvw", units)}
+        apart = self.imported(self.grid(more=flow("m s-1", "knots", "m s-1")))
+        self.assertEqual(set(apart["grid"]), {"a", "u", "v", "w"})
+        self.out.unlink()
+        alike = self.imported(self.grid(more=flow("m s-1", "m/s", "m s**-1")))
+        self.assertEqual(set(alike["grid"]), {"a", "wind"})
+        self.assertIn("u, v and w: joined", alike["note"])
 
     def test_damage(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):

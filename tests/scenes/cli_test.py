@@ -986,18 +986,23 @@ class OnTime(Case):
 
     def test_interrupted_it_keeps_what_was_felt(self):
         summary = self.dir / "interrupted.json"
-        child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
-                                  "100000", "--summary", str(summary), "--trace",
-                                  str(self.dir / "interrupted.csv")],
-                                 stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        self.until_it_ticks("interrupted.csv")
-        child.send_signal(signal.SIGINT)
-        child.communicate(timeout=60)
-        self.assertEqual(child.returncode, 130)
-        self.assertGreater(json.loads(summary.read_text())["ticks"], 0)
-        self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
-        os.remove(summary)
-        os.remove(self.dir / "interrupted.csv")
+        # A terminal and a launcher may both ask at once.
+        for signals, words in (((signal.SIGINT,), []),
+                               ((signal.SIGTERM, signal.SIGINT, signal.SIGTERM), ["--realtime"])):
+            child = subprocess.Popen([PALPATE, "feel", str(self.dir / "ball.vdb"), "--seconds",
+                                      "100000", "--summary", str(summary), "--trace",
+                                      str(self.dir / "interrupted.csv"), *words],
+                                     stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+            self.until_it_ticks("interrupted.csv")
+            for one in signals:
+                child.send_signal(one)
+                time.sleep(0.001)
+            child.communicate(timeout=60)
+            self.assertEqual(child.returncode, 130)
+            self.assertGreater(json.loads(summary.read_text())["ticks"], 0)
+            self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
+            os.remove(summary)
+            os.remove(self.dir / "interrupted.csv")
 
 
 class Interrupted(Case):

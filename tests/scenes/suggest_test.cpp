@@ -11,6 +11,7 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 #include <openvdb/tools/ChangeBackground.h>
+#include <openvdb/tools/Prune.h>
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
@@ -780,6 +781,92 @@ TEST_CASE("labels are felt as far as isosurfaces can tell them apart", "[guess]"
     CHECK(only(body, "isosurface")["value"].get<double>() == Approx(0.5).margin(0.1));
     CHECK(only(body, "isosurface")["solid"] == "above");
   }
+}
+
+TEST_CASE("what is alike in a whole node is looked at too", "[guess]") {
+  // All labels end at nodes of 8 voxels: pruned, a grid of nothing but tiles.
+  SuggestInput input = scalar(
+      [](const Vec3d& p) {
+        const auto within = [&p](double from, double to) {
+          return p.x() > from && p.x() < to && p.y() > from && p.y() < to && p.z() > from &&
+                 p.z() < to;
+        };
+        if (within(-24.0, -8.0)) return 5.0F;
+        if (within(-8.0, 8.0)) return 9.0F;
+        return within(-24.0, 24.0) ? 2.0F : 0.0F;
+      },
+      64, "labels");
+  auto grid = openvdb::gridPtrCast<openvdb::FloatGrid>(input.grid->deepCopyGrid());
+  openvdb::tools::prune(grid->tree());
+  REQUIRE(grid->tree().leafCount() == 0);
+  input.grid = grid;
+  const Json scene = suggested({input});
+  REQUIRE(modesOf(scene, "isosurface").size() == 2);
+  CHECK(scene["modes"][0]["value"] == 1.0);
+  CHECK(scene["modes"][1]["value"] == 7.0);
+}
+
+TEST_CASE("a stream of one speed with a wake has no step in its strength", "[guess]") {
+  const Json scene = suggested({vector([](const Vec3d& p) {
+    const double wake = p.x() > 6.0 ? 0.5 * (p.x() - 6.0) / 9.0 : 0.0;
+    return Vec3f(Vec3d(1.0 + wake + 2e-4 * noise(p), 0.0, 0.0));
+  })});
+  const Json knots = only(scene, "follow")["strength"]["piecewise"];
+  REQUIRE(knots.size() == 2);
+  CHECK(knots[1][0].get<double>() - knots[0][0].get<double>() > 0.2);
+}
+
+TEST_CASE("labels are called what they are, small values are no labels", "[guess]") {
+  const auto shells = [](double outer, double middle, double inner) {
+    return scalar(
+        [=](const Vec3d& p) {
+          const double r = p.length();
+          return static_cast<float>(r < 8.0 ? inner : r < 14.0 ? middle : r < 20.0 ? outer : 0.0);
+        },
+        48, "atlas");
+  };
+  const Guess large = suggest({"data.vdb", "", ""}, {shells(11101, 3.0, 12175)}, GuessFor::kLabels);
+  CHECK_THAT(large.scene, Contains("label 12175"));
+  CHECK_THAT(large.seen.at(0), Contains("whole numbers from 0 to 12175"));
+  const Guess small = suggest({"data.vdb", "", ""}, {shells(1e-4, 2e-4, 4e-4)});
+  CHECK_THAT(small.seen.at(0), Contains("values from 0"));
+}
+
+TEST_CASE("a share of a material is that of the whole", "[guess]") {
+  const auto share = [](double radius) {
+    return [radius](const Vec3d& p) { return 1.0 / (1.0 + std::exp(p.length() - radius)); };
+  };
+  const auto steel = share(16.0);
+  const auto water = share(8.0);
+  const auto fraction = [&](const std::string& name, auto&& value) {
+    return scalar([&](const Vec3d& p) { return static_cast<float>(value(p)); }, 64, name);
+  };
+  const Guess guess = suggest(
+      {"data.vdb", "", ""},
+      {fraction("steel", [&](const Vec3d& p) { return steel(p) - water(p); }),
+       fraction("water", water), fraction("air", [&](const Vec3d& p) { return 1.0 - steel(p); })});
+  // 4/3 pi (16^3 - 8^3) of 64^3 are 5.7 %, a little more for the blur.
+  const std::string line = guess.made.at(0);
+  const std::size_t at = line.find("It is ");
+  REQUIRE(at != std::string::npos);
+  CHECK(std::stod(line.substr(at + 6)) == Approx(6.0).margin(0.6));
+}
+
+TEST_CASE("components that lie otherwise are left out", "[guess]") {
+  const auto grids = [](double edge) {
+    SuggestInput x = scalar([](const Vec3d& p) { return static_cast<float>(p.y()); }, 32, "v");
+    const SuggestInput y =
+        scalar([](const Vec3d& p) { return static_cast<float>(-p.x()); }, 32, "v.y");
+    auto moved = y.grid->deepCopyGrid();
+    moved->setTransform(openvdb::math::Transform::createLinearTransform(edge));
+    x.y = moved;
+    x.z = y.grid;
+    x.apart = moved->transform() != x.grid->transform();
+    return std::vector<SuggestInput>{x, scalar(ball(10.0, 1.0, 0.0, 0.0))};
+  };
+  const Guess guess = suggest({"data.vdb", "", ""}, grids(2.0));
+  REQUIRE(guess.left.size() == 1);
+  CHECK_THAT(guess.left[0], Contains("v: components with different transforms"));
 }
 
 TEST_CASE("skin and bone of VTK's head are found near 500 and 1150", "[.][data]") {
