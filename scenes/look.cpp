@@ -490,6 +490,63 @@ void lookAtLabels(const std::vector<ScalarSample>& samples, ScalarLook& look) {
   look.distinct = std::move(distinct);
 }
 
+/// The value that stands for no data: one alone, at many places, far beyond all others, which are
+/// more than labels.
+std::optional<float> nothingOf(const std::vector<float>& sorted) {
+  constexpr double kMany = 1e-3;
+  constexpr double kFar = 10.0;  // in ranges of the others: air is not so far from flesh
+  constexpr std::size_t kFew = 64;
+  std::size_t distinct = 1;
+  for (std::size_t i = 1; i < sorted.size() && distinct <= kFew; ++i) {
+    distinct += sorted[i] != sorted[i - 1] ? 1 : 0;
+  }
+  if (distinct <= kFew) return std::nullopt;
+  const auto far_from = [&](float value, double low, double high) {
+    return std::max(low - value, value - high) > kFar * (high - low) && high > low;
+  };
+  for (const float value : {sorted.front(), sorted.back()}) {
+    const auto [from, to] = std::equal_range(sorted.begin(), sorted.end(), value);
+    const auto count = static_cast<double>(to - from);
+    if (count < kMany * static_cast<double>(sorted.size())) continue;
+    const bool lowest = from == sorted.begin();
+    if (lowest ? to == sorted.end() : from == sorted.begin()) continue;
+    const double low = lowest ? *to : sorted.front();
+    const double high = lowest ? sorted.back() : *(from - 1);
+    if (far_from(value, low, high)) return value;
+  }
+  return std::nullopt;
+}
+
+/// Whether values change by 1 a unit, or a voxel, nearly everywhere, in no one direction, and have
+/// both signs: what the distance to a surface does.
+bool isDistance(const std::vector<ScalarSample>& samples, const std::array<double, 3>& edges,
+                double edge) {
+  constexpr double kNearlyAll = 0.8;  // a narrow band's ends are cut
+  std::size_t count = 0;
+  std::size_t per_unit = 0;
+  std::size_t per_voxel = 0;
+  std::size_t below = 0;
+  openvdb::Vec3d mean(0.0);
+  for (const ScalarSample& s : samples) {
+    if (!s.known[0] || !s.known[1] || !s.known[2]) continue;
+    openvdb::Vec3d slope;
+    for (std::size_t a = 0; a < 3; ++a) {
+      slope[static_cast<int>(a)] =
+          (static_cast<double>(s.after[a]) - s.before[a]) / (2.0 * edges[a]);
+    }
+    const double length = slope.length();
+    ++count;
+    per_unit += std::abs(length - 1.0) < 0.05 ? 1 : 0;
+    per_voxel += std::abs(length * edge - 1.0) < 0.05 ? 1 : 0;
+    below += s.value < 0.0F ? 1 : 0;
+    if (length > 0.0) mean += slope / length;
+  }
+  const auto all = static_cast<double>(count);
+  const auto share = [all](std::size_t n) { return static_cast<double>(n) / std::max(1.0, all); };
+  return std::max(share(per_unit), share(per_voxel)) > kNearlyAll && share(below) > 0.01 &&
+         share(below) < 0.99 && mean.length() < 0.5 * all;
+}
+
 /// 1 where all values between the 1st and the 99th percentile are as frequent, 0 where all are one.
 double entropyOf(const std::vector<float>& sorted) {
   const double low = percentile(sorted, 1.0);
@@ -710,9 +767,24 @@ ScalarLook lookAtScalar(const SuggestInput& input) {
     edge_seen = edge_seen || sample.at_edge;
   }
   std::sort(look.values.begin(), look.values.end());
+  if (const std::optional<float> nothing = nothingOf(look.values)) {
+    look.nothing = *nothing;
+    std::erase(look.values, *nothing);
+    std::erase_if(samples, [&](const ScalarSample& s) { return s.value == *nothing; });
+    for (ScalarSample& s : samples) {
+      for (std::size_t a = 0; a < 3; ++a) {
+        if (s.before[a] != *nothing && s.after[a] != *nothing) continue;
+        s.known[a] = s.at_edge = false;
+        s.before[a] = s.after[a] = 0.0F;
+      }
+    }
+    edge_seen = std::any_of(samples.begin(), samples.end(),
+                            [](const ScalarSample& s) { return s.at_edge; });
+  }
   look.low = percentile(look.values, 0.2);
   look.high = percentile(look.values, 99.8);
-  if (const double background = backgroundOf(*input.grid); image && std::isfinite(background)) {
+  if (const double background = backgroundOf(*input.grid);
+      image && std::isfinite(background) && !(look.nothing && *look.nothing == background)) {
     look.outside = background;
     if (edge_seen) {
       look.low = std::min(look.low, *look.outside);
@@ -727,6 +799,7 @@ ScalarLook lookAtScalar(const SuggestInput& input) {
   look.entropy = entropyOf(look.values);
   const std::array<double, 3> edges = edgesOf(*input.grid);
   const double edge = std::cbrt(edges[0] * edges[1] * edges[2]);
+  look.distance = isDistance(samples, edges, edge);
   const Curve curve = curveOf(samples, look, edges);
   look.boundaries = boundariesOf(curve, look, edge, image);
   if (look.boundaries.empty()) {

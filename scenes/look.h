@@ -40,7 +40,9 @@ struct ScalarLook {
   double whole = 0.0;    ///< The share of the values that are whole numbers,
   double alike = 0.0;    ///< and of neighbours that are equal, but for the commonest value's.
   double skips = 0.0;    ///< Of those that differ the share between which there is another value.
-  std::vector<float> distinct;  ///< The values that there are; empty: more than kMostDistinct.
+  std::vector<float> distinct;    ///< The values that there are; empty: more than kMostDistinct.
+  std::optional<double> nothing;  ///< The value that stands where there is no data: left out.
+  bool distance = false;          ///< A signed distance, in units of the file or in voxels.
 
   [[nodiscard]] double range() const { return high - low; }
   [[nodiscard]] double round(double value) const { return rounded(value, range()); }

@@ -80,6 +80,7 @@ enum class Kind : std::uint8_t {
   kHounsfield,
   kMagnetic,
   kLabels,
+  kDistance,
   kScalar,  ///< Any other.
   kDirections,
   kFlow,
@@ -249,9 +250,12 @@ class Suggestion {
     const ScalarLook& look = c.look;
     const auto is = [&](Kind kind, const std::string& why) {
       c.kind = kind;
-      c.seen = fmt::format("{} from {} to {}{}: {}",
-                           look.whole > kNearlyWhole ? "whole numbers" : "values", shown(look.low),
-                           shown(look.high), unit(c), why);
+      const bool whole = look.whole > kNearlyWhole;
+      const auto end = [&](double value) { return whole ? value : look.round(value); };
+      const std::string nothing =
+          look.nothing ? fmt::format(", {} where there is no data", shown(*look.nothing)) : "";
+      c.seen = fmt::format("{} from {} to {}{}{}: {}", whole ? "whole numbers" : "values",
+                           end(look.low), end(look.high), unit(c), nothing, why);
     };
     // Raw values of scanners have next to nothing below 0.
     const bool has_air = look.low < -20.0;
@@ -275,6 +279,10 @@ class Suggestion {
       if (!other_unit && isHounsfield(look)) {
         return is(Kind::kHounsfield,
                   "air near -1000 and tissue at 0 to 100: Hounsfield units (if not: --for cfd)");
+      }
+      if (look.distance) {
+        return is(Kind::kDistance,
+                  "they change by 1 a unit or voxel everywhere: the distance to a surface");
       }
       if (isOfLabels(look)) {
         return is(Kind::kLabels, fmt::format("{} values in constant pieces that touch in any "
@@ -700,6 +708,11 @@ class Suggestion {
     if (c.kind == Kind::kHounsfield) modes = hounsfield(c);
     if (c.kind == Kind::kMagnetic) modes = magneticResonance(c);
     if (c.kind == Kind::kLabels) modes = labels(c);
+    if (c.kind == Kind::kDistance) {
+      modes.push_back(isosurface(c.name, c.name, 0.0, false, 3.0,
+                                 "The surface that the values are the distance to, solid where "
+                                 "they are below 0."));
+    }
     if (modes.empty()) modes = surfaces(c, most);
     if (modes.empty()) modes.push_back(byValue(c));
     if (modes.size() > most) modes.resize(most);
@@ -777,14 +790,21 @@ class Suggestion {
       std::vector<float> inside(
           std::upper_bound(look.values.begin(), look.values.end(), static_cast<float>(b.foot)),
           look.values.end());
+      // Noise in air is Rayleigh's: all but a thousandth of it is below 3.2 times its median.
+      // (Gudbjartsson and Patz, The Rician distribution of noisy MRI data, 1995)
+      const std::vector<float> air(
+          look.values.begin(),
+          std::lower_bound(look.values.begin(), look.values.end(), static_cast<float>(b.foot)));
+      const double noise = percentile(air, 50.0) - outside;
+      const double foot = std::clamp(outside + 3.2 * std::max(0.0, noise), b.foot, b.value);
       const double middle = look.round(percentile(inside, 50.0));
       const double bright = look.round(percentile(inside, 95.0));
       return {
-          isosurface("skin", c.name, look.round(b.foot), true, 1.5,
+          isosurface("skin", c.name, look.round(foot), true, 1.5,
                      fmt::format("Where the signal has risen above the air's, at {}: low, so "
                                  "that what is dark stays inside. A first guess.",
-                                 look.round(b.foot))),
-          drag("tissue", c.name, {{look.round(b.foot), 0}, {middle, 0.15}, {bright, 0.3}},
+                                 look.round(foot))),
+          drag("tissue", c.name, {{look.round(foot), 0}, {middle, 0.15}, {bright, 0.3}},
                "A drag that grows with the signal: its median and its 95th percentile within.")};
     }
     return {};

@@ -869,6 +869,55 @@ TEST_CASE("components that lie otherwise are left out", "[guess]") {
   CHECK_THAT(guess.left[0], Contains("v: components with different transforms"));
 }
 
+TEST_CASE("a distance that its file does not call one is a surface at 0", "[guess]") {
+  for (const double voxel : {1.0, 0.25}) {
+    const auto distance = [voxel](const Vec3d& p) {
+      return static_cast<float>((p.length() - 12.0) / voxel);
+    };
+    SuggestInput input = scalar(distance);
+    auto grid = input.grid->deepCopyGrid();
+    grid->transform().preScale(voxel);
+    input.grid = grid;
+    const Json scene = suggested({input});
+    const Json surface = only(scene, "isosurface");
+    CHECK(surface["value"] == 0.0);
+    CHECK(surface["solid"] == "below");
+    CHECK(scene["modes"].size() == 1);
+  }
+  // A ramp by 1 a unit is none.
+  CHECK(modesOf(suggested({scalar([](const Vec3d& p) { return static_cast<float>(p.x()); })}),
+                "isosurface")
+            .empty());
+}
+
+TEST_CASE("a value that stands for no data is no material", "[guess]") {
+  for (const double nothing : {-9999.0, 1e20}) {
+    const Guess guess =
+        suggest({"data.vdb", "", ""}, {scalar([nothing](const Vec3d& p) {
+                  return static_cast<float>(p.length() < 18.0 ? 300.0 + 2.0 * p.x() : nothing);
+                })});
+    const Json scene = Json::parse(guess.scene);
+    CAPTURE(guess.scene);
+    CHECK(modesOf(scene, "isosurface").empty());
+    const Json knots = only(scene, "viscosity")["strength"]["piecewise"];
+    CHECK(knots[0][0].get<double>() > 260.0);
+    CHECK(knots[1][0].get<double>() < 340.0);
+    CHECK_THAT(guess.seen.at(0), Contains("where there is no data"));
+  }
+}
+
+TEST_CASE("the skin of a noisy MR lies above the noise of its air", "[guess]") {
+  const auto value = [](const Vec3d& p) {
+    if (p.length() < 18.0) return static_cast<float>(350.0 + 15.0 * noise(p));
+    return static_cast<float>(15.0 * std::hypot(noise(p), noise(p + Vec3d(0.0, 0.0, 100.0))));
+  };
+  const Guess guess = suggest({"data.vdb", "", ""}, {scalar(value, 64)}, GuessFor::kMri);
+  const Json skin = only(Json::parse(guess.scene), "isosurface");
+  CAPTURE(guess.scene);
+  CHECK(skin["value"].get<double>() > 50.0);
+  CHECK(skin["value"].get<double>() < 200.0);
+}
+
 TEST_CASE("skin and bone of VTK's head are found near 500 and 1150", "[.][data]") {
   const char* data = std::getenv("PALPATE_DATA");
   REQUIRE(data != nullptr);
