@@ -795,8 +795,9 @@ class Suggestion {
       const std::vector<float> air(
           look.values.begin(),
           std::lower_bound(look.values.begin(), look.values.end(), static_cast<float>(b.foot)));
-      const double noise = percentile(air, 50.0) - outside;
-      const double foot = std::clamp(outside + 3.2 * std::max(0.0, noise), b.foot, b.value);
+      const double zero = look.low < 0.0 ? outside : 0.0;
+      const double noise = std::max(0.0, percentile(air, 50.0) - zero);
+      const double foot = std::clamp(zero + 3.2 * noise, b.foot, b.value);
       const double middle = look.round(percentile(inside, 50.0));
       const double bright = look.round(percentile(inside, 95.0));
       return {

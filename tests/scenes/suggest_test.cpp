@@ -870,13 +870,14 @@ TEST_CASE("components that lie otherwise are left out", "[guess]") {
 }
 
 TEST_CASE("a distance that its file does not call one is a surface at 0", "[guess]") {
-  for (const double voxel : {1.0, 0.25}) {
-    const auto distance = [voxel](const Vec3d& p) {
-      return static_cast<float>((p.length() - 12.0) / voxel);
+  constexpr double kVoxel = 0.25;
+  for (const double per_voxel : {1.0, kVoxel}) {
+    const auto distance = [per_voxel](const Vec3d& p) {
+      return static_cast<float>(per_voxel * (p.length() - 12.0));
     };
     SuggestInput input = scalar(distance);
     auto grid = input.grid->deepCopyGrid();
-    grid->transform().preScale(voxel);
+    grid->transform().preScale(kVoxel);
     input.grid = grid;
     const Json scene = suggested({input});
     const Json surface = only(scene, "isosurface");
@@ -894,7 +895,8 @@ TEST_CASE("a value that stands for no data is no material", "[guess]") {
   for (const double nothing : {-9999.0, 1e20}) {
     const Guess guess =
         suggest({"data.vdb", "", ""}, {scalar([nothing](const Vec3d& p) {
-                  return static_cast<float>(p.length() < 18.0 ? 300.0 + 2.0 * p.x() : nothing);
+                  return static_cast<float>(p.length() < 18.0 ? 300.0 + 2.03 * p.x() + 0.1 * p.y()
+                                                              : nothing);
                 })});
     const Json scene = Json::parse(guess.scene);
     CAPTURE(guess.scene);
