@@ -8,6 +8,8 @@ cd "$(dirname "$0")/.."
 
 mapfile -t files < <(git ls-files '*.h' '*.cpp')
 clang-format --dry-run -Werror "${files[@]}"
+# The faults that mutate.py plants still fit: seconds here, a whole gate where ctest finds it last.
+tests/mutate.py --check
 # Text for a terminal goes by scenes/cli/say.h, which makes it fit for one.
 if git grep -nE 'fmt::print|std::c(out|err) *<<|\b(f?printf|f?puts)\(|fwrite\(.*std(out|err)' -- \
     scenes/cli scenes/import ':!scenes/cli/say.*'; then
