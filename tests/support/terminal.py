@@ -2,7 +2,9 @@
 import fcntl
 import os
 import pty
+import re
 import select
+import signal
 import subprocess
 import termios
 import time
@@ -29,11 +31,15 @@ class Terminal:
             return False
         return True
 
-    def until(self, words, seconds=120):
+    def until(self, pattern, seconds=120):
+        """Whether it draws what the regular expression matches. Where it does not, it is ended."""
         end = time.monotonic() + seconds
-        while words not in self.drawn and time.monotonic() < end and self.look(0.1):
-            pass
-        return words in self.drawn
+        while not re.search(pattern, self.drawn):
+            if time.monotonic() > end or not self.look(0.1):
+                os.killpg(self.child.pid, signal.SIGKILL)
+                self.child.wait()
+                return False
+        return True
 
     def press(self, key):
         os.write(self.own, key)
