@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -90,7 +91,7 @@ SimulatedDevice::SimulatedDevice(const ArmParams& arm, const GripParams& grip, H
     known.lag = arm.lag;
   }
   info_.source = "as a Phantom Desktop: 7.9 N, 1000 N/m (CHAI3D 3.3.0); slew: engine/coupling.h";
-  position_ = target_.at(0.0);
+  position_ = aim_ = target_.at(0.0);
 
   // A force acts from `delay` after its reading: ceil(delay * rate) forces are on their way.
   const DelayInPeriods delay = inPeriods(arm.delay, rate);
@@ -177,9 +178,8 @@ HandState SimulatedDevice::read() noexcept {
 void SimulatedDevice::write(const Vec3& force) noexcept {
   // The hand's own pull: its spring is in the propagator, towards a target that moves each tick.
   const double t = static_cast<double>(tick_) / rate_;
-  const Vec3 target = target_.at(t);
-  const Vec3 before = target_.at(std::max(0.0, t - 1.0 / rate_));
-  const Vec3 pull = grip_.stiffness * target + grip_.damping * rate_ * (target - before);
+  const Vec3 before = std::exchange(aim_, target_.at(t));
+  const Vec3 pull = grip_.stiffness * aim_ + grip_.damping * rate_ * (aim_ - before);
 
   // queue_[next_] was written `whole + 1` ticks ago and still acts for the fraction of a tick; the
   // one after it acts then.

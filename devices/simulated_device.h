@@ -32,8 +32,10 @@ struct GripParams {
 
 /// Where the hand means to be.
 struct HandTarget {
-  std::function<Vec3(double)> at;  ///< [m] at a time [s], 0 to `seconds`.
-  double seconds = 0.0;            ///< How long it lasts [s], >= 0; the device ends with it.
+  /// [m] at a time [s], 0 to `seconds`. A device asks once a tick, at times that do not go back: it
+  /// may be one that remembers, as the hand behind a mouse.
+  std::function<Vec3(double)> at;
+  double seconds = 0.0;  ///< How long it lasts [s], >= 0; the device ends with it.
 };
 
 /// m x'' = -b x' - c x'/|x'| + k_h (target - x) + b_h (target' - x') + f, per tick of 1/rate.
@@ -76,6 +78,7 @@ class SimulatedDevice final : public Device {
   HandTarget target_;
   double rate_;
   std::int64_t tick_ = 0;
+  Vec3 aim_;  ///< Where the hand meant to be in the last tick [m].
   Vec3 position_;
   Vec3 velocity_ = Vec3::Zero();
   Vec3 amplifier_ = Vec3::Zero();  ///< What it gives [N].

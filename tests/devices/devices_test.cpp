@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -117,6 +118,26 @@ TEST_CASE("a force acts after the delay, whole and fractional", "[simulated]") {
   // One newton held on: v = (t - delay)/m.
   for (int i = 0; i < 10; ++i) device.write({1, 0, 0});
   CHECK(device.velocity().x() == Approx((10 - ticks) * 1e-3 / arm.mass));
+}
+
+TEST_CASE("a hand's target is asked once a tick, and never for the past", "[simulated]") {
+  // So it may be one that remembers: here each asking moves it by a millimetre, 1 m/s at 1 kHz.
+  std::vector<double> asked;
+  const auto at = [&asked](double t) -> Vec3 {
+    asked.push_back(t);
+    return {1e-3 * static_cast<double>(asked.size()), 0.0, 0.0};
+  };
+  ArmParams arm;
+  arm.viscous = 0.0;
+  arm.coulomb = 0.0;
+  SimulatedDevice device(arm, {300.0, 5.0}, {at, 10.0}, 1000.0);
+  for (int i = 0; i < 1000; ++i) device.write(Vec3::Zero());
+  REQUIRE(asked.size() == 1001);
+  CHECK(std::is_sorted(asked.begin(), asked.end()));
+  CHECK(asked.back() == 0.999);
+  // The hand's damper pulls it along: without friction it is not behind, but for half a tick.
+  CHECK(device.velocity().x() == Approx(1.0).epsilon(2e-3));
+  CHECK(device.position().x() == Approx(1.001 + 0.5e-3).margin(2e-5));
 }
 
 TEST_CASE("the probe is read in steps of the encoder", "[simulated]") {
