@@ -69,25 +69,26 @@ void LiveShare::map() {
 LiveWriter::LiveWriter(LiveBlock& block, double rate)
     : block_(block), every_(std::max<std::int64_t>(1, std::llround(rate / kWholeRate))) {}
 
-void LiveWriter::expect(const Scene& scene) {
+void LiveWriter::expect(const Scene& scene, std::span<const LiveDial> dials) {
   auto modes = std::make_shared<Modes>();
   modes->id = scene.id;
   modes->own = scene.graph.mode_names.size();
   modes->told.id = scene.id;
-  const auto add = [&told = modes->told](const Graph& graph) {
+  const auto add = [&told = modes->told, dials](const Graph& graph) {
     for (std::size_t i = 0; i < graph.mode_names.size(); ++i) {
       if (told.mode_count == kLiveModes) return;
       LiveScene::Mode& mode = told.modes[told.mode_count++];
       const std::string& name = graph.mode_names[i];
       std::copy_n(name.begin(), std::min(name.size(), mode.name.size() - 1), mode.name.begin());
-      mode.source = static_cast<std::int32_t>(graph.mode_sources[i]);
+      const std::size_t source = graph.mode_sources[i];
+      mode.dial = dials.empty() ? LiveDial{static_cast<std::uint32_t>(source)} : dials[source];
     }
   };
   add(scene.graph);
   std::size_t next = modes->own;
-  std::map<std::vector<std::string>, std::size_t> known;
+  std::map<std::vector<std::size_t>, std::size_t> known;
   for (const Part& part : scene.parts) {
-    const auto [place, fresh] = known.try_emplace(part.graph.mode_names, next);
+    const auto [place, fresh] = known.try_emplace(part.graph.mode_sources, next);
     modes->of_part.push_back(static_cast<std::uint32_t>(place->second));
     if (!fresh) continue;
     next += part.graph.mode_names.size();

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 #include <type_traits>
 
@@ -113,16 +114,27 @@ struct LiveRow {
   bool missed = false;    ///< Telemetry::missed.
 };
 
-/// The names of a scene's modes.
+/// Most that a window's user turns a mode up.
+inline constexpr float kMostDial = 8.0F;
+
+/// A mode's dial. The mode is who it is, not where: the loop gives it a number of its own, which it
+/// keeps while its scene's file is edited and no other mode ever gets. So what is asked of a mode
+/// is never done to another, however late it comes.
+struct LiveDial {
+  std::uint32_t mode = 0;  ///< Who it is.
+  float factor = 1.0F;     ///< Of its strength and viscosity, 0 to kMostDial; 0: it is off.
+};
+
+/// A scene's modes.
 struct LiveScene {
   static constexpr std::size_t kName = 48;  ///< Longest name [bytes], with its zero byte.
 
   std::uint64_t id = 0;          ///< Scene::id.
   std::uint32_t mode_count = 0;  ///< Entries of `modes`.
-  /// One mode, by name and by place in its spec.
+  /// One mode, as it is felt.
   struct Mode {
-    std::array<char, kName> name{};  ///< Ends with a zero byte.
-    std::int32_t source = -1;        ///< Its number in SceneSpec::graph.
+    std::array<char, kName> name{};  ///< To be shown; ends with a zero byte.
+    LiveDial dial;                   ///< What the scene was built with.
   };
   std::array<Mode, kLiveModes>
       modes{};  ///< The scene's own, then those of its parts, alike ones once.
@@ -130,12 +142,12 @@ struct LiveScene {
 
 /// What the window asks for: each count is one of requests.
 struct LiveWishes {
-  std::uint64_t cuts = 0;     ///< Times that the force was to be cut.
-  std::uint64_t clears = 0;   ///< Times that it was to be let out again.
-  std::uint64_t closed = 0;   ///< Not 0: its user has closed the window.
-  std::uint64_t dialled = 0;  ///< Times that `dials` was changed.
-  /// Factor of the strength of each mode of SceneSpec::graph, 0 to 8; 0: the mode is off.
-  std::array<float, kLiveModes> dials{};
+  std::uint64_t cuts = 0;                    ///< Times that the force was to be cut.
+  std::uint64_t clears = 0;                  ///< Times that it was to be let out again.
+  std::uint64_t closed = 0;                  ///< Not 0: its user has closed the window.
+  std::uint64_t dialled = 0;                 ///< Times that `dials` was changed.
+  std::uint32_t dial_count = 0;              ///< Entries of `dials`.
+  std::array<LiveDial, kLiveModes> dials{};  ///< Of all modes that the window knows.
 };
 
 /// Where the window's user means the hand to be [m].
@@ -145,7 +157,7 @@ struct LiveHand {
 
 /// The block.
 struct LiveBlock {
-  static constexpr std::uint64_t kMagic = 0x31766c70'61706c70;  ///< Of this layout.
+  static constexpr std::uint64_t kMagic = 0x32766c70'61706c70;  ///< Of this layout.
 
   std::atomic<std::uint64_t> magic{kMagic};            ///< kMagic, else it is none.
   std::atomic<std::uint64_t> size{sizeof(LiveBlock)};  ///< Of the block [bytes].
@@ -155,6 +167,7 @@ struct LiveBlock {
   std::array<Published<LiveRow>, kLiveRows> rows;  ///< Tick n's at n % kLiveRows.
   std::atomic<std::int64_t> newest{0};             ///< The newest row's tick.
   std::atomic<std::uint32_t> over{0};              ///< Not 0: the run has ended.
+  std::atomic<std::uint64_t> refused{0};  ///< The last LiveWishes::dialled that cannot be felt.
   // From the window.
   Published<LiveWishes> wishes;  ///< What is asked of the loop.
   Published<LiveHand> hand;      ///< Of a mouse.
@@ -192,7 +205,8 @@ class LiveWriter {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// `rate`: ticks a second [Hz]. The block outlives it.
   LiveWriter(LiveBlock& block, double rate);
   /// The scene that ticks will be of soon: before it is published, from the thread that does.
-  void expect(const Scene& scene);
+  /// `dials`: of SceneSpec::graph's modes; none: each has its number there and is not turned.
+  void expect(const Scene& scene, std::span<const LiveDial> dials = {});
   /// One tick, after it was sent, on its thread. RT: wait-free, no allocation. Cost: some 50 ns,
   /// every hundredth of a second some hundreds more.
   void take(const Telemetry& tick, const ProxyState& state) noexcept PALPATE_NONBLOCKING;

@@ -55,8 +55,8 @@ class OnTime {
     }
     return thread_->running() && now.tick < run_.ticks;
   }
-  void feel(const std::shared_ptr<const Scene>& scene) {
-    hand_.log.expect(*scene);
+  void feel(const std::shared_ptr<const Scene>& scene, const std::vector<LiveDial>& dials) {
+    hand_.log.expect(*scene, dials);
     thread_->publish(scene);
   }
   void end() {
@@ -145,12 +145,14 @@ void runOnTime(const Run& run, Guardian& guardian) {
     feeling = false;
     for (const auto& hand : hands) feeling = hand->look() || feeling;
     if (run.window != nullptr) {
-      if (!run.window->look(threads)) break;
-      if (auto factors = run.window->dialled()) watcher->turn(std::move(*factors));
+      const Asked asked = run.window->look(threads);
+      if (asked.closed) break;
+      if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
+      run.window->tellRefused(watcher->refused());
     }
     if (!watcher || looks % kWatch != 0) continue;
     if (const auto built = watcher->look()) {
-      for (const auto& hand : hands) hand->feel(built->scene);
+      for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }
   }
   for (const auto& hand : hands) hand->end();

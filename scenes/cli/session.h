@@ -66,10 +66,10 @@ class Log final : public TickSink {
   /// Rows for which there was no room.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
 
-  /// Told before the scene of the next ticks is published.
-  void expect(const Scene& scene) {
+  /// Told before the scene of the next ticks is published; `dials`: of its modes.
+  void expect(const Scene& scene, const std::vector<LiveDial>& dials) {
     felt.expect(scene);
-    if (live != nullptr) live->expect(scene);
+    if (live != nullptr) live->expect(scene, dials);
   }
 
   Felt felt;

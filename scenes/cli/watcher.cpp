@@ -8,7 +8,6 @@
 
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/say.h"
-#include "palpate/scenes/cli/touch.h"
 #include "palpate/scenes/scene_file.h"
 
 namespace palpate::cli {
@@ -24,26 +23,13 @@ bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices) {
   return lowered;
 }
 
-void dial(SceneSpec& spec, const std::vector<double>& factors) {
-  constexpr double kOff = 1e-9;
-  const std::size_t count = std::min(factors.size(), spec.graph.modes.size());
-  for (std::size_t i = 0; i < count; ++i) {
-    ModeSpec& mode = spec.graph.modes[i];
-    if (factors[i] == 1.0 || mode.kind == ModeKind::kUser) continue;
-    mode.strength.factors.push_back({TransferFunction(std::max(factors[i], kOff)), ""});
+void Watcher::turn(const std::vector<LiveDial>& dials, std::uint64_t request) {
+  request_ = request;
+  for (const LiveDial& dial : dials) {
+    if (std::find(ids_.of.begin(), ids_.of.end(), dial.mode) == ids_.of.end()) continue;
+    wanted_.erase(dial.mode);
+    if (dial.factor != 1.0F) wanted_.emplace(dial.mode, dial.factor);
   }
-}
-
-std::vector<double> renumbered(const std::vector<double>& factors, const SceneSpec& from,
-                               const SceneSpec& to) {
-  std::vector<double> moved(to.graph.modes.size(), 1.0);
-  for (std::size_t i = 0; i < moved.size(); ++i) {
-    for (std::size_t j = 0; j < std::min(factors.size(), from.graph.modes.size()); ++j) {
-      const std::string& name = from.graph.modes[j].name;
-      if (!name.empty() && name == to.graph.modes[i].name) moved[i] = factors[j];
-    }
-  }
-  return moved;
 }
 
 bool Watcher::changed() {
@@ -65,9 +51,10 @@ std::optional<BuiltScene> Watcher::look() {
     if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
     try {
       Made made = made_.get();
-      if (made.read) {
-        factors_ = renumbered(factors_, spec_, made.spec);
+      felt_ = tried_;
+      if (read_) {
         spec_ = std::move(made.spec);
+        ids_ = std::move(made.ids);
         sayAside("feel: {} has changed: it is felt now\n", file_);
       }
       return std::move(made.built);
@@ -78,21 +65,28 @@ std::optional<BuiltScene> Watcher::look() {
     } catch (const std::exception& error) {
       complain(std::string(error.what()) + "; the scene before it goes on");
     }
+    // A file that is wrong says nothing of dials: they are tried with the scene before it.
+    if (read_) return std::nullopt;
+    refused_ = trying_;
+    if (wanted_ == tried_) wanted_ = felt_;
     return std::nullopt;
   }
-  const bool read = changed();
-  if (!read && !turned_) return std::nullopt;
-  turned_ = false;
-  made_ = std::async(std::launch::async, [this, read, factors = factors_] {
-    Made made;
-    made.read = read;
-    made.spec = read ? openScene(file_, {}) : spec_;
+  read_ = changed();
+  if (!read_ && wanted_ == felt_) return std::nullopt;
+  tried_ = wanted_;
+  trying_ = request_;
+  made_ = std::async(std::launch::async, [this, read = read_, dials = tried_] {
+    Made made{spec_, ids_, {}};
+    if (read) {
+      made.spec = openScene(file_, {});
+      (void)fitToAll(made.spec, devices_);
+      made.ids = idsOf(made.spec, spec_, ids_);
+    }
     SceneSpec spec = made.spec;
-    dial(spec, read ? renumbered(factors, spec_, made.spec) : factors);
-    (void)fitToAll(spec, devices_);
+    dial(spec, inOrder(dials, made.ids));
     made.built = buildScene(spec, {}, &cache_);
     if (!read) return made;
-    for (const std::string& note : spec.notes) complain(note);
+    for (const std::string& note : made.spec.notes) complain(note);
     for (const std::string& note : made.built.notes) complain(note);
     return made;
   });

@@ -1,6 +1,7 @@
 /// A scene that changes under the hand.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <future>
 #include <optional>
@@ -10,6 +11,7 @@
 
 #include "palpate/engine/device.h"
 #include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/cli/dials.h"
 #include "palpate/scenes/scene_cache.h"
 
 namespace palpate::cli {
@@ -18,54 +20,56 @@ namespace palpate::cli {
 /// SceneError). True where it was lowered.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);
 
-/// Multiplies the strength of each mode by a factor; by 0 it is next to nothing, so that the hand
-/// feels a scene of the same modes. Modes without one are as they were.
-void dial(SceneSpec& spec, const std::vector<double>& factors);
-
-/// The factors of modes of one scene for another's, each by its mode's name; 1 for a new one.
-[[nodiscard]] std::vector<double> renumbered(const std::vector<double>& factors,
-                                             const SceneSpec& from, const SceneSpec& to);
-
 /// A scene that is made anew when its file changes or its dials are turned, on a thread of its own,
 /// so that keys and faults are looked at meanwhile; what is wrong with it is said, and the scene
 /// that runs goes on.
 class Watcher {
  public:
-  /// `spec`: of the scene that runs, as its file has it, written at `seen`.
-  /// `files`: whether the file is looked at.
+  /// `spec`: of the scene that runs, as its file has it, written at `seen`, and fitted to all
+  /// `devices`. `files`: whether the file is looked at.
   Watcher(SceneSpec spec, std::string file, std::optional<std::filesystem::file_time_type> seen,
           bool files, std::vector<const Device*> devices, SceneCache& cache)
       : spec_(std::move(spec)),
+        ids_(idsOf(spec_)),
         file_(std::move(file)),
         files_(files),
         devices_(std::move(devices)),
         cache_(cache),
         seen_(seen) {}
 
-  /// Turns the dials, as by dial(), with the next look.
-  void turn(std::vector<double> factors) {
-    factors_ = std::move(factors);
-    turned_ = true;
-  }
+  /// Turns dials with the next look; those of modes that are gone by then are nobody's. `request`:
+  /// LiveWishes::dialled.
+  void turn(const std::vector<LiveDial>& dials, std::uint64_t request);
   /// The new scene; none where there is none yet.
   std::optional<BuiltScene> look();
+  /// Of the modes of the scene that was looked at last, by their numbers.
+  [[nodiscard]] std::vector<LiveDial> dials() const { return inOrder(felt_, ids_); }
+  /// The last request that was refused; its dials are as they were before.
+  [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
  private:
+  /// A scene on its way.
   struct Made {
     SceneSpec spec;
+    ModeIds ids;
     BuiltScene built;
-    bool read = false;  ///< From the file, anew.
   };
   [[nodiscard]] bool changed();
 
   SceneSpec spec_;
+  ModeIds ids_;
   std::string file_;
   bool files_;
   std::vector<const Device*> devices_;
   SceneCache& cache_;
   std::optional<std::filesystem::file_time_type> seen_;
-  std::vector<double> factors_;
-  bool turned_ = false;
+  Dials wanted_;               ///< As they were turned last,
+  Dials tried_;                ///< as they are in the scene that is being made,
+  Dials felt_;                 ///< and in the one that runs.
+  std::uint64_t request_ = 0;  ///< Of wanted_.
+  std::uint64_t trying_ = 0;   ///< Of tried_.
+  std::uint64_t refused_ = 0;
+  bool read_ = false;  ///< What is being made is read from the file.
   std::future<Made> made_;
 };
 

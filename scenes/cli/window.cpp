@@ -22,7 +22,6 @@ namespace {
 
 constexpr double kFarthest = 10.0;  ///< Of a hand that a mouse leads, from the origin [m].
 constexpr double kFollow = 0.02;    ///< Time constant of a hand behind its mouse [s].
-constexpr double kMostDial = 8.0;
 
 std::string programPath() {
   return (programFolder() / "palpate-view").string();
@@ -46,7 +45,6 @@ std::string endOf(int status) {
 }  // namespace
 
 Window::Window(double rate) : writer_(share_.block(), rate) {
-  wishes_.dials.fill(1.0F);
   if (access(programPath().c_str(), X_OK) != 0) refuse(errno);
 }
 
@@ -133,36 +131,24 @@ HandTarget Window::mouse(const Vec3& start) {
   return {at, kForEver};
 }
 
-bool Window::look(const std::vector<HapticThread*>& hands) {
-  if (child_ >= 0) {
-    int status = 0;
-    if (waitpid(child_, &status, WNOHANG) == child_) {
-      child_ = -1;
-      LiveWishes last;
-      if (share_.block().wishes.read(last) && last.closed != 0) return false;
-      complain("view: the window has ended: " + endOf(status) +
-               ": the hand is felt on without it; Ctrl-C ends the run");
-    }
-  }
+Asked Window::look(const std::vector<HapticThread*>& hands) {
+  int status = 0;
+  const bool ended = child_ >= 0 && waitpid(child_, &status, WNOHANG) == child_;
+  if (ended) child_ = -1;
   LiveWishes now;
-  if (!share_.block().wishes.read(now)) return true;
-  for (HapticThread* hand : hands) {
-    if (now.cuts != wishes_.cuts) hand->cut();
-    // A cut that came with it stays.
-    if (now.clears != wishes_.clears && now.cuts == wishes_.cuts) hand->clear();
+  const bool told = share_.block().wishes.read(now);
+  if (ended && (!told || now.closed == 0)) {
+    complain("view: the window has ended: " + endOf(status) +
+             ": the hand is felt on without it; Ctrl-C ends the run");
   }
+  if (!told) return {};
+  Asked asked = cli::asked(wishes_, now);
   wishes_ = now;
-  return now.closed == 0;
-}
-
-std::optional<std::vector<double>> Window::dialled() {
-  if (wishes_.dialled == dialled_) return std::nullopt;
-  dialled_ = wishes_.dialled;
-  std::vector<double> factors(wishes_.dials.size());
-  std::transform(wishes_.dials.begin(), wishes_.dials.end(), factors.begin(), [](float dial) {
-    return std::isfinite(dial) ? std::clamp<double>(dial, 0.0, kMostDial) : 1.0;
-  });
-  return factors;
+  for (HapticThread* hand : hands) {
+    if (asked.cut) hand->cut();
+    if (asked.clear) hand->clear();
+  }
+  return asked;
 }
 
 }  // namespace palpate::cli

@@ -3,13 +3,13 @@
 
 #include <cstdint>
 #include <functional>
-#include <optional>
 #include <string>
 #include <vector>
 
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/haptic_thread.h"
 #include "palpate/engine/scene.h"
+#include "palpate/scenes/cli/asked.h"
 #include "palpate/scenes/live.h"
 
 namespace palpate::cli {
@@ -37,10 +37,10 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Where the mouse means the hand to be; first at `start` [m].
   [[nodiscard]] HandTarget mouse(const Vec3& start);
 
-  /// Does what was asked of the loop. False where the run is to end: the window was closed.
-  [[nodiscard]] bool look(const std::vector<HapticThread*>& hands);
-  /// Factors of the modes' strengths (LiveWishes::dials), where they have changed since.
-  [[nodiscard]] std::optional<std::vector<double>> dialled();
+  /// Cuts and clears as was asked since the last look; what else was asked is the caller's to do.
+  [[nodiscard]] Asked look(const std::vector<HapticThread*>& hands);
+  /// Says that the dials of a request (Asked::dialled) cannot be felt.
+  void tellRefused(std::uint64_t request) noexcept { share_.block().refused = request; }
 
  private:
   void start(const std::vector<std::string>& arguments);
@@ -48,8 +48,7 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   LiveShare share_;
   LiveWriter writer_;
   LiveWishes wishes_;  ///< As last read.
-  std::uint64_t dialled_ = 0;
-  int child_ = -1;  ///< -1: none, or it has ended.
+  int child_ = -1;     ///< -1: none, or it has ended.
 };
 
 }  // namespace palpate::cli

@@ -55,10 +55,8 @@ std::vector<Bar> barsOf(const LiveTick& tick, const LiveScene& scene, const Live
   for (std::size_t i = 0; i < bars.size(); ++i) {
     const LiveScene::Mode& mode = scene.modes[i];
     bars[i].name = cli::Legible(mode.name.data(), 40).text();
-    bars[i].source = mode.source;
-    if (mode.source >= 0 && static_cast<std::size_t>(mode.source) < wishes.dials.size()) {
-      bars[i].dial = wishes.dials[static_cast<std::size_t>(mode.source)];
-    }
+    bars[i].felt = mode.dial;
+    bars[i].wish = wishes.dials[i].factor;
   }
   if (tick.scene != scene.id) return bars;
   const std::size_t count = std::min<std::size_t>(tick.primitive_count, kLivePrimitives);
@@ -78,6 +76,23 @@ std::vector<Bar> barsOf(const LiveTick& tick, const LiveScene& scene, const Live
     bars[i].hold = cli::holdOf(loads[i]);
   }
   return bars;
+}
+
+std::string wordsOf(const Bar& bar) {
+  const bool felt = bar.wish == bar.felt.factor;
+  std::string words = bar.name;
+  if (bar.wish == 0.0F) {
+    words += ": off";
+  } else if (bar.felt.factor == 0.0F) {
+    words += ": on";
+  } else if (bar.strength > 0.0) {
+    words += fmt::format(": {} {:.3g} of {:.3g} N{}", cli::wordFor(bar.hold), bar.load,
+                         bar.strength, bar.slips ? ", slips" : "");
+  } else {
+    words += ": idle";
+  }
+  if (bar.wish != 0.0F && bar.wish != 1.0F) words += fmt::format("  x{:.2f}", bar.wish);
+  return felt ? words : words + " (not yet)";
 }
 
 std::vector<std::string> statusOf(const LiveTick& tick) {
@@ -218,22 +233,12 @@ void Panel::show(const Content& content, double height) {
   y -= 8.0;
   for (std::size_t i = 0; i < std::min(content.bars.size(), kMostBars); ++i) {
     const Bar& bar = content.bars[i];
-    const bool off = bar.dial == 0.0;
-    std::string words = fmt::format("{} {}", i + 1, bar.name);
-    if (off) {
-      words += ": off";
-    } else if (bar.strength > 0.0) {
-      words += fmt::format(": {} {:.3g} of {:.3g} N{}", cli::wordFor(bar.hold), bar.load,
-                           bar.strength, bar.slips ? ", slips" : "");
-    } else {
-      words += ": idle";
-    }
-    if (!off && bar.dial != 1.0) words += fmt::format("  x{:.2f}", bar.dial);
-    text(kMargin, y, words, 13, i == content.selected ? kInk : kFaint);
+    text(kMargin, y, fmt::format("{} {}", i + 1, wordsOf(bar)), 13,
+         content.selected == bar.felt.mode ? kInk : kFaint);
     y -= 12.0;
     quad(kMargin, y, kMargin + kInner, y + 7.0, kTrack);
     const double share = bar.strength > 0.0 ? std::min(1.0, bar.load / bar.strength) : 0.0;
-    if (!off && share > 0.0)
+    if (bar.felt.factor != 0.0F && share > 0.0)
       quad(kMargin, y, kMargin + share * kInner, y + 7.0, colourOf(bar.hold));
     y -= 22.0;
   }

@@ -3,6 +3,8 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,12 +30,15 @@ struct Bar {
   double strength = 0.0;  ///< What it can at most [N].
   cli::Hold hold = cli::Hold::kIdle;
   bool slips = false;  ///< Its friction does.
-  double dial = 1.0;   ///< Factor that its user has set; 0: off.
-  int source = -1;     ///< Its number in SceneSpec::graph.
+  LiveDial felt;       ///< What the loop balances.
+  float wish = 1.0F;   ///< The factor that its user has asked for.
 };
 /// The modes of a tick, in the scene's order.
 [[nodiscard]] std::vector<Bar> barsOf(const LiveTick& tick, const LiveScene& scene,
                                       const LiveWishes& wishes);
+
+/// What a bar says: what is felt, and a wish that is not yet.
+[[nodiscard]] std::string wordsOf(const Bar& bar);
 
 /// How the loop is, with the cause and what to do about it, a line each.
 [[nodiscard]] std::vector<std::string> statusOf(const LiveTick& tick);
@@ -50,10 +55,10 @@ class Panel {
   /// What is to be seen, some ten times a second.
   struct Content {
     std::vector<Bar> bars;
-    std::size_t selected = 0;         ///< The bar that keys turn.
-    std::vector<LiveRow> rows;        ///< The last two seconds, ascending.
-    std::vector<std::string> status;  ///< Lines.
-    std::vector<std::string> notes;   ///< Lines, small.
+    std::optional<std::uint32_t> selected;  ///< The mode that keys turn.
+    std::vector<LiveRow> rows;              ///< The last two seconds, ascending.
+    std::vector<std::string> status;        ///< Lines.
+    std::vector<std::string> notes;         ///< Lines, small.
     std::vector<Shapes::Entry> legend;
   };
   /// `height`: of the panel [pixels].

@@ -6,7 +6,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <tuple>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -40,8 +39,7 @@ constexpr double kSettled = 0.25;     // of a camera, until the backdrop is refi
 constexpr double kMoving = 0.2;       // [s] between two backdrops of a scene that moves
 constexpr double kNowhere = 1e9;      // [m]
 constexpr double kGhost = 0.35;
-constexpr double kDial = 1.25;
-constexpr double kMostDial = 8.0;
+constexpr float kDial = 1.25F;
 
 double secondsSince(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
@@ -121,8 +119,6 @@ ViewWindow::ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const s
       restored_(vtkSmartPointer<vtkRenderer>::New()),
       hidden_(vtkSmartPointer<vtkRenderer>::New()),
       side_(vtkSmartPointer<vtkRenderer>::New()) {
-  wishes_.dials.fill(1.0F);
-  before_off_.fill(1.0F);
   const int width = options.width * options.magnify;
   const int height = options.height * options.magnify;
   window_->SetOffScreenRendering(options.offscreen ? 1 : 0);
@@ -201,22 +197,19 @@ void ViewWindow::furnish() {
 }
 
 void ViewWindow::follow(const LiveScene& modes) {
-  // Dials are their modes', wherever these now are.
-  std::map<std::string, std::pair<float, float>> dials;
-  for (std::size_t i = 0; i < std::min<std::size_t>(modes_.mode_count, kLiveModes); ++i) {
-    const auto source = static_cast<std::size_t>(modes_.modes[i].source);
-    if (source < kLiveModes) {
-      dials[modes_.modes[i].name.data()] = {wishes_.dials[source], before_off_[source]};
-    }
+  // The wishes of modes that were known, and what is felt of the others.
+  const LiveWishes wished = wishes_;
+  wishes_.dial_count =
+      static_cast<std::uint32_t>(std::min<std::size_t>(modes.mode_count, kLiveModes));
+  for (std::size_t i = 0; i < wishes_.dial_count; ++i) {
+    wishes_.dials[i] = modes.modes[i].dial;
+    const LiveDial* const end = wished.dials.data() + wished.dial_count;
+    const LiveDial* const wish = std::find_if(wished.dials.data(), end, [&](const LiveDial& dial) {
+      return dial.mode == wishes_.dials[i].mode;
+    });
+    if (wish != end) wishes_.dials[i] = *wish;
   }
-  wishes_.dials.fill(1.0F);
-  before_off_.fill(1.0F);
-  for (std::size_t i = 0; i < std::min<std::size_t>(modes.mode_count, kLiveModes); ++i) {
-    const auto source = static_cast<std::size_t>(modes.modes[i].source);
-    const auto dial = dials.find(modes.modes[i].name.data());
-    if (source >= kLiveModes || dial == dials.end()) continue;
-    std::tie(wishes_.dials[source], before_off_[source]) = dial->second;
-  }
+  if (modes_.id == 0 && wishes_.dial_count > 0) selected_ = wishes_.dials[0].mode;
   modes_ = modes;
   if (!options_.again) return;
   try {
@@ -331,6 +324,7 @@ bool ViewWindow::refresh() {
   }
   LiveScene modes;
   if (block_.scene.read(modes) && modes.id != modes_.id) follow(modes);
+  withdraw();
   const std::int64_t newest = block_.newest.load(std::memory_order_acquire);
   const std::int64_t oldest = newest - static_cast<std::int64_t>(kLiveRows) + 64;
   std::int64_t next = rows_.empty() ? oldest : rows_.back().tick + 1;
@@ -436,6 +430,7 @@ void ViewWindow::drawFrame() {
 }
 
 std::vector<std::string> ViewWindow::notes() const {
+  if (!message_.empty() && Clock::now() < message_until_) return {message_};
   std::vector<std::string> notes = shapes_->notes();
   if (detail_ >= Shapes::kCoarsest) {
     notes.emplace_back("drawn coarsely, to be in time");
@@ -463,7 +458,6 @@ void ViewWindow::fillPanel() {
   }
   if (over_) content.status = {"the run is over"};
   content.notes = notes();
-  if (!message_.empty() && Clock::now() < message_until_) content.notes = {message_};
   if (content.notes.empty() && !options_.offscreen) content.notes = {"?: keys"};
   panel_->show(content, static_cast<double>(window_->GetSize()[1]) / options_.magnify);
   panel_at_ = Clock::now();
@@ -513,18 +507,40 @@ void ViewWindow::wish() {
   block_.wishes.write(wishes_);
 }
 
-void ViewWindow::dial(double factor) {
-  if (selected_ >= bars_.size()) return;
-  const int source = bars_[selected_].source;
-  if (source < 0 || static_cast<std::size_t>(source) >= wishes_.dials.size()) return;
-  float& dial = wishes_.dials[static_cast<std::size_t>(source)];
-  float& before = before_off_[static_cast<std::size_t>(source)];
-  if (factor == 0.0) {
+void ViewWindow::withdraw() {
+  const std::uint64_t refused = block_.refused.load();
+  if (refused == refused_) return;
+  refused_ = refused;
+  // What was asked since is answered later.
+  if (refused < wishes_.dialled) return;
+  for (std::size_t i = 0; i < wishes_.dial_count; ++i) wishes_.dials[i] = modes_.modes[i].dial;
+  message_ = "that cannot be felt: see the loop's terminal";
+  message_until_ = Clock::now() + std::chrono::seconds(10);
+}
+
+void ViewWindow::choose(std::size_t bar) {
+  if (bar < std::min(bars_.size(), Panel::kMostBars)) selected_ = bars_[bar].felt.mode;
+}
+
+std::size_t ViewWindow::chosen() const {
+  const auto bar = std::find_if(bars_.begin(), bars_.end(),
+                                [this](const Bar& b) { return selected_ == b.felt.mode; });
+  return static_cast<std::size_t>(bar - bars_.begin());
+}
+
+void ViewWindow::dial(float factor) {
+  LiveDial* const end = wishes_.dials.data() + wishes_.dial_count;
+  LiveDial* const turned = std::find_if(
+      wishes_.dials.data(), end, [this](const LiveDial& dial) { return selected_ == dial.mode; });
+  if (turned == end) return;
+  float& dial = turned->factor;
+  if (factor == 0.0F) {
     // Off, and on again as it was.
-    if (dial != 0.0F) before = dial;
-    dial = dial == 0.0F ? before : 0.0F;
+    const auto [before, fresh] = before_off_.try_emplace(turned->mode, 1.0F);
+    if (dial != 0.0F) before->second = dial;
+    dial = dial == 0.0F ? before->second : 0.0F;
   } else if (dial != 0.0F) {
-    dial = static_cast<float>(std::clamp(dial * factor, 1.0 / kMostDial, kMostDial));
+    dial = std::clamp(dial * factor, 1.0F / kMostDial, kMostDial);
   }
   ++wishes_.dialled;
   wish();
@@ -554,18 +570,17 @@ void ViewWindow::key(const std::string& name) {
     message_ = "recording is not in this version";
     message_until_ = Clock::now() + std::chrono::seconds(3);
   } else if (name.size() == 1 && name[0] >= '1' && name[0] <= '9') {
-    const auto chosen = static_cast<std::size_t>(name[0] - '1');
-    if (chosen < bars_.size()) selected_ = chosen;
-  } else if (name == "Down" && selected_ + 1 < std::min(bars_.size(), Panel::kMostBars)) {
-    ++selected_;
-  } else if (name == "Up" && selected_ > 0) {
-    --selected_;
+    choose(static_cast<std::size_t>(name[0] - '1'));
+  } else if (name == "Down") {
+    choose(chosen() < bars_.size() ? chosen() + 1 : 0);
+  } else if (name == "Up") {
+    choose(chosen() == 0 || chosen() == bars_.size() ? 0 : chosen() - 1);
   } else if (name == "o") {
-    dial(0.0);
+    dial(0.0F);
   } else if (name == "plus" || name == "KP_Add" || name == "equal") {
     dial(kDial);
   } else if (name == "minus" || name == "KP_Subtract") {
-    dial(1.0 / kDial);
+    dial(1.0F / kDial);
   }
 }
 
@@ -647,7 +662,8 @@ Told ViewWindow::told() const {
                             {"load", bar.load},
                             {"strength", bar.strength},
                             {"state", cli::wordFor(bar.hold)},
-                            {"dial", bar.dial}});
+                            {"dial", bar.felt.factor},
+                            {"words", wordsOf(bar)}});
   }
   told["status"] = statusOf(tick_);
   told["stalled"] = stalled_;

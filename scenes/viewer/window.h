@@ -3,7 +3,9 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -66,7 +68,7 @@ class ViewWindow {
   void drawBackdrop(int detail);
   void drawFrame();
   void fillPanel();
-  [[nodiscard]] std::vector<std::string> notes() const;  ///< What the picture is not.
+  [[nodiscard]] std::vector<std::string> notes() const;  ///< What the picture is not, or a message.
   void layOut();                        ///< Panel and picture, by the window's size.
   void furnish();                       ///< Puts all that is drawn into its layers.
   void follow(const LiveScene& modes);  ///< Takes a new scene of the loop's.
@@ -83,7 +85,10 @@ class ViewWindow {
   void move(int x, int y);
   void wheel(double steps);
   void resetCamera();
-  void dial(double factor);
+  void choose(std::size_t bar);              ///< The mode that keys turn.
+  [[nodiscard]] std::size_t chosen() const;  ///< Its bar; none: one after the last.
+  void dial(float factor);                   ///< Of its strength; 0: off, or on again.
+  void withdraw();                           ///< Wishes that the loop has refused.
 
   LiveBlock& block_;
   std::unique_ptr<Shapes> shapes_;
@@ -110,13 +115,14 @@ class ViewWindow {
 
   LiveTick tick_;
   LiveScene modes_;
-  LiveWishes wishes_;
-  std::array<float, kLiveModes> before_off_{};  ///< Dials of modes that are off.
+  LiveWishes wishes_;  ///< Its dials are of the modes of modes_, in their order.
+  std::map<std::uint32_t, float> before_off_;  ///< Factors of modes that are off.
+  std::uint64_t refused_ = 0;                  ///< LiveBlock::refused, as last seen.
   std::array<int, 2> laid_out_{};
   std::vector<LiveRow> rows_;
   std::vector<Bar> bars_;
-  std::size_t selected_ = 0;
-  Vec3 hand_ = Vec3::Zero();  ///< Where the mouse means the hand to be [m].
+  std::optional<std::uint32_t> selected_;  ///< The mode that keys turn.
+  Vec3 hand_ = Vec3::Zero();               ///< Where the mouse means the hand to be [m].
   bool hand_known_ = false;
   bool over_ = false;
   bool stalled_ = false;

@@ -100,7 +100,8 @@ TEST_CASE("a window is told of the modes' primitives what explain tells", "[live
   REQUIRE(names.mode_count == 2);
   CHECK(std::string(names.modes[0].name.data()) == "drag");
   CHECK(std::string(names.modes[1].name.data()) == "skin");
-  CHECK(names.modes[1].source == 1);
+  CHECK(names.modes[1].dial.mode == 1);
+  CHECK(names.modes[1].dial.factor == 1.0F);
   LiveTick told;
   REQUIRE(share.block().tick.read(told));
   CHECK(told.tick == 30);

@@ -366,10 +366,32 @@ class Drawn(Window):
         told = self.until("the new scene", lambda t: len(t["bars"]) == 3 and "core" in t["legend"])
         self.assertEqual([(bar["name"], bar["dial"]) for bar in told["bars"]],
                          [("core", 1), ("skin", 0), ("pin", 1)])
-        # And on again, by its own number.
-        self.do("key", "--window", window, "2")
+        # And on again: it is chosen still, wherever it is now.
         self.do("key", "--window", window, "o")
         self.until("a skin", lambda t: t["bars"][1]["dial"] == 1)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_the_panel_says_what_is_felt(self):
+        scene = json.loads(json.dumps(SCENE))
+        scene["modes"][1]["strength"] = 9e5
+        self.scene.write_text(json.dumps(scene), encoding="utf-8")
+        feel = self.start("--seconds", "900")
+        window = self.window()
+        # While the loop stands nothing that is asked is felt.
+        feel.send_signal(signal.SIGSTOP)
+        self.do("key", "--window", window, "o")
+        told = self.until("a wish", lambda t: t["bars"][0]["words"] == "skin: off (not yet)")
+        self.assertEqual(told["bars"][0]["dial"], 1)
+        feel.send_signal(signal.SIGCONT)
+        told = self.until("no skin", lambda t: t["bars"][0]["dial"] == 0)
+        self.assertEqual(told["bars"][0]["words"], "skin: off")
+        # What is refused is not felt, and not said to be.
+        self.do("key", "--window", window, "2")
+        self.do("key", "--window", window, "plus")
+        self.until("a refusal", lambda t: any("cannot be felt" in note for note in t["notes"]))
+        self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
+        self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond 1e.06: .*; the scene before it goes on\n")
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
 

@@ -1,0 +1,348 @@
+/// What a window asks of a run, and what becomes of the scene that is felt.
+#include "palpate/scenes/cli/asked.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <limits>
+#include <string>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/step.h"
+#include "palpate/samplers/analytic_field.h"
+#include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/dials.h"
+#include "palpate/scenes/cli/watcher.h"
+#include "palpate/scenes/scene_file.h"
+#include "tests/support/scenes.h"
+#include "tests/support/vdb_files.h"
+
+using namespace palpate;
+using cli::dial;
+using cli::idsOf;
+using cli::inOrder;
+using cli::ModeIds;
+using Factors = std::vector<TransferSpec::Factor>;
+
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kInf = std::numeric_limits<double>::infinity();
+
+/// A ball of 4 cm, a vortex, and a scalar that has data where x > 0 only.
+SceneSpec fields() {
+  SceneSpec spec;
+  FieldFrame frame;
+  frame.voxel = 1e-3;
+  frame.bounds = {Vec3::Constant(-0.06), Vec3::Constant(0.06)};
+  spec.volumes["ball"].field = makeSphere(Vec3::Zero(), 0.04);
+  spec.volumes["flow"].field = makeVortex(Vec3::Zero(), {0.0, 0.0, 2.0}, 0.1, 0.06);
+  spec.volumes["half"].field = makeScalarField(frame, [](const Vec3& p) noexcept {
+    return ScalarSample{1.0 + 10.0 * p.x(), {10.0, 0.0, 0.0}, p.x() > 0.0};
+  });
+  return spec;
+}
+
+/// The forces of a hand that goes through all of it [N].
+std::vector<Vec3> felt(const Scene& scene) {
+  Reader reader;
+  ProxyState state;
+  std::vector<Vec3> forces;
+  for (int i = 0; i < 600; ++i) {
+    const double x = 0.05 - 2e-4 * i;
+    const Vec3 probe(x, 0.01 + 0.003 * std::sin(0.05 * i), 0.042 - 1e-4 * (i % 200));
+    forces.push_back(hapticStep(scene, reader, {probe}, state, 1e-3).force);
+  }
+  return forces;
+}
+
+double most(const std::vector<Vec3>& forces) {
+  double most = 0.0;
+  for (const Vec3& force : forces) most = std::max(most, force.norm());
+  return most;
+}
+
+SceneSpec named(const std::vector<std::string>& names) {
+  SceneSpec spec;
+  for (const std::string& name : names) {
+    ModeSpec mode;
+    mode.of = "ball";
+    mode.name = name;
+    // Without a name, of another volume.
+    if (!name.empty() && name[0] == '/') {
+      mode.of = name;
+      mode.name.clear();
+    }
+    spec.graph.modes.push_back(mode);
+  }
+  return spec;
+}
+
+/// What is written to standard error meanwhile.
+class Said {
+ public:
+  Said() {
+    std::fflush(stderr);
+    dup2(fileno(file_), STDERR_FILENO);
+  }
+  ~Said() {
+    std::fflush(stderr);
+    dup2(before_, STDERR_FILENO);
+    close(before_);
+    std::fclose(file_);
+  }
+  Said(const Said&) = delete;
+  Said& operator=(const Said&) = delete;
+  [[nodiscard]] std::string all() const {
+    std::fflush(stderr);
+    std::string all(65536, '\0');
+    all.resize(static_cast<std::size_t>(
+        std::max<ssize_t>(0, pread(fileno(file_), all.data(), all.size(), 0))));
+    return all;
+  }
+  [[nodiscard]] int times(const std::string& words) const {
+    const std::string all = this->all();
+    int count = 0;
+    for (auto at = all.find(words); at != std::string::npos; at = all.find(words, at + 1)) ++count;
+    return count;
+  }
+
+ private:
+  std::FILE* file_ = std::tmpfile();
+  int before_ = dup(STDERR_FILENO);
+};
+
+}  // namespace
+
+TEST_CASE("a dialled scene is the one that is written so", "[dial]") {
+  struct Kind {
+    ModeKind kind;
+    std::string of;
+  };
+  const auto kind =
+      GENERATE(Kind{ModeKind::kForce, "ball"}, Kind{ModeKind::kForce, "flow"},
+               Kind{ModeKind::kViscosity, "ball"}, Kind{ModeKind::kSurface, "ball"},
+               Kind{ModeKind::kIsosurface, "ball"}, Kind{ModeKind::kFollow, "flow"},
+               Kind{ModeKind::kTransverseDamping, "flow"}, Kind{ModeKind::kFrontShape, "flow"},
+               Kind{ModeKind::kVortexTube, "flow"}, Kind{ModeKind::kGuide, ""});
+  const bool by = GENERATE(false, true);
+  const std::string form = GENERATE("number", "curve", "product");
+  const float factor = GENERATE(0.0F, 0.5F, 1.25F, 8.0F);
+  CAPTURE(wordFor(kind.kind), kind.of, by, form, factor);
+
+  const bool skin = kind.kind == ModeKind::kSurface || kind.kind == ModeKind::kIsosurface;
+  const SceneSpec base = fields();
+  const auto scene = [&](double times) {
+    const auto property = [&](double newtons) {
+      const TransferSpec number = newtons;
+      const auto curve = TransferFunction::piecewise({{-0.03, 0.5 * newtons}, {1.5, newtons}});
+      if (form == "number") return number;
+      if (form == "curve") return TransferSpec(curve);
+      return TransferSpec(Factors{{curve, "half"}, {0.5, ""}});
+    };
+    SceneSpec spec = base;
+    ModeSpec mode;
+    mode.kind = kind.kind;
+    mode.of = kind.of;
+    mode.solid = Solid::kBelow;
+    mode.strength = property(times * 0.8);
+    if (skin) mode.viscosity = property(times * 0.2);
+    // Reads what `by` names: whatever the strength is, that is there for a reason.
+    if (skin) mode.friction = TransferFunction::piecewise({{0.0, 0.1}, {2.0, 0.2}});
+    const bool reads = form == "curve" || form == "number" || skin;
+    if (by && reads) mode.by = "half";
+    spec.graph.modes = {mode};
+    return spec;
+  };
+  SceneSpec turned = scene(1.0);
+  dial(turned, {{0, factor}});
+  const BuiltScene dialled = buildScene(turned);
+  const double times = std::max<double>(factor, 1e-9);
+  const std::vector<Vec3> is = felt(*dialled.scene);
+  const std::vector<Vec3> should = felt(*buildScene(scene(times)).scene);
+  for (std::size_t i = 0; i < is.size(); ++i) {
+    CAPTURE(i, is[i], should[i]);
+    REQUIRE((is[i] - should[i]).norm() <= 1e-12 * (1.0 + should[i].norm()));
+  }
+  if (factor == 0.0F) CHECK(most(is) < 1e-6);
+  if (factor == 8.0F) CHECK(most(is) > 0.05);
+  // So a hand feels it as an edit.
+  CHECK(dialled.scene->shape == buildScene(scene(1.0)).scene->shape);
+}
+
+TEST_CASE("a mode is who it is, whatever becomes of its file", "[dial]") {
+  const SceneSpec first = named({"skin", "/a", "bone"});
+  const ModeIds ids = idsOf(first);
+  CHECK(ids.of == std::vector<std::uint32_t>{0, 1, 2});
+
+  SECTION("names go before places, and an unnamed one is known by what it is of") {
+    const ModeIds now = idsOf(named({"new", "bone", "/b", "/a", "skin"}), first, ids);
+    CHECK((now.of[1] == 2 && now.of[3] == 1 && now.of[4] == 0));
+    CHECK((now.of[0] >= 3 && now.of[2] >= 3 && now.of[0] != now.of[2]));
+    CHECK(now.next == 5);
+  }
+  SECTION("names that are cut alike are not alike") {
+    const std::string same(60, 'n');
+    const SceneSpec two = named({same + "1", same + "2"});
+    CHECK(idsOf(named({same + "2", same + "1"}), two, idsOf(two)).of ==
+          std::vector<std::uint32_t>{1, 0});
+  }
+  SECTION("of several of one name none is another's") {
+    const SceneSpec three = named({"skin", "skin", "/a", "/a"});
+    const ModeIds known = idsOf(three);
+    CHECK(idsOf(named({"/a", "skin", "/a", "skin"}), three, known).of ==
+          std::vector<std::uint32_t>{2, 0, 3, 1});
+    const ModeIds fewer = idsOf(named({"skin", "/a", "/a", "/a"}), three, known);
+    CHECK(*std::min_element(fewer.of.begin(), fewer.of.end()) == 4);
+  }
+  SECTION("who is gone is not another later") {
+    const SceneSpec without = named({"/a"});
+    const ModeIds gone = idsOf(without, first, ids);
+    CHECK(gone.of == std::vector<std::uint32_t>{1});
+    CHECK(idsOf(named({"skin", "/a"}), without, gone).of == std::vector<std::uint32_t>{3, 1});
+  }
+  const auto all = inOrder({{2, 0.5F}, {7, 0.0F}}, ids);
+  REQUIRE(all.size() == 3);
+  CHECK((all[0].factor == 1.0F && all[1].factor == 1.0F && all[2].factor == 0.5F));
+  CHECK(all[2].mode == 2);
+}
+
+TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
+  LiveWishes before;
+  LiveWishes now;
+  CHECK(cli::asked(before, now).dialled == 0);
+  now.dialled = 7;
+  now.dial_count = 6;
+  now.dials[0] = {10, static_cast<float>(kNan)};
+  now.dials[1] = {11, static_cast<float>(kInf)};
+  now.dials[2] = {12, static_cast<float>(-kInf)};
+  now.dials[3] = {13, -1.0F};
+  now.dials[4] = {14, 1e9F};
+  now.dials[5] = {15, 0.5F};
+  cli::Asked asked = cli::asked(before, now);
+  CHECK(asked.dialled == 7);
+  // What is no number turns nothing.
+  REQUIRE(asked.dials.size() == 3);
+  CHECK((asked.dials[0].mode == 13 && asked.dials[0].factor == 0.0F));
+  CHECK((asked.dials[1].mode == 14 && asked.dials[1].factor == kMostDial));
+  CHECK((asked.dials[2].mode == 15 && asked.dials[2].factor == 0.5F));
+  now.dial_count = 4000000000U;
+  CHECK(cli::asked(before, now).dials.size() == kLiveModes - 3);
+  CHECK(cli::asked(now, now).dialled == 0);
+
+  // A cut that comes with a clear stays.
+  before = now;
+  ++now.cuts;
+  ++now.clears;
+  asked = cli::asked(before, now);
+  CHECK((asked.cut && !asked.clear && !asked.closed));
+  before = now;
+  ++now.clears;
+  asked = cli::asked(before, now);
+  CHECK((!asked.cut && asked.clear));
+  now.closed = 1;
+  CHECK(cli::asked(now, now).closed);
+}
+
+TEST_CASE("dials stay with their modes while a file is edited under them", "[dial]") {
+  const test::TemporaryFolder folder;
+  test::writeTestVolumes(folder.path());
+  const std::string file = (folder / "scene.json").string();
+  int edits = 0;
+  const auto write = [&](const std::string& modes) {
+    std::ofstream(file)
+        << R"({"palpate": 1, "volumes": {"ball": {"file": "ball.vdb", "grid": "ball",
+      "place": {"scale": 0.02}}}, "modes": [)" +
+               modes + "]}";
+    // However coarse its clock is.
+    std::filesystem::last_write_time(
+        file, std::filesystem::file_time_type::clock::now() + std::chrono::seconds(++edits));
+  };
+  const std::string skin = R"({"name": "skin", "mode": "isosurface", "of": "ball", "value": 0,
+      "solid": "below", "strength": 3})";
+  const std::string pin = R"({"mode": "guide", "shape": "point", "at": [0, 0, 0.2], "snap": 0.01,
+      "strength": 9e5})";
+  write(skin + "," + pin);
+
+  const Said said;
+  test::TestDevice device;
+  device.about.max_stiffness = 300.0;
+  const std::vector<const Device*> devices{&device};
+  SceneSpec spec = openScene(file);
+  REQUIRE(cli::fitToAll(spec, devices));
+  SceneCache cache;
+  cli::Watcher watcher(spec, file, cli::writtenAt(file), true, devices, cache);
+  /// Looks until there is something new; nothing where a request was refused.
+  const auto look = [&]() -> std::optional<BuiltScene> {
+    const std::uint64_t refused = watcher.refused();
+    for (int i = 0; i < 60000; ++i) {
+      if (auto built = watcher.look()) return built;
+      if (watcher.refused() != refused) return std::nullopt;
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    return std::nullopt;
+  };
+  const auto factors = [&] {
+    std::vector<float> all;
+    for (const LiveDial& dial : watcher.dials()) all.push_back(dial.factor);
+    return all;
+  };
+  const auto strength = [](const BuiltScene& built, std::size_t mode) {
+    return std::get<IsosurfaceMode>(built.scene->graph.modes[mode]).strength.factors[0].curve(0.0);
+  };
+  CHECK_FALSE(watcher.look());
+
+  // Off: within a look or two it is felt, and what the loop was told before is not told again.
+  watcher.turn({{0, 0.0F}, {1, 1.0F}}, 1);
+  auto built = look();
+  INFO(said.all());
+  REQUIRE(built);
+  CHECK(strength(*built, 0) == 3.0 * 1e-9);
+  CHECK(factors() == std::vector<float>{0.0F, 1.0F});
+  CHECK(said.times("the coupling is 300 N/m") == 1);
+
+  // With an edit its place is another, and it is off all the same.
+  const std::string core = R"({"name": "core", "mode": "isosurface", "of": "ball", "value": -0.5,
+      "solid": "below", "strength": 2})";
+  write(core + "," + pin + "," + skin);
+  built = look();
+  REQUIRE(built);
+  CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.0F});
+  CHECK(watcher.dials()[2].mode == 0);
+  CHECK(watcher.dials()[1].mode == 1);
+  CHECK(strength(*built, 0) == 2.0);
+  CHECK(strength(*built, 2) == 3.0 * 1e-9);
+  CHECK(built->scene->coupling.stiffness == 300.0);
+  CHECK(said.times("the coupling is 300 N/m") == 2);
+
+  // A key that was pressed before the edit was seen is still the skin's; strangers are nobody's.
+  watcher.turn({{0, 0.5F}, {1, 1.0F}, {77, 0.0F}}, 2);
+  built = look();
+  REQUIRE(built);
+  CHECK(strength(*built, 2) == 1.5);
+  CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
+  CHECK(said.times("the coupling is 300 N/m") == 2);
+
+  // What cannot be felt is refused, said once, and the dials are as they were.
+  watcher.turn({{0, 0.5F}, {1, 8.0F}}, 3);
+  CHECK_FALSE(look());
+  CHECK(watcher.refused() == 3);
+  CHECK(factors() == std::vector<float>{1.0F, 1.0F, 0.5F});
+  for (int i = 0; i < 20; ++i) CHECK_FALSE(watcher.look());
+  CHECK(said.times("the scene before it goes on") == 1);
+
+  // A file that is wrong keeps no dial from being turned.
+  write("nothing");
+  watcher.turn({{0, 1.25F}, {1, 1.0F}}, 4);
+  built = look();
+  REQUIRE(built);
+  CHECK(strength(*built, 2) == 3.75);
+  CHECK(said.times("the scene before it goes on") == 2);
+  CHECK(watcher.refused() == 3);
+}
