@@ -4,6 +4,16 @@
 #include <cmath>
 
 namespace palpate::cli {
+namespace {
+
+constexpr double kFarthest = 10.0;  ///< Of a hand that a mouse leads, from the origin [m].
+constexpr double kFollow = 0.02;    ///< Time constant of a hand behind its mouse [s].
+/// Of a hand behind its mouse [m/s]: the arm that it holds overshoots by a third, and is braked at
+/// 3 m/s.
+constexpr double kFastest = 2.0;
+
+}  // namespace
+
 Asked asked(const LiveWishes& before, const LiveWishes& now) {
   Asked asked;
   asked.cut = now.cuts != before.cuts;
@@ -18,6 +28,25 @@ Asked asked(const LiveWishes& before, const LiveWishes& now) {
     asked.dials.push_back({dial.mode, std::clamp(dial.factor, 0.0F, kMostDial)});
   }
   return asked;
+}
+
+HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start) {
+  const auto follow = [&mouse, aim = start, at = start, time = 0.0](double now) mutable -> Vec3 {
+    LiveHand hand;
+    if (mouse.read(hand)) {
+      const Vec3 told(hand.target[0], hand.target[1], hand.target[2]);
+      if (told.allFinite()) aim = told.cwiseMax(-kFarthest).cwiseMin(kFarthest);
+    }
+    const double since = std::max(0.0, now - time);
+    time = now;
+    const Vec3 way = aim - at;
+    const double share =
+        std::min(-std::expm1(-since / kFollow), kFastest * since / std::max(1e-12, way.norm()));
+    at += share * way;
+    return at;
+  };
+  constexpr double kForEver = 1e9;  // [s]
+  return {follow, kForEver};
 }
 
 }  // namespace palpate::cli

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "palpate/devices/simulated_device.h"
 #include "palpate/scenes/live.h"
 
 namespace palpate::cli {
@@ -18,5 +19,9 @@ struct Asked {
   std::vector<LiveDial> dials;  ///< With `dialled`: all, 0 to kMostDial.
 };
 [[nodiscard]] Asked asked(const LiveWishes& before, const LiveWishes& now);
+
+/// A hand that follows a mouse from `start` [m] as through a low-pass, no faster than a hand may be
+/// (WatchLimits::max_speed): a mouse leaps, thirty times a second. `mouse` outlives it.
+[[nodiscard]] HandTarget behindMouse(const Published<LiveHand>& mouse, const Vec3& start);
 
 }  // namespace palpate::cli

@@ -20,9 +20,6 @@
 namespace palpate::cli {
 namespace {
 
-constexpr double kFarthest = 10.0;  ///< Of a hand that a mouse leads, from the origin [m].
-constexpr double kFollow = 0.02;    ///< Time constant of a hand behind its mouse [s].
-
 std::string programPath() {
   return (programFolder() / "palpate-view").string();
 }
@@ -105,30 +102,6 @@ void Window::draw(const std::string& scene, const std::string& picture) {
     throw Error(picture, "the picture was not drawn: " + endOf(status),
                 "see the message of palpate-view above");
   }
-}
-
-HandTarget Window::mouse(const Vec3& start) {
-  // The hand follows its mouse as through a low-pass: a mouse leaps, thirty times a second.
-  struct Follower {
-    Vec3 at = Vec3::Zero();
-    double time = 0.0;
-  };
-  auto follower = std::make_shared<Follower>();
-  follower->at = start;
-  const LiveBlock* block = &share_.block();
-  const auto at = [follower, block](double now) {
-    LiveHand hand;
-    if (!block->hand.read(hand)) return follower->at;
-    Vec3 target{hand.target[0], hand.target[1], hand.target[2]};
-    if (!target.allFinite()) return follower->at;
-    target = target.cwiseMax(-kFarthest).cwiseMin(kFarthest);
-    const double share = -std::expm1(-std::max(0.0, now - follower->time) / kFollow);
-    follower->time = now;
-    follower->at += share * (target - follower->at);
-    return follower->at;
-  };
-  constexpr double kForEver = 1e9;  // [s]
-  return {at, kForEver};
 }
 
 Asked Window::look(const std::vector<HapticThread*>& hands) {

@@ -6,7 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "palpate/devices/simulated_device.h"
 #include "palpate/engine/haptic_thread.h"
 #include "palpate/engine/scene.h"
 #include "palpate/scenes/cli/asked.h"
@@ -34,8 +33,10 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   /// Takes ticks, for one hand.
   [[nodiscard]] LiveWriter& writer() noexcept { return writer_; }
-  /// Where the mouse means the hand to be; first at `start` [m].
-  [[nodiscard]] HandTarget mouse(const Vec3& start);
+  /// The hand that its mouse leads; first at `start` [m].
+  [[nodiscard]] HandTarget mouse(const Vec3& start) {
+    return behindMouse(share_.block().hand, start);
+  }
 
   /// Cuts and clears as was asked since the last look; what else was asked is the caller's to do.
   [[nodiscard]] Asked look(const std::vector<HapticThread*>& hands);

@@ -250,6 +250,78 @@ TEST_CASE("what is asked is in bounds whatever the memory holds", "[asked]") {
   CHECK(cli::asked(now, now).closed);
 }
 
+TEST_CASE("a hand is behind its mouse by 20 ms, and by the clock", "[asked]") {
+  Published<LiveHand> mouse;
+  const Vec3 start(0.1, 0.0, 0.0);
+  const HandTarget hand = cli::behindMouse(mouse, start);
+  const auto to = [&](double x, double y = 0.0, double z = 0.0) { mouse.write({{x, y, z}}); };
+  CHECK(hand.at(0.0) == start);
+  CHECK(hand.at(20.0) == start);
+  SECTION("the first move is one of a tick, however late it comes") {
+    to(0.11);
+    const double share = 1.0 - std::exp(-1e-3 / 0.02);
+    CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
+    // Asked again, at the same time or before it, nothing has moved.
+    CHECK(hand.at(20.001).x() == Approx(0.1 + share * 0.01).epsilon(1e-12));
+    Vec3 at = start;
+    for (int i = 2; i <= 20; ++i) at = hand.at(20.0 + 1e-3 * i);
+    CHECK(at.x() == Approx(0.11 - 0.01 * std::exp(-1.0)).epsilon(1e-9));
+  }
+  SECTION("a leap is no faster than a hand") {
+    to(0.1, 0.5, 0.0);
+    Vec3 last = start;
+    double fastest = 0.0;
+    for (int i = 1; i <= 500; ++i) {
+      const Vec3 now = hand.at(20.0 + 1e-3 * i);
+      fastest = std::max(fastest, 1e3 * (now - last).norm());
+      last = now;
+    }
+    CHECK(fastest == Approx(2.0).epsilon(1e-9));
+    CHECK(last.y() == Approx(0.5).epsilon(1e-6));
+  }
+  SECTION("what is no place is none, and nothing is farther than 10 m") {
+    for (const double bad : {kNan, kInf, -kInf}) {
+      to(0.0, bad, 0.0);
+      CHECK(hand.at(30.0) == start);
+    }
+    to(1e300, -1e300, 0.2);
+    CHECK((hand.at(100.0) - Vec3(10.0, -10.0, 0.2)).norm() < 1e-6);
+    to(-11.0, 11.0, 0.2);
+    CHECK((hand.at(200.0) - Vec3(-10.0, 10.0, 0.2)).norm() < 1e-6);
+  }
+}
+
+TEST_CASE("an arm goes with its mouse, not against the world", "[asked]") {
+  Published<LiveHand> mouse;
+  ArmParams arm;
+  arm.coulomb = 0.0;
+  arm.encoder = 0.0;
+  const GripParams grip;
+  SimulatedDevice device(arm, grip, cli::behindMouse(mouse, Vec3::Zero()), 1000.0);
+  SECTION("behind one that moves evenly it is behind by 20 ms and by its own friction") {
+    constexpr double kSpeed = 0.1;  // [m/s]
+    for (int i = 0; i <= 2000; ++i) {
+      mouse.write({{kSpeed * 1e-3 * i, 0.0, 0.0}});
+      device.write(Vec3::Zero());
+    }
+    CHECK(device.velocity().x() == Approx(kSpeed).epsilon(1e-3));
+    // The target is held over a tick, in whose middle the arm is where it would be.
+    const double behind = 1e-3 / std::expm1(1e-3 / 0.02) + arm.viscous / grip.stiffness;
+    const double should = kSpeed * (2.0005 - behind);
+    CHECK(device.position().x() == Approx(should).margin(2e-6));
+  }
+  SECTION("a leap of its mouse does not brake or cut it") {
+    mouse.write({{0.5, 0.0, 0.0}});
+    double fastest = 0.0;
+    for (int i = 0; i <= 1000; ++i) {
+      device.write(Vec3::Zero());
+      fastest = std::max(fastest, device.velocity().norm());
+    }
+    CHECK(fastest < WatchLimits{}.max_speed);
+    CHECK(device.position().x() == Approx(0.5).margin(1e-4));
+  }
+}
+
 TEST_CASE("dials stay with their modes while a file is edited under them", "[dial]") {
   const test::TemporaryFolder folder;
   test::writeTestVolumes(folder.path());
