@@ -1,12 +1,9 @@
 #include "palpate/scenes/cli/window.h"
 
-#include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <cmath>
 #include <csignal>
 #include <cstring>
-#include <memory>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <thread>
