@@ -38,16 +38,19 @@ LiveShare::LiveShare()
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {
-  struct stat status {};
-  if (fstat(descriptor, &status) != 0 || status.st_size != static_cast<off_t>(sizeof(LiveBlock))) {
+  // The head first: of another version all the rest may be another, its size too.
+  std::array<std::uint64_t, 2> head{};
+  if (pread(descriptor, head.data(), sizeof head, 0) != static_cast<ssize_t>(sizeof head) ||
+      head[0] != LiveBlock::kMagic) {
     throw Error("--live", "descriptor " + std::to_string(descriptor) + " is no loop's memory",
                 "palpate view starts the window");
   }
-  map();
-  if (block_->magic != LiveBlock::kMagic || block_->size != sizeof(LiveBlock)) {
-    munmap(block_, sizeof(LiveBlock));
+  struct stat status {};
+  if (head[1] != LiveBlock::kLayout || fstat(descriptor, &status) != 0 ||
+      status.st_size != static_cast<off_t>(sizeof(LiveBlock))) {
     throw Error("--live", "the loop is of another version of palpate", "install both anew");
   }
+  map();
 }
 
 LiveShare::~LiveShare() {
@@ -105,7 +108,6 @@ void LiveWriter::take(const Telemetry& tick, const ProxyState& state) noexcept {
   row.force = static_cast<float>(tick.report.force.norm());
   row.apart = static_cast<float>((tick.probe - tick.report.proxy).norm());
   row.took = 1e-9F * static_cast<float>(tick.tick_ns);
-  row.missed = tick.missed;
   block_.rows[static_cast<std::size_t>(tick.tick) % kLiveRows].write(row);
   block_.newest.store(tick.tick, std::memory_order_release);
   if (tick.tick % every_ == 0 || tick.fault != told_fault_) tellWhole(tick, state);
@@ -126,7 +128,6 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
   whole_.status = r.status;
   whole_.fault = tick.fault;
   whole_.limited = r.limited;
-  whole_.primitives_all = 0;
   whole_.primitive_count = 0;
   // What is published next is told here first, so a scene that is not known is on its way.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
@@ -140,7 +141,6 @@ void LiveWriter::tellWhole(const Telemetry& tick, const ProxyState& state) noexc
     const auto items = state.primitives().items();
     const auto forces = state.forces();
     const auto links = state.primitives().links();
-    whole_.primitives_all = static_cast<std::uint32_t>(items.size());
     std::size_t next = 0;
     std::size_t link = 0;
     const auto add = [&](std::size_t mode, const ModeMemory& memory) {

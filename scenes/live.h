@@ -11,6 +11,7 @@
 #include <span>
 #include <string>
 #include <type_traits>
+#include <vector>
 
 #include "palpate/engine/mailbox.h"
 #include "palpate/engine/primitive.h"
@@ -54,10 +55,6 @@ class Published {
     std::memcpy(static_cast<void*>(&value), words.data(), sizeof(T));
     return true;
   }
-  /// Counts writes, twice each.
-  [[nodiscard]] std::uint64_t turn() const noexcept {
-    return turn_.load(std::memory_order_acquire);
-  }
 
  private:
   static constexpr std::size_t kWords = (sizeof(T) + 7) / 8;
@@ -96,7 +93,6 @@ struct LiveTick {
   double stiffness = 0.0;                                   ///< Of the coupling [N/m].
   double error_bound = 0.0;                                 ///< Of the last balance [m].
   std::int64_t late_ticks = 0;                              ///< Missed ticks so far.
-  std::uint32_t primitives_all = 0;                         ///< Primitives that were balanced.
   std::uint32_t primitive_count = 0;                        ///< Entries of `primitives`.
   StepStatus status = StepStatus::kConverged;               ///< How the tick ended.
   Fault fault = Fault::kNone;                               ///< Why the force is cut.
@@ -111,7 +107,6 @@ struct LiveRow {
   float force = 0.0F;     ///< Size of the force that was sent [N].
   float apart = 0.0F;     ///< |probe - proxy| [m].
   float took = 0.0F;      ///< Time that the tick took [s].
-  bool missed = false;    ///< Telemetry::missed.
 };
 
 /// Most that a window's user turns a mode up.
@@ -157,10 +152,11 @@ struct LiveHand {
 
 /// The block.
 struct LiveBlock {
-  static constexpr std::uint64_t kMagic = 0x32766c70'61706c70;  ///< Of this layout.
+  static constexpr std::uint64_t kMagic = 0x6576696c'706c6170;  ///< "palplive", of every layout.
+  static constexpr std::uint64_t kLayout = 3;  ///< One more with each change of what follows.
 
-  std::atomic<std::uint64_t> magic{kMagic};            ///< kMagic, else it is none.
-  std::atomic<std::uint64_t> size{sizeof(LiveBlock)};  ///< Of the block [bytes].
+  std::atomic<std::uint64_t> magic{kMagic};    ///< kMagic, else it is none.
+  std::atomic<std::uint64_t> layout{kLayout};  ///< kLayout, else it is another version's.
   // From the loop.
   Published<LiveTick> tick;                        ///< The newest whole tick.
   Published<LiveScene> scene;                      ///< The scene of `tick`.

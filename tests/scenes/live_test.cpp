@@ -4,6 +4,7 @@
 #include <array>
 #include <atomic>
 #include <string>
+#include <sys/mman.h>
 #include <thread>
 #include <unistd.h>
 
@@ -138,6 +139,21 @@ TEST_CASE("what is no loop's memory is refused, and the memory cannot be cut", "
   CHECK_THROWS_AS(LiveShare(dup(0)), Error);
   LiveShare share;
   CHECK(ftruncate(share.descriptor(), 0) != 0);
+  const auto refusal = [](int descriptor) {
+    try {
+      const LiveShare taken(descriptor);
+    } catch (const Error& error) {
+      return error.reason();
+    }
+    return std::string("none");
+  };
+  const std::string other = "the loop is of another version of palpate";
+  const int shorter = memfd_create("shorter", MFD_CLOEXEC);
+  const std::array<std::uint64_t, 3> head{LiveBlock::kMagic, LiveBlock::kLayout, 0};
+  REQUIRE(write(shorter, head.data(), sizeof head) == sizeof head);
+  CHECK(refusal(shorter) == other);
+  share.block().layout = LiveBlock::kLayout + 1;
+  CHECK(refusal(dup(share.descriptor())) == other);
   share.block().magic = 7;
-  CHECK_THROWS_AS(LiveShare(dup(share.descriptor())), Error);
+  CHECK_THAT(refusal(dup(share.descriptor())), Catch::Contains("is no loop's memory"));
 }
