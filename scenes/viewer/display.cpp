@@ -1,6 +1,8 @@
 #include "palpate/scenes/viewer/display.h"
 
+#include <GL/glx.h>
 #include <X11/Xlib.h>
+#include <X11/Xproto.h>
 #include <array>
 #include <cerrno>
 #include <csignal>
@@ -10,9 +12,13 @@
 #include <poll.h>
 #include <spawn.h>
 #include <string>
+#include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/random.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include <fmt/format.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/say.h"
@@ -20,11 +26,24 @@
 namespace palpate::view {
 namespace {
 
-bool isThere() {
-  Display* display = XOpenDisplay(nullptr);
-  if (display == nullptr) return false;
-  XCloseDisplay(display);
-  return true;
+/// Beside VTK's, for as long as the program runs: a server that its last client leaves may begin
+/// anew, and refuse for a moment who comes.
+Display* connection = nullptr;
+
+/// What keeps windows with OpenGL from the display; empty where nothing does.
+std::string problem() {
+  const char* name = std::getenv("DISPLAY");
+  if (name == nullptr || *name == '\0') return "there is none";
+  connection = XOpenDisplay(nullptr);
+  if (connection == nullptr) return std::string(name) + " does not answer";
+  // VTK asks for as much, and aborts without a word where there is none.
+  const std::array<int, 5> wanted{GLX_DEPTH_SIZE, 1, GLX_ALPHA_SIZE, 1, None};
+  int count = 0;
+  int unused = 0;
+  if (glXQueryExtension(connection, &unused, &unused) != 0) {
+    XFree(glXChooseFBConfig(connection, DefaultScreen(connection), wanted.data(), &count));
+  }
+  return count > 0 ? "" : std::string(name) + " has no OpenGL";
 }
 
 pid_t server = -1;
@@ -35,25 +54,52 @@ void endServer() {
   waitpid(server, nullptr, 0);
 }
 
+/// A file that lets in who knows what is written there, which is us: else every user of the machine
+/// could watch what is drawn. Gone with its last descriptor; -1 where there is none.
+int authority() {
+  std::string name = "MIT-MAGIC-COOKIE-1";
+  std::array<char, 16> cookie{};
+  if (getrandom(cookie.data(), cookie.size(), 0) != static_cast<ssize_t>(cookie.size())) return -1;
+  // As Xau has it: a family, here any, and address, display, name and cookie, each after its size.
+  std::string record = "\xff\xff";
+  for (const std::string& part :
+       {std::string(), std::string(), name, std::string(cookie.data(), cookie.size())}) {
+    record += '\0';
+    record += static_cast<char>(part.size());
+    record += part;
+  }
+  const int file = memfd_create("palpate-authority", 0);
+  if (file < 0) return -1;
+  (void)!write(file, record.data(), record.size());
+  XSetAuthorization(name.data(), static_cast<int>(name.size()), cookie.data(),
+                    static_cast<int>(cookie.size()));
+  return file;
+}
+
 /// The number of a new server's display; empty where it did not come up.
 std::string startServer() {
   int ends[2];
-  if (pipe(ends) != 0) return "";
+  const int known = authority();
+  if (known < 0 || pipe(ends) != 0) return "";
   const pid_t parent = getpid();
   server = fork();
   if (server == 0) {
     // It ends with this program, however that does.
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     if (getppid() != parent) _exit(1);
+    // A terminal's Ctrl-C is for the loop, which ends us.
+    setpgid(0, 0);
     dup2(ends[1], 3);
     // Where a display's number is taken it says so, and takes the next.
     const int nowhere = open("/dev/null", O_WRONLY);
     dup2(nowhere, STDERR_FILENO);
+    const std::string place = "/proc/self/fd/" + std::to_string(known);
     execlp("Xvfb", "Xvfb", "-displayfd", "3", "-screen", "0", "64x64x24", "-nolisten", "tcp",
-           nullptr);
+           "-auth", place.c_str(), nullptr);
     _exit(127);
   }
   close(ends[1]);
+  close(known);
   std::string number;
   constexpr int kPatience = 10000;  // [ms]
   pollfd wait{ends[0], POLLIN, 0};
@@ -71,29 +117,58 @@ std::string startServer() {
 }
 
 int lost(Display* /*display*/) {
-  cli::complain("display: it is gone: the loop goes on without a window");
+  cli::complain("display: it is gone: the window ends");
+  _exit(1);
+}
+
+int refused(Display* display, XErrorEvent* error) {
+  // VTK asks for it where the mouse comes, perhaps to a window that is hidden meanwhile.
+  if (error->request_code == X_SetInputFocus) return 0;
+  std::array<char, 128> why{};
+  XGetErrorText(display, error->error_code, why.data(), static_cast<int>(why.size()));
+  cli::complain(fmt::format("display: it refuses request {}.{}, {}: the window ends",
+                            error->request_code, error->minor_code, why.data()));
   _exit(1);
 }
 
 }  // namespace
 
 void needDisplay(bool picture) {
-  if (isThere()) return;
-  const char* name = std::getenv("DISPLAY");
-  const std::string why = name == nullptr || *name == '\0' ? std::string("there is none")
-                                                           : std::string(name) + " does not answer";
-  if (!picture) throw Error("display", why, "start it on a desktop, or add --picture FILE.png");
-  const std::string number = startServer();
-  if (!number.empty()) {
-    std::atexit(endServer);
-    setenv("DISPLAY", (":" + number).c_str(), 1);
+  XSetIOErrorHandler(lost);
+  XSetErrorHandler(refused);
+  std::string why = problem();
+  if (why.empty()) return;
+  if (!picture) {
+    throw Error("display", why, "start it on a desktop with OpenGL, or add --picture FILE.png");
   }
-  if (number.empty() || !isThere())
-    throw Error("display", why, "install xvfb, which pictures need then");
+  const std::string number = startServer();
+  if (number.empty()) throw Error("display", why, "install xvfb, which pictures need then");
+  std::atexit(endServer);
+  setenv("DISPLAY", (":" + number).c_str(), 1);
+  why = problem();
+  if (!why.empty()) throw Error("display", why, "install xvfb and libgl1-mesa-dri anew");
 }
 
-void endWithDisplay() {
-  XSetIOErrorHandler(lost);
+Sight::Sight(unsigned long window) {
+  XSelectInput(connection, window, StructureNotifyMask | VisibilityChangeMask);
+  XFlush(connection);
+}
+
+bool Sight::now() {
+  while (XPending(connection) > 0) {
+    XEvent event;
+    XNextEvent(connection, &event);
+    if (event.type == UnmapNotify) mapped_ = false;
+    // What covers it then is told after it.
+    if (event.type == MapNotify) {
+      mapped_ = true;
+      covered_ = false;
+    }
+    if (event.type == VisibilityNotify) {
+      covered_ = event.xvisibility.state == VisibilityFullyObscured;
+    }
+  }
+  return mapped_ && !covered_;
 }
 
 }  // namespace palpate::view

@@ -3,11 +3,24 @@
 
 namespace palpate::view {
 
-/// Sees that there is a display. For a picture, where there is none, starts Xvfb until the program
-/// ends. Throws Error. Before anything of VTK's.
+/// Sees that there is a display with OpenGL. For a picture, where there is none, starts Xvfb until
+/// the program ends. Throws Error. From then on a display that is lost, or refuses what it is asked
+/// for, is one line and the end of this program alone. Before anything of VTK's.
 void needDisplay(bool picture);
 
-/// What to do when the display is lost: one line, and the end of this program alone.
-void endWithDisplay();
+/// Whether any of a window can be seen. By a connection that is not VTK's, which drops what it does
+/// not know.
+class Sight {
+ public:
+  /// `window`: its number. After needDisplay(). Until something else is told it is seen.
+  explicit Sight(unsigned long window);
+
+  /// As was told last.
+  [[nodiscard]] bool now();
+
+ private:
+  bool mapped_ = true;
+  bool covered_ = false;
+};
 
 }  // namespace palpate::view

@@ -18,6 +18,8 @@
 #include <fmt/format.h>
 #include <vtkObject.h>
 #include <vtkOutputWindow.h>
+#include <vtkRenderWindow.h>
+#include <vtkSmartPointer.h>
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
@@ -78,6 +80,16 @@ void stepAside() {
   }
 }
 
+/// Throws Error where graphics are too old for VTK, which would crash.
+void needOpenGL() {
+  const auto window = vtkSmartPointer<vtkRenderWindow>::New();
+  window->SetOffScreenRendering(1);
+  if (window->SupportsOpenGL() == 0) {
+    throw Error("display", "its OpenGL is older than 3.2",
+                "install a newer driver of its graphics");
+  }
+}
+
 int run(int argc, char** argv) {
   CLI::App app{"The window of palpate view, which starts it."};
   app.name("palpate-view");
@@ -113,9 +125,11 @@ int run(int argc, char** argv) {
   }
   LiveShare share(live);
   stepBack();
-  takeNoMore(most_memory);
+  // First: a driver that finds no memory is as one that is not there.
   view::needDisplay(!picture.empty());
   vtkObject::GlobalWarningDisplayOff();
+  needOpenGL();
+  takeNoMore(most_memory);
   const bool still = !picture.empty();
   auto seen = cli::writtenAt(scene);
   auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
@@ -138,7 +152,6 @@ int run(int argc, char** argv) {
     return cli::kDone;
   }
   stepAside();
-  view::endWithDisplay();
   window.run(told_every, shot, told);
   return cli::kDone;
 }

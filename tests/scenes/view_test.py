@@ -2,6 +2,7 @@
 """The window and its stills, under Xvfb with a synthetic mouse: what is seen is what the trace says.
 view_test.py BIN_DIR VOLUMES_PROGRAM [CLASS...]. Exit status 77 where Xvfb, xdotool or matplotlib are missing."""
 import csv
+import ctypes
 import json
 import math
 import os
@@ -188,6 +189,41 @@ class Still(Case):
                 yellow = (image[..., 0] > 0.6) & (image[..., 1] > 0.5) & (image[..., 2] < 0.5)
                 self.assertGreater(int(yellow.sum()), colours)
 
+    def beside(self, server):
+        """With another program as Xvfb, and no display."""
+        place = self.dir / "bin"
+        place.mkdir(exist_ok=True)
+        (place / "Xvfb").write_text("#!/bin/sh\n" + server, encoding="utf-8")
+        (place / "Xvfb").chmod(0o755)
+        env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
+        return {**env, "PATH": f"{place}:{env['PATH']}"}
+
+    def test_graphics_that_are_too_old_are_told(self):
+        env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
+        env.pop("DISPLAY", None)
+        done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
+        self.assertRegex(done.stderr, r"^palpate: display: its OpenGL is older than 3\.2: .*\n"
+                         r"palpate: \S+: the picture was not drawn: its exit status is 2: .*\n$")
+        self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
+
+    def test_nobody_else_sees_what_is_drawn(self):
+        """Who connects to its server without a cookie is refused, before its number is told."""
+        env = self.beside(f"""
+cd '{self.dir}' && mkfifo number
+{shutil.which("Xvfb")} "$@" 3> number &
+trap "kill $!" TERM
+read -r number < number
+DISPLAY=:$number XAUTHORITY=/dev/null xdotool getmouselocation > stranger 2>&1
+echo $? >> stranger
+echo $number >&3
+wait
+wait
+""")
+        self.still("--seconds", "0.1", "--picture", "still.png", env=env)
+        said = (self.dir / "stranger").read_text(encoding="utf-8")
+        self.assertEqual(said.split()[-1], "1", said)
+        self.assertTrue((self.dir / "still.png").exists())
+
     def test_what_cannot_be_drawn_leaves_nothing(self):
         done = self.still("--picture", "still.gif", status=2)
         self.assertRegex(done.stderr, r"^palpate: .*still\.gif: it is not named \.png: .*\n$")
@@ -200,9 +236,12 @@ class Still(Case):
 class Window(Case):
     def setUp(self):
         super().setUp()
+        self.serve()
+
+    def serve(self, *words):
         ends = os.pipe()
         server = subprocess.Popen(["Xvfb", "-displayfd", str(ends[1]), "-screen", "0", "1100x760x24",
-                                   "-nolisten", "tcp"], pass_fds=[ends[1]], stderr=subprocess.DEVNULL)
+                                   "-nolisten", "tcp", *words], pass_fds=[ends[1]], stderr=subprocess.DEVNULL)
         self.addCleanup(server.wait)
         self.addCleanup(server.kill)
         os.close(ends[1])
@@ -210,10 +249,10 @@ class Window(Case):
             self.env["DISPLAY"] = ":" + number.readline().strip()
         self.server = server
 
-    def start(self, *words):
+    def start(self, *words, program=PALPATE):
         self.log = open(self.dir / "log", "w+", encoding="utf-8")  # pylint: disable=consider-using-with
         self.addCleanup(self.log.close)
-        self.feel = subprocess.Popen([PALPATE, "view", str(self.scene), *words], cwd=self.dir,
+        self.feel = subprocess.Popen([program, "view", str(self.scene), *words], cwd=self.dir,
                                      env=self.env, stdout=subprocess.DEVNULL, stderr=self.log)
         self.addCleanup(self.feel.wait)
         self.addCleanup(self.feel.kill)
@@ -222,7 +261,7 @@ class Window(Case):
     def said(self):
         return (self.dir / "log").read_text(encoding="utf-8")
 
-    def until(self, what, true):
+    def until(self, what, true, every=0.1):
         """Waits for what was drawn to be so."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
@@ -231,8 +270,41 @@ class Window(Case):
                 return told
             if not told and self.feel.poll() is not None:
                 break
-            time.sleep(0.1)
+            time.sleep(every)
         raise AssertionError(f"never {what}: {self.told()}, {self.said()}")
+
+    def until_said(self, words):
+        end = time.monotonic() + PATIENCE
+        while words not in self.said() and time.monotonic() < end:
+            time.sleep(0.1)
+        self.assertIn(words, self.said())
+
+    def until_at_rest(self):
+        """Waits until it is told five times without a frame."""
+        end = time.monotonic() + PATIENCE
+        frames = -1
+        while time.monotonic() < end:
+            for _ in range(5):
+                before = os.stat(self.told_file).st_mtime_ns
+                while os.stat(self.told_file).st_mtime_ns == before and time.monotonic() < end:
+                    time.sleep(0.02)
+            told = self.told()
+            if told["frames"] == frames:
+                return told
+            frames = told["frames"]
+        raise AssertionError(f"it draws on: {self.told()}")
+
+    def cover(self):
+        """Another window over everything; what takes it away."""
+        x11 = ctypes.CDLL("libX11.so.6")
+        x11.XOpenDisplay.restype = ctypes.c_void_p
+        display = ctypes.c_void_p(x11.XOpenDisplay(self.env["DISPLAY"].encode()))
+        x11.XDefaultRootWindow.restype = x11.XCreateSimpleWindow.restype = ctypes.c_ulong
+        root = ctypes.c_ulong(x11.XDefaultRootWindow(display))
+        window = x11.XCreateSimpleWindow(display, root, 0, 0, 1100, 760, 0, ctypes.c_ulong(0), ctypes.c_ulong(0))
+        x11.XMapRaised(display, ctypes.c_ulong(window))
+        x11.XSync(display, 0)
+        return lambda: x11.XCloseDisplay(display)
 
     def until_shown(self, what, true):
         """Waits for the screen itself."""
@@ -255,7 +327,7 @@ class Window(Case):
 
     def window(self):
         """Once it draws."""
-        self.until("a frame", lambda told: told["frames"] > 2)
+        self.until("a frame", lambda told: told["frames"] > 0)
         return self.do("search", "--onlyvisible", "--name", "^palpate:")[0]
 
     def child(self, feel):
@@ -471,7 +543,7 @@ class Lost(Window):
         self.env["DISPLAY"] = ":7777"
         feel = self.start("--seconds", "3")
         self.assertEqual(self.ended(feel), 0)
-        self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: start it on a desktop, "
+        self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: start it on a desktop with OpenGL, "
                          r"or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
 
