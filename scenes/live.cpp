@@ -35,6 +35,7 @@ LiveShare::LiveShare()
   }
   map();
   new (block_) LiveBlock;
+  block_->process = getpid();
 }
 
 LiveShare::LiveShare(int descriptor) : descriptor_(descriptor) {

@@ -162,6 +162,7 @@ struct LiveBlock {
   Published<LiveScene> scene;                      ///< The scene of `tick`.
   std::array<Published<LiveRow>, kLiveRows> rows;  ///< Tick n's at n % kLiveRows.
   std::atomic<std::int64_t> newest{0};             ///< The newest row's tick.
+  std::atomic<std::int64_t> process{0};            ///< The loop's; it starts the window's.
   std::atomic<std::uint32_t> over{0};              ///< Not 0: the run has ended.
   std::atomic<std::uint64_t> refused{0};  ///< The last LiveWishes::dialled that cannot be felt.
   // From the window.

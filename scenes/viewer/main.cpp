@@ -6,6 +6,7 @@
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <future>
 #include <memory>
 #include <new>
 #include <sched.h>
@@ -67,16 +68,25 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Leaves the loop a core of its own. Once all is loaded: until then every core helps.
+/// Leaves the loop a core of its own. Once all is drawn: until then every core helps. Threads that
+/// were made for that go too, and those of the graphics, some of which take every core when they
+/// begin; later ones are as who makes them.
 void stepAside() {
   cpu_set_t cores;
   if (sched_getaffinity(0, sizeof cores, &cores) != 0) return;
-  const int count = CPU_COUNT(&cores);
-  for (int core = CPU_SETSIZE - 1; core >= 0 && count > 1; --core) {
-    if (!CPU_ISSET(core, &cores)) continue;
-    CPU_CLR(core, &cores);
-    (void)sched_setaffinity(0, sizeof cores, &cores);
-    return;
+  int last = CPU_SETSIZE - 1;
+  while (last > 0 && !CPU_ISSET(last, &cores)) --last;
+  if (CPU_COUNT(&cores) < 2) return;
+  CPU_CLR(last, &cores);
+  // Until none is found that came from one that had not gone yet.
+  for (bool moved = true; moved;) {
+    moved = false;
+    for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+      const pid_t thread = std::stoi(task.path().filename().string());
+      cpu_set_t its;
+      if (sched_getaffinity(thread, sizeof its, &its) != 0 || !CPU_ISSET(last, &its)) continue;
+      moved = sched_setaffinity(thread, sizeof cores, &cores) == 0 || moved;
+    }
   }
 }
 
@@ -134,13 +144,16 @@ int run(int argc, char** argv) {
   auto seen = cli::writtenAt(scene);
   auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
   if (watch) {
-    options.again = [&]() -> std::unique_ptr<view::Shapes> {
+    options.again = [&scene, &seen, still] {
       const auto now = cli::writtenAt(scene);
-      if (now == seen) return nullptr;
+      if (now == seen) return std::future<std::unique_ptr<view::Shapes>>();
       seen = now;
-      return std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+      return std::async(std::launch::async, [scene, still] {
+        return std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+      });
     };
   }
+  options.shown = stepAside;
   options.offscreen = !picture.empty();
   if (options.offscreen) options.magnify = 2;
   const std::string title = fmt::format(
@@ -151,7 +164,6 @@ int run(int argc, char** argv) {
     if (!told.empty()) std::ofstream(told) << window.told().dump(2) << "\n";
     return cli::kDone;
   }
-  stepAside();
   window.run(told_every, shot, told);
   return cli::kDone;
 }

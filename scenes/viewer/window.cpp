@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <unistd.h>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -197,6 +198,7 @@ void ViewWindow::furnish() {
 }
 
 void ViewWindow::follow(const LiveScene& modes) {
+  ++changes_;
   // The wishes of modes that were known, and what is felt of the others.
   const LiveWishes wished = wishes_;
   wishes_.dial_count =
@@ -211,10 +213,20 @@ void ViewWindow::follow(const LiveScene& modes) {
   }
   if (modes_.id == 0 && wishes_.dial_count > 0) selected_ = wishes_.dials[0].mode;
   modes_ = modes;
-  if (!options_.again) return;
+  again_ = static_cast<bool>(options_.again);
+}
+
+void ViewWindow::takeAgain() {
+  if (again_ && !reading_.valid()) {
+    again_ = false;
+    reading_ = options_.again();
+    ++changes_;
+  }
+  if (!reading_.valid() || reading_.wait_for(std::chrono::seconds(0)) != std::future_status::ready)
+    return;
+  ++changes_;
   try {
-    auto shapes = options_.again();
-    if (!shapes) return;
+    auto shapes = reading_.get();
     const Box before = shapes_->bounds();
     shapes_ = std::move(shapes);
     furnish();
@@ -293,7 +305,7 @@ void ViewWindow::resetCamera() {
   camera.SetViewUp(0.0, 0.0, 1.0);
   constexpr double kAngle = 32.0;
   camera.SetViewAngle(kAngle);
-  scene_->ResetCameraClippingRange();
+  clip();
   stale_ = true;
 }
 
@@ -307,10 +319,11 @@ void ViewWindow::layOut() {
   }
   side_->SetViewport(1.0 - panel, 0.0, 1.0, 1.0);
   stale_ = true;
+  ++changes_;
   panel_at_ = {};
 }
 
-bool ViewWindow::refresh() {
+void ViewWindow::refresh() {
   over_ = over_ || block_.over.load() != 0;
   LiveTick tick;
   bool fresh = false;
@@ -319,8 +332,7 @@ bool ViewWindow::refresh() {
   if (fresh && tick.tick != tick_.tick) {
     tick_ = tick;
     tick_at_ = Clock::now();
-  } else {
-    fresh = false;
+    ++changes_;
   }
   LiveScene modes;
   if (block_.scene.read(modes) && modes.id != modes_.id) follow(modes);
@@ -339,8 +351,11 @@ bool ViewWindow::refresh() {
     rows_.erase(rows_.begin(), std::find_if(rows_.begin(), rows_.end(),
                                             [&](const LiveRow& row) { return row.time >= since; }));
   }
-  stalled_ = tick_.tick > 0 && secondsSince(tick_at_) > kStalled;
-  return fresh;
+  // Whoever has started us is the loop; an orphan is somebody else's child.
+  gone_ = gone_ || block_.process.load() != getppid();
+  const bool stalled = gone_ || (tick_.tick > 0 && secondsSince(tick_at_) > kStalled);
+  if (stalled != stalled_) ++changes_;
+  stalled_ = stalled;
 }
 
 std::array<double, 2> ViewWindow::onScreen(const Vec3& p) const {
@@ -386,12 +401,50 @@ Area ViewWindow::drawnOver() const {
   return area;
 }
 
+void ViewWindow::showHand() {
+  overlay_->show(tick_);
+  ghost_->show(tick_);
+}
+
+vtkBoundingBox ViewWindow::hand() const {
+  vtkBoundingBox hand;
+  for (const auto& box : overlay_->seen()) hand.AddBounds(box.data());
+  // What is nearest to the camera has to be a thousandth of what is farthest, or it is cut off.
+  constexpr double kReach = 20.0;  // in scenes' sizes
+  const Box& scene = shapes_->bounds();
+  const Vec3 reach = Vec3::Constant(kReach * std::max(1e-6, scene.size().maxCoeff()));
+  const Vec3 least = scene.centre() - reach;
+  const Vec3 most = scene.centre() + reach;
+  const vtkBoundingBox near(least.x(), most.x(), least.y(), most.y(), least.z(), most.z());
+  if (!hand.Intersects(near)) return {};
+  hand.IntersectBox(near);
+  return hand;
+}
+
+void ViewWindow::clip() {
+  clipped_.Reset();
+  double bounds[6];
+  for (const auto& renderer : {scene_, through_}) {
+    renderer->ComputeVisiblePropBounds(bounds);
+    clipped_.AddBounds(bounds);
+  }
+  const vtkBoundingBox hand = this->hand();
+  if (hand.IsValid() && !clipped_.Contains(hand)) {
+    // Half as far again, lest every step of its way out costs a backdrop.
+    clipped_.AddBox(hand);
+    clipped_.ScaleAboutCenter(1.5);
+  }
+  if (!clipped_.IsValid()) return;
+  clipped_.GetBounds(bounds);
+  scene_->ResetCameraClippingRange(bounds);
+}
+
 void ViewWindow::drawBackdrop(int detail) {
   const double before = cpu();
   const auto start = Clock::now();
   shapes_->detail(detail);
   if (shapes_->moves()) shapes_->moveTo(tick_.time);
-  scene_->ResetCameraClippingRange();
+  clip();
   for (auto& renderer : {restored_, hidden_, side_}) renderer->DrawOff();
   for (auto& renderer : {scene_, through_}) renderer->DrawOn();
   // Nobody is to see it without the hand.
@@ -412,8 +465,6 @@ void ViewWindow::drawBackdrop(int detail) {
 }
 
 void ViewWindow::drawFrame() {
-  overlay_->show(tick_);
-  ghost_->show(tick_);
   const Vec3 force(tick_.force[0], tick_.force[1], tick_.force[2]);
   const auto at = onScreen(overlay_->tip());
   const bool felt = force.norm() > 0.005;
@@ -426,12 +477,15 @@ void ViewWindow::drawFrame() {
   side_->SetDraw(panel_fresh_ ? 1 : 0);
   panel_fresh_ = false;
   window_->Render();
+  framed_ = changes_;
   ++frames_;
+  if (reading_.valid()) ++frames_reading_;
 }
 
 std::vector<std::string> ViewWindow::notes() const {
-  if (!message_.empty() && Clock::now() < message_until_) return {message_};
+  if (!message_.empty()) return {message_};
   std::vector<std::string> notes = shapes_->notes();
+  if (reading_.valid()) notes.emplace_back("the scene is being read anew");
   if (detail_ >= Shapes::kCoarsest) {
     notes.emplace_back("drawn coarsely, to be in time");
   } else if (detail_ > 1) {
@@ -454,7 +508,9 @@ void ViewWindow::fillPanel() {
   }
   content.status = statusOf(tick_);
   if (stalled_ && !over_) {
-    content.status = {"THE LOOP HAS STOPPED", "no tick for half a second: see its terminal"};
+    content.status = {"THE LOOP HAS STOPPED", gone_
+                                                  ? "its program has ended: see its terminal"
+                                                  : "no tick for half a second: see its terminal"};
   }
   if (over_) content.status = {"the run is over"};
   content.notes = notes();
@@ -462,38 +518,53 @@ void ViewWindow::fillPanel() {
   panel_->show(content, static_cast<double>(window_->GetSize()[1]) / options_.magnify);
   panel_at_ = Clock::now();
   panel_fresh_ = true;
+  panelled_ = changes_;
 }
 
 void ViewWindow::frame() {
   const double before = cpu();
   const std::int64_t late = tick_.late_ticks;
-  (void)refresh();
+  refresh();
   layOut();
   if (over_ && !options_.offscreen) {
     interactor_->TerminateApp();
     return;
   }
+  takeAgain();
   if (!hand_known_ && tick_.tick > 0) {
     hand_ = {tick_.probe[0], tick_.probe[1], tick_.probe[2]};
     hand_known_ = true;
   }
+  if (!message_.empty() && Clock::now() >= message_until_) {
+    message_.clear();
+    ++changes_;
+  }
   // The loop comes first: fewer frames while it is late.
   const bool sparing = tick_.late_ticks > late;
   if (sparing) rest_since_ = Clock::now();
-  stale_ = stale_ || (shapes_->moves() && secondsSince(rest_since_) > kMoving);
+  // Nothing is drawn that nobody sees, or that is there already.
+  if (!sight_->now()) return;
+  const bool moves = shapes_->moves() && !stalled_;
+  stale_ = stale_ || (moves && secondsSince(rest_since_) > kMoving);
+  const bool due = changes_ != panelled_ && secondsSince(panel_at_) > kPanelEvery;
+  const bool refine =
+      drawn_ > detail_ && !moves && turning_ == 0 && secondsSince(rest_since_) > kSettled;
+  if (changes_ == framed_ && !due && !stale_ && !refine) return;
+  showHand();
+  const vtkBoundingBox hand = this->hand();
+  stale_ = stale_ || (hand.IsValid() && !clipped_.Contains(hand));
   const double before_backdrop = cpu();
-  const bool due = secondsSince(panel_at_) > kPanelEvery;
   if (due) drawSlices();
   if (stale_) {
     drawBackdrop(Shapes::kCoarsest);
     rest_since_ = Clock::now();
-  } else if (drawn_ > detail_ && !shapes_->moves() && turning_ == 0 &&
-             secondsSince(rest_since_) > kSettled) {
+  } else if (refine) {
     drawBackdrop(detail_);
   }
   const double backdrop = cpu() - before_backdrop;
   if (due) fillPanel();
   drawFrame();
+  if (frames_ == 1 && options_.shown) options_.shown();
   const double cost = cpu() - before - backdrop;
   if (frame_costs_.size() < kCosts) frame_costs_.resize(frame_costs_.size() + 1);
   frame_costs_[next_cost_++ % kCosts] = cost;
@@ -514,6 +585,7 @@ void ViewWindow::withdraw() {
   // What was asked since is answered later.
   if (refused < wishes_.dialled) return;
   for (std::size_t i = 0; i < wishes_.dial_count; ++i) wishes_.dials[i] = modes_.modes[i].dial;
+  ++changes_;
   message_ = "that cannot be felt: see the loop's terminal";
   message_until_ = Clock::now() + std::chrono::seconds(10);
 }
@@ -547,6 +619,7 @@ void ViewWindow::dial(float factor) {
 }
 
 void ViewWindow::key(const std::string& name) {
+  ++changes_;
   if (name == "Escape") {
     ++wishes_.cuts;
     wish();
@@ -670,6 +743,7 @@ Told ViewWindow::told() const {
   told["late_ticks"] = tick_.late_ticks;
   told["rows"] = rows_.size();
   told["frames"] = frames_;
+  told["frames_reading"] = frames_reading_;
   told["coarse"] = drawn_ > detail_;
   told["detail"] = drawn_;
   // Of the last frames.
@@ -692,13 +766,14 @@ Told ViewWindow::told() const {
 }
 
 void ViewWindow::draw(const std::string& file) {
-  (void)refresh();
+  refresh();
   stalled_ = false;
   over_ = false;
   drawSlices();
   shapes_->detail(1);
   if (shapes_->moves()) shapes_->moveTo(tick_.time);
-  scene_->ResetCameraClippingRange();
+  showHand();
+  clip();
   help_->VisibilityOff();
   fillPanel();
   drawFrame();
@@ -747,6 +822,7 @@ void ViewWindow::run(double every, const std::string& shot, const std::string& t
   interactor_->SetRenderWindow(window_);
   events_ = std::make_unique<Events>(*this);
   interactor_->Initialize();
+  sight_.emplace(reinterpret_cast<std::uintptr_t>(window_->GetGenericWindowId()));
   interactor_->CreateRepeatingTimer(kFrame);
   if (!told_file.empty()) {
     observe(*interactor_, vtkCommand::TimerEvent,

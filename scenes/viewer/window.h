@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <future>
 #include <map>
 #include <memory>
 #include <optional>
@@ -12,6 +13,7 @@
 #include <vector>
 
 #include <nlohmann/json.hpp>
+#include <vtkBoundingBox.h>
 #include <vtkOpenGLRenderWindow.h>
 #include <vtkPolyData.h>
 #include <vtkRenderWindowInteractor.h>
@@ -20,6 +22,7 @@
 #include <vtkTextActor.h>
 
 #include "palpate/scenes/live.h"
+#include "palpate/scenes/viewer/display.h"
 #include "palpate/scenes/viewer/kept_image.h"
 #include "palpate/scenes/viewer/overlay.h"
 #include "palpate/scenes/viewer/panel.h"
@@ -40,9 +43,10 @@ class ViewWindow {
     bool offscreen = false;
     int magnify = 1;         ///< Of a picture: as many times as many pixels each way.
     double patience = 0.75;  ///< For a refined backdrop, else it is drawn coarser [s].
-    /// With a new scene of the loop's: what there is to see then, or nothing where its file is as
-    /// it was. Throws Error.
-    std::function<std::unique_ptr<Shapes>()> again;
+    /// With a new scene of the loop's: what there is to see then, once it is read, or Error;
+    /// invalid where its file is as it was.
+    std::function<std::future<std::unique_ptr<Shapes>>()> again;
+    std::function<void()> shown;  ///< After the first frame.
   };
   ViewWindow(LiveBlock& block, std::unique_ptr<Shapes> shapes, const std::string& title,
              const Options& options);
@@ -63,8 +67,12 @@ class ViewWindow {
   class Events;
 
   void frame();
-  /// Reads what is new; false where nothing is.
-  bool refresh();
+  void refresh();    ///< Reads what is new.
+  void takeAgain();  ///< Takes a scene that was read anew.
+  void showHand();
+  /// Of the hand as it is shown, as far from the scene as depths reach.
+  [[nodiscard]] vtkBoundingBox hand() const;
+  void clip();  ///< Depths that have room for what is drawn.
   void drawBackdrop(int detail);
   void drawFrame();
   void fillPanel();
@@ -91,6 +99,8 @@ class ViewWindow {
   void withdraw();                           ///< Wishes that the loop has refused.
 
   LiveBlock& block_;
+  bool again_ = false;                            ///< A new scene is to be looked for.
+  std::future<std::unique_ptr<Shapes>> reading_;  ///< Outlives the window, and its end waits.
   std::unique_ptr<Shapes> shapes_;
   Options options_;
   vtkSmartPointer<vtkOpenGLRenderWindow> window_;
@@ -101,6 +111,7 @@ class ViewWindow {
   vtkSmartPointer<vtkRenderer> side_;      ///< The panel.
   vtkSmartPointer<vtkRenderWindowInteractor> interactor_;
   std::unique_ptr<Events> events_;
+  std::optional<Sight> sight_;
   std::optional<Overlay> overlay_;
   std::optional<Overlay> ghost_;
   std::optional<Panel> panel_;
@@ -126,9 +137,14 @@ class ViewWindow {
   bool hand_known_ = false;
   bool over_ = false;
   bool stalled_ = false;
+  bool gone_ = false;              ///< The loop's program.
   int detail_ = 1;                 ///< Of a refined backdrop, as Shapes::detail.
   int drawn_ = Shapes::kCoarsest;  ///< Of the one that is seen.
   bool stale_ = true;              ///< The backdrop is to be drawn.
+  vtkBoundingBox clipped_;         ///< What its depths have room for.
+  std::uint64_t changes_ = 1;      ///< Of what there is to show;
+  std::uint64_t framed_ = 0;       ///< of which the last frame has so many,
+  std::uint64_t panelled_ = 0;     ///< and the panel.
   bool panel_fresh_ = true;        ///< The panel is to be drawn.
   Area over_backdrop_;             ///< What the last frame was drawn over.
   int turning_ = 0;                ///< Button that is held: 1 turns, 2 shifts, 3 nears.
@@ -149,6 +165,7 @@ class ViewWindow {
   Cost coarse_cost_;
   Cost refined_cost_;
   std::int64_t frames_ = 0;
+  std::int64_t frames_reading_ = 0;  ///< Of these, while a scene was read anew.
 };
 
 }  // namespace palpate::view

@@ -261,7 +261,7 @@ class Window(Case):
     def said(self):
         return (self.dir / "log").read_text(encoding="utf-8")
 
-    def until(self, what, true, every=0.1):
+    def until(self, what, true):
         """Waits for what was drawn to be so."""
         end = time.monotonic() + PATIENCE
         while time.monotonic() < end:
@@ -270,7 +270,7 @@ class Window(Case):
                 return told
             if not told and self.feel.poll() is not None:
                 break
-            time.sleep(every)
+            time.sleep(0.1)
         raise AssertionError(f"never {what}: {self.told()}, {self.said()}")
 
     def until_said(self, words):
@@ -464,6 +464,64 @@ class Drawn(Window):
         self.until("a refusal", lambda t: any("cannot be felt" in note for note in t["notes"]))
         self.until("no wish", lambda t: [bar["words"] for bar in t["bars"]] == ["skin: off", "pin: idle"])
         self.assertRegex(self.said(), "/modes/1/strength: .* N is beyond 1e.06: .*; the scene before it goes on\n")
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_a_window_answers_while_a_scene_is_read_anew(self):
+        feel = self.start("--seconds", str(PATIENCE), "--watch")
+        window = self.window()
+        scene = json.loads(json.dumps(SCENE))
+        for i in range(12):
+            scene["modes"].append({"name": f"core {i}", "mode": "isosurface", "of": "ball", "value": -0.02 * i,
+                                   "solid": "below", "strength": 2})
+        partial = self.dir / "partial.json"
+        partial.write_text(json.dumps(scene), encoding="utf-8")
+        partial.rename(self.scene)
+        told = self.until("the new scene", lambda t: "core 11" in t["legend"])
+        self.assertGreater(told["frames_reading"], 0)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_a_window_that_nobody_sees_draws_nothing(self):
+        feel = self.start("--seconds", str(PATIENCE))
+        window = self.window()
+
+        def rests():
+            before = self.told()
+            self.assertGreater(self.until_at_rest()["tick"], before["tick"])
+
+        self.do("windowunmap", "--sync", window)
+        rests()
+        at_rest = self.told()["frames"]
+        self.do("windowmap", "--sync", window)
+        self.until("frames", lambda told: told["frames"] > at_rest + 5)
+        uncover = self.cover()
+        rests()
+        at_rest = self.told()["frames"]
+        uncover()
+        self.until("frames again", lambda told: told["frames"] > at_rest + 5)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_a_hand_far_behind_a_scene_is_seen(self):
+        (self.dir / "far.csv").write_text("t,x,y,z\n0,0,-0.1,0.1\n2,-0.012,0.3,-0.105\n900,-0.012,0.3,-0.105\n",
+                                          encoding="utf-8")
+        feel = self.start("--device", "path:far.csv")
+        window = self.window()
+        told = self.until("it far behind", lambda told: told["time"] > 3 and not told["coarse"])
+        x, y = round(told["pixels"]["probe"][0]), round(told["size"][1] - 1 - told["pixels"]["probe"][1])
+        self.until_shown("the hand", lambda image: image[y - 6:y + 7, x - 6:x + 7, :3].std() > 0.03)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def test_no_thread_of_a_window_is_on_the_loop_s_core(self):
+        """Nor those of its graphics."""
+        feel = self.start("--seconds", str(PATIENCE))
+        window = self.window()
+        cores = os.sched_getaffinity(0)
+        left = cores - {max(cores)} if len(cores) > 1 else cores
+        tasks = list(Path(f"/proc/{self.child(feel)}/task").iterdir())
+        self.assertEqual({frozenset(os.sched_getaffinity(int(task.name))) for task in tasks}, {frozenset(left)})
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
 
