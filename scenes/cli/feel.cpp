@@ -265,7 +265,10 @@ int feel(const FeelOptions& options) {
   if (window) {
     hands[0]->log.live = &window->writer();
     window->writer().expect(*built.scene);
-    if (options.still.empty()) window->open(options.scene, options.watch);
+    const auto& names = options.devices;
+    const bool only = std::all_of(names.begin(), names.end(),
+                                  [](const std::string& device) { return device == "mouse"; });
+    if (options.still.empty()) window->open(options.scene, options.watch, only);
   }
 
   Run run{options, hands, built.scene, spec, written, cache};
@@ -309,26 +312,26 @@ int feel(const FeelOptions& options) {
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
   }
-  if (picture) {
-    try {
-      picture->draw(spec, built, hands[0]->log.felt);
-    } catch (const Interrupted&) {
-      complain("feel: interrupted: the picture is not drawn");
+  try {
+    if (picture) picture->draw(spec, built, hands[0]->log.felt);
+    if (still) {
+      window->draw(options.scene, still->place());
+      still->commit();
     }
-  }
-  if (still) {
-    window->draw(options.scene, still->place());
-    still->commit();
+  } catch (const Interrupted&) {
+    complain("feel: interrupted: the picture is not drawn");
   }
   const bool nothing = std::none_of(hands.begin(), hands.end(),
                                     [](const auto& hand) { return hand->log.felt.anything(); });
-  if (nothing) {
+  const bool lost = window && window->lost();
+  if (nothing && !lost) {
     complain(
         "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
         "volumes are");
   }
   if (cut_short || interrupted != 0) return kInterrupted;
   int status = nothing && !options.window ? kNothingFelt : kDone;
+  if (lost) status = kEndedEarly;
   for (std::size_t h = 0; h < hands.size(); ++h) {
     const Fault fault = hands[h]->log.felt.fault();
     if (fault == Fault::kNone) continue;

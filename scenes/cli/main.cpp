@@ -136,12 +136,18 @@ void holdStandardStreams() {
   std::signal(SIGXFSZ, SIG_IGN);
 }
 
+/// How a child has ended is told, even where who started us has had that ignored.
+void hearChildren() {
+  std::signal(SIGCHLD, SIG_DFL);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   using namespace palpate;
   try {
     holdStandardStreams();
+    hearChildren();
     cli::endAtInterrupts();
     return run({argv + std::min(argc, 1), argv + argc});
   } catch (const Error& e) {

@@ -146,7 +146,7 @@ void runOnTime(const Run& run, Guardian& guardian) {
     for (const auto& hand : hands) feeling = hand->look() || feeling;
     if (run.window != nullptr) {
       const Asked asked = run.window->look(threads);
-      if (asked.closed) break;
+      if (asked.closed || run.window->lost()) break;
       if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
       run.window->tellRefused(watcher->refused());
     }

@@ -17,6 +17,8 @@
 namespace palpate::cli {
 namespace {
 
+constexpr auto kLook = std::chrono::milliseconds(10);  ///< At what the program does.
+
 std::string programPath() {
   return (programFolder() / "palpate-view").string();
 }
@@ -29,6 +31,7 @@ std::string programPath() {
 
 /// "it was ended by signal 9 (Killed)"
 std::string endOf(int status) {
+  if (status < 0) return "nobody knows how";
   if (WIFSIGNALED(status)) {
     return fmt::format("it was ended by signal {} ({})", WTERMSIG(status),
                        strsignal(WTERMSIG(status)));
@@ -48,14 +51,22 @@ Window::~Window() {
   // It looks thirty times a second.
   constexpr auto kPatience = std::chrono::milliseconds(1500);
   const auto end = std::chrono::steady_clock::now() + kPatience;
-  while (waitpid(child_, nullptr, WNOHANG) == 0) {
+  while (!ended()) {
     if (std::chrono::steady_clock::now() > end) {
       kill(child_, SIGKILL);
       waitpid(child_, nullptr, 0);
       return;
     }
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    std::this_thread::sleep_for(kLook);
   }
+}
+
+std::optional<int> Window::ended() {
+  int status = 0;
+  const pid_t child = waitpid(child_, &status, WNOHANG);
+  if (child == 0) return std::nullopt;
+  child_ = -1;
+  return child < 0 ? -1 : status;
 }
 
 void Window::start(const std::vector<std::string>& arguments) {
@@ -83,7 +94,8 @@ void Window::start(const std::vector<std::string>& arguments) {
   child_ = child;
 }
 
-void Window::open(const std::string& scene, bool watch) {
+void Window::open(const std::string& scene, bool watch, bool only) {
+  only_ = only;
   std::vector<std::string> words{scene};
   if (watch) words.emplace_back("--watch");
   start(words);
@@ -91,25 +103,27 @@ void Window::open(const std::string& scene, bool watch) {
 
 void Window::draw(const std::string& scene, const std::string& picture) {
   start({scene, "--picture", picture});
-  int status = 0;
-  while (waitpid(child_, &status, 0) < 0 && errno == EINTR) {
+  std::optional<int> status;
+  while (!(status = ended()) && interrupted == 0) std::this_thread::sleep_for(kLook);
+  if (interrupted != 0) {
+    if (!status) kill(child_, SIGTERM);
+    throw Interrupted{};
   }
-  child_ = -1;
-  if (status != 0) {
-    throw Error(picture, "the picture was not drawn: " + endOf(status),
-                "see the message of palpate-view above");
+  if (*status != 0) {
+    throw Error("palpate-view", "the picture was not drawn: " + endOf(*status),
+                "see its message above");
   }
 }
 
 Asked Window::look(const std::vector<HapticThread*>& hands) {
-  int status = 0;
-  const bool ended = child_ >= 0 && waitpid(child_, &status, WNOHANG) == child_;
-  if (ended) child_ = -1;
+  const std::optional<int> status = child_ >= 0 ? ended() : std::nullopt;
   LiveWishes now;
   const bool told = share_.block().wishes.read(now);
-  if (ended && (!told || now.closed == 0)) {
-    complain("view: the window has ended: " + endOf(status) +
-             ": the hand is felt on without it; Ctrl-C ends the run");
+  if (status && (!told || now.closed == 0)) {
+    lost_ = only_;
+    complain("view: the window has ended: " + endOf(*status) +
+             (lost_ ? ": its mouse was the only hand: the run ends"
+                    : ": the hand is felt on without it; Ctrl-C ends the run"));
   }
   if (!told) return {};
   Asked asked = cli::asked(wishes_, now);

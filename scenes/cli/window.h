@@ -25,9 +25,11 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   Window& operator=(const Window&) = delete;
 
   /// Starts the program on a scene, which is drawn anew when its file changes where `watch` says
-  /// so. Throws Error.
-  void open(const std::string& scene, bool watch);
-  /// Has a picture made of what was told last, and waits for it. Throws Error where there is none.
+  /// so. `only`: its mouse leads all hands, so that the run ends with it, however it ends. Throws
+  /// Error.
+  void open(const std::string& scene, bool watch, bool only);
+  /// Has a picture made of what was told last, and waits for it. Throws Error where there is none,
+  /// and Interrupted, with the program's end, where the user ends the run meanwhile.
   void draw(const std::string& scene, const std::string& picture);
 
   /// Takes ticks, for one hand.
@@ -41,14 +43,20 @@ class Window {  // NOLINT(clang-analyzer-optin.performance.Padding)
   [[nodiscard]] Asked look(const std::vector<HapticThread*>& hands);
   /// Says that the dials of a request (Asked::dialled) cannot be felt.
   void tellRefused(std::uint64_t request) noexcept { share_.block().refused = request; }
+  /// It has ended otherwise than by being closed, and no hand is left.
+  [[nodiscard]] bool lost() const noexcept { return lost_; }
 
  private:
   void start(const std::vector<std::string>& arguments);
+  /// The status with which the program has ended, -1 where nobody knows it; nothing while it runs.
+  std::optional<int> ended();
 
   LiveShare share_;
   LiveWriter writer_;
   LiveWishes wishes_;  ///< As last read.
-  int child_ = -1;     ///< -1: none, or it has ended.
+  bool only_ = false;
+  bool lost_ = false;
+  int child_ = -1;  ///< -1: none, or it has ended.
 };
 
 }  // namespace palpate::cli

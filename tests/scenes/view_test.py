@@ -198,11 +198,40 @@ class Still(Case):
         env = {name: value for name, value in self.env.items() if name != "DISPLAY"}
         return {**env, "PATH": f"{place}:{env['PATH']}"}
 
+    def test_an_interruption_ends_what_is_drawn(self):
+        """While its server is waited for, which goes on saying its number for ever."""
+        env = self.beside(f"touch '{self.dir}/begun'\nwhile printf 1 >&3; do sleep 1; done\n")
+        for asked in (signal.SIGINT, signal.SIGTERM):
+            with self.subTest(asked=asked.name):
+                with subprocess.Popen([PALPATE, "view", str(self.scene), "--seconds", "0.1", "--picture", "still.png",
+                                       "--trace", "t.csv"], cwd=self.dir, env=env, text=True,
+                                      stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as feel:
+                    end = time.monotonic() + PATIENCE
+                    while not (self.dir / "begun").exists() and time.monotonic() < end:
+                        time.sleep(0.01)
+                    feel.send_signal(asked)
+                    said = feel.communicate(timeout=PATIENCE)[1]
+                self.assertEqual(feel.returncode, 130, said)
+                self.assertIn("palpate: feel: interrupted: the picture is not drawn\n", said)
+                self.assertTrue((self.dir / "t.csv").exists())
+                self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
+                (self.dir / "begun").unlink()
+                (self.dir / "t.csv").unlink()
+
+    def test_a_picture_that_fails_is_told_to_who_hears_of_no_child(self):
+        env = {**self.env, "PATH": str(self.dir), "DISPLAY": ":7777"}
+        done = subprocess.run(["/usr/bin/env", "--ignore-signal=CHLD", PALPATE, "view", str(self.scene), "--seconds",
+                               "0.1", "--picture", "still.png"], cwd=self.dir, env=env, text=True,
+                              capture_output=True, timeout=PATIENCE, check=False)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("the picture was not drawn: its exit status is 2", done.stderr)
+        self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
+
     def test_graphics_that_are_too_old_are_told(self):
         env = {**self.env, "MESA_GL_VERSION_OVERRIDE": "2.1"}
         env.pop("DISPLAY", None)
         done = self.still("--seconds", "0.1", "--picture", "still.png", env=env, status=2)
-        self.assertRegex(done.stderr, r"^palpate: display: its OpenGL is older than 3\.2: .*\n"
+        self.assertRegex(done.stderr, r"palpate: display: its OpenGL is older than 3\.2: .*\n"
                          r"palpate: \S+: the picture was not drawn: its exit status is 2: .*\n$")
         self.assertEqual([p.name for p in self.dir.iterdir() if "still" in p.name], [])
 
@@ -289,7 +318,7 @@ class Window(Case):
                 while os.stat(self.told_file).st_mtime_ns == before and time.monotonic() < end:
                     time.sleep(0.02)
             told = self.told()
-            if told["frames"] == frames:
+            if told["frames"] == frames and time.monotonic() < end:
                 return told
             frames = told["frames"]
         raise AssertionError(f"it draws on: {self.told()}")
@@ -545,50 +574,101 @@ class Lost(Window):
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
-        feel = self.start("--seconds", "4")
+        feel = self.start("--device", "simulated", "--seconds", "4")
         self.assertEqual(self.ended(feel), 0)
         self.assertIn("view: the window has ended: ", self.said())
         self.assertRegex(self.said(), "palpate: window: there is not enough memory to draw this scene: it can "
                          "be felt without\n")
 
+    def goes_on(self, feel):
+        """Until it is asked to end."""
+        self.until_said("view: the window has ended")
+        self.assertIsNone(feel.poll())
+        feel.send_signal(signal.SIGINT)
+        self.assertEqual(self.ended(feel), 130)
+
     def test_a_killed_window_leaves_the_loop(self):
-        feel = self.start("--seconds", "60", "--trace", "t.csv")
+        feel = self.start("--device", "simulated", "--seconds", "900", "--trace", "t.csv")
         self.window()
         os.kill(self.child(feel), signal.SIGKILL)
-        end = time.monotonic() + PATIENCE
-        while "the window has ended" not in self.said() and time.monotonic() < end:
-            time.sleep(0.1)
+        self.goes_on(feel)
         self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): the hand is felt "
                       "on without it; Ctrl-C ends the run", self.said())
-        self.assertIsNone(feel.poll())
-        feel.send_signal(signal.SIGINT)
-        self.assertEqual(self.ended(feel), 130)
+
+    def test_a_mouse_without_its_window_ends_the_run(self):
+        feel = self.start("--trace", "t.csv")
+        self.window()
+        os.kill(self.child(feel), signal.SIGKILL)
+        self.assertEqual(self.ended(feel), 1)
+        self.assertIn("view: the window has ended: it was ended by signal 9 (Killed): its mouse was the only "
+                      "hand: the run ends\n", self.said())
+        self.assertTrue(rows(self.dir / "t.csv"))
 
     def test_a_lost_display_leaves_the_loop(self):
-        feel = self.start("--seconds", "60")
+        feel = self.start("--device", "simulated", "--seconds", "900")
         self.window()
         self.server.kill()
-        end = time.monotonic() + PATIENCE
-        while "the window has ended" not in self.said() and time.monotonic() < end:
-            time.sleep(0.1)
-        self.assertRegex(self.said(), "palpate: display: it is gone")
-        self.assertIsNone(feel.poll())
-        feel.send_signal(signal.SIGINT)
-        self.assertEqual(self.ended(feel), 130)
+        self.goes_on(feel)
+        self.assertIn("palpate: display: it is gone: the window ends\n", self.said())
 
-    def test_a_killed_loop_is_told(self):
-        feel = self.start("--seconds", "60")
+    def test_a_display_that_refuses_is_told_in_a_line(self):
+        """Its window is taken away."""
+        feel = self.start("--device", "simulated", "--seconds", "900")
+        self.do("windowclose", self.window())
+        self.goes_on(feel)
+        self.assertRegex(self.said(), r"(?m)^palpate: display: it refuses request \d+\.\d+, Bad[^:\n]*: "
+                         r"the window ends$")
+        self.assertIn("view: the window has ended: its exit status is 1: ", self.said())
+        self.assertNotIn("X Error", self.said())
+
+    def test_a_mouse_that_comes_to_a_hidden_window_harms_nothing(self):
+        """VTK asks for the focus, which hidden windows are refused."""
+        feel = self.start("--seconds", "900")
         window = self.window()
         child = self.child(feel)
-        feel.kill()
-        feel.wait()
+        self.do("mousemove", 1090, 750)
+        os.kill(child, signal.SIGSTOP)
+        self.do("mousemove", 300, 300, "windowunmap", window)
+        os.kill(child, signal.SIGCONT)
+        self.until_at_rest()
+        frames = self.told()["frames"]
+        self.do("windowmap", window)
+        self.until("frames", lambda told: told["frames"] > frames)
+        self.close(window)
+        self.assertEqual(self.ended(feel), 0, self.said())
+
+    def told_its_end(self, window, child):
+        """It says that the loop has stopped, draws nothing more, and ends when it is closed."""
         self.until("the end", lambda told: told["stalled"])
+        self.until_at_rest()
         self.assertTrue(Path(f"/proc/{child}").exists())
         self.close(window)
         end = time.monotonic() + PATIENCE
         while re.search(r"State:\s+[^ZX]", self.state(child)) and time.monotonic() < end:
             time.sleep(0.1)
         self.assertNotRegex(self.state(child), r"State:\s+[^ZX]")
+
+    def test_a_killed_loop_is_told(self):
+        feel = self.start("--seconds", "900")
+        window = self.window()
+        child = self.child(feel)
+        feel.kill()
+        feel.wait()
+        self.told_its_end(window, child)
+
+    def test_a_loop_that_is_killed_before_its_first_tick_is_told(self):
+        place = self.dir / "bin"
+        place.mkdir()
+        shutil.copy(PALPATE, place)
+        (place / "palpate-view").write_text(f"#!/bin/sh\nkill -KILL $PPID\necho $$ > '{self.dir}/child'\n"
+                                            f"exec '{BIN}/palpate-view' \"$@\"\n", encoding="utf-8")
+        (place / "palpate-view").chmod(0o755)
+        feel = self.start(program=str(place / "palpate"))
+        self.assertEqual(self.ended(feel), -signal.SIGKILL, self.said())
+        end = time.monotonic() + PATIENCE
+        while not self.told() and time.monotonic() < end:
+            time.sleep(0.1)  # until() gives up on a loop that has ended
+        self.told_its_end(self.window(), int((self.dir / "child").read_text(encoding="utf-8")))
 
     @staticmethod
     def state(pid):
@@ -599,11 +679,24 @@ class Lost(Window):
 
     def test_without_a_display_the_loop_goes_on(self):
         self.env["DISPLAY"] = ":7777"
-        feel = self.start("--seconds", "3")
+        feel = self.start("--device", "simulated", "--seconds", "3")
         self.assertEqual(self.ended(feel), 0)
         self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: start it on a desktop with OpenGL, "
                          r"or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
+
+    def test_a_display_without_opengl_is_told_in_a_line(self):
+        """A picture needs none there: it has a server of its own."""
+        self.serve("-extension", "GLX")
+        feel = self.start()
+        self.assertEqual(self.ended(feel), 1)
+        self.assertRegex(self.said(), r"(?m)^palpate: display: :\d+ has no OpenGL: start it on a desktop with OpenGL, "
+                         r"or add --picture FILE\.png\n"
+                         r"palpate: view: the window has ended: its exit status is 2: its mouse was the only hand: the "
+                         r"run ends$")
+        feel = self.start("--seconds", "0.1", "--picture", "still.png")
+        self.assertEqual(self.ended(feel), 0, self.said())
+        self.assertTrue((self.dir / "still.png").exists())
 
 
 if __name__ == "__main__":
