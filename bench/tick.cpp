@@ -1,5 +1,5 @@
 /// What does one whole tick cost? Feels a scene with the simulated device and prints the times of
-/// single ticks, by how many primitives they balanced.
+/// single ticks, by how many primitives they balanced, their iterations, and what did not end well.
 ///
 ///     palpate_bench_tick SCENE [SECONDS [REPEATS]]
 #include <algorithm>
@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <exception>
 #include <map>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -24,15 +25,19 @@ using bench::Clock;
 
 struct Times {
   std::vector<double> ns;
-  long iterations = 0;
+  std::vector<double> iterations;
 };
 
 void print(const std::string& what, Times& times) {
   std::sort(times.ns.begin(), times.ns.end());
-  std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %10.2f\n", what.c_str(), times.ns.size(),
-              bench::percentileOfSorted(times.ns, 0.5), bench::percentileOfSorted(times.ns, 0.99),
-              bench::percentileOfSorted(times.ns, 0.999), times.ns.back(),
-              static_cast<double>(times.iterations) / static_cast<double>(times.ns.size()));
+  std::sort(times.iterations.begin(), times.iterations.end());
+  const auto count = static_cast<double>(times.ns.size());
+  const double sum = std::accumulate(times.iterations.begin(), times.iterations.end(), 0.0);
+  std::printf("%-14s %8zu %8.0f %8.0f %8.0f %8.0f %8.2f %8.0f %8.0f\n", what.c_str(),
+              times.ns.size(), bench::percentileOfSorted(times.ns, 0.5),
+              bench::percentileOfSorted(times.ns, 0.99), bench::percentileOfSorted(times.ns, 0.999),
+              times.ns.back(), sum / count, bench::percentileOfSorted(times.iterations, 0.99),
+              times.iterations.back());
 }
 
 int run(int argc, char** argv) {
@@ -50,6 +55,8 @@ int run(int argc, char** argv) {
 
   std::map<int, Times> by_primitives;
   Times all;
+  std::map<StepStatus, long> unfinished;
+  double bound = 0.0;
   for (int repeat = 0; repeat <= repeats; ++repeat) {
     SimulatedDevice device({}, {}, explore(built.bounds, seconds), 1000.0);
     Reader reader;
@@ -64,14 +71,21 @@ int run(int argc, char** argv) {
       const double ns = std::chrono::duration<double, std::nano>(end - start).count();
       for (Times* times : {&all, &by_primitives[report.primitives]}) {
         times->ns.push_back(ns);
-        times->iterations += report.iterations;
+        times->iterations.push_back(report.iterations);
+      }
+      if (report.status == StepStatus::kConverged) continue;
+      ++unfinished[report.status];
+      if (report.status == StepStatus::kIterationLimit) {
+        bound = std::max(bound, report.error_bound);
       }
     }
   }
-  std::printf("%-14s %8s %8s %8s %8s %8s %10s\n", "ticks", "count", "p50", "p99", "p99.9", "max",
-              "iterations");
+  std::printf("%-14s %8s %8s %8s %8s %8s %8s %8s %8s\n", "ticks", "count", "p50", "p99", "p99.9",
+              "max", "its mean", "p99", "max");
   print("all", all);
   for (auto& [count, times] : by_primitives) print(std::to_string(count) + " primitives", times);
+  for (const auto& [status, count] : unfinished) std::printf("%s %ld\n", wordFor(status), count);
+  if (bound > 0.0) std::printf("largest bound where a balance stopped early: %.3g m\n", bound);
   return 0;
 }
 
