@@ -258,8 +258,9 @@ void Panel::show(const Content& content, double height) {
         const Colour colour = entry.grey ? Colour{share, share, share} : onScale(share);
         quad(kMargin + kWide * i / kSteps, y, kMargin + kWide * (i + 1) / kSteps, y + 10.0, colour);
       }
-      text(kMargin + kWide + 8.0, y - 1.0,
-           fmt::format("{}: {:.3g} to {:.3g}, as in the file", entry.name, entry.low, entry.high),
+      text(kMargin + kWide + 8.0, y - 1.0, entry.name, 12, kFaint);
+      y -= 16.0;
+      text(kMargin, y - 1.0, fmt::format("{:.4g} to {:.4g}, as in the file", entry.low, entry.high),
            12, kFaint);
     } else {
       quad(kMargin, y, kMargin + 10.0, y + 10.0, entry.colour);
