@@ -159,8 +159,9 @@ bool Sight::now() {
     XEvent event;
     XNextEvent(connection, &event);
     if (event.type == UnmapNotify) mapped_ = false;
-    // What covers it then is told after it.
-    if (event.type == MapNotify) {
+    // What covers it then is told after it. A window that was taken away is drawn, and that
+    // refused.
+    if (event.type == MapNotify || event.type == DestroyNotify) {
       mapped_ = true;
       covered_ = false;
     }
