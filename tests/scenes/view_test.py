@@ -574,9 +574,8 @@ class Lost(Window):
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
-        feel = self.start("--device", "simulated", "--seconds", "4")
-        self.assertEqual(self.ended(feel), 0)
-        self.assertIn("view: the window has ended: ", self.said())
+        feel = self.start("--device", "simulated", "--seconds", "900")
+        self.goes_on(feel)
         self.assertRegex(self.said(), "palpate: window: there is not enough memory to draw this scene: it can "
                          "be felt without\n")
 
@@ -679,8 +678,8 @@ class Lost(Window):
 
     def test_without_a_display_the_loop_goes_on(self):
         self.env["DISPLAY"] = ":7777"
-        feel = self.start("--device", "simulated", "--seconds", "3")
-        self.assertEqual(self.ended(feel), 0)
+        feel = self.start("--device", "simulated", "--seconds", "900")
+        self.goes_on(feel)
         self.assertRegex(self.said(), r"palpate: display: :7777 does not answer: start it on a desktop with OpenGL, "
                          r"or add --picture FILE\.png\n")
         self.assertIn("view: the window has ended: its exit status is 2", self.said())
