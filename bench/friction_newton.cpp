@@ -4,7 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 namespace palpate::methods {
@@ -110,9 +109,6 @@ class Compliant {
   [[nodiscard]] double leftOver(const Vec3& x) const noexcept {
     return missing() + stiffness_ * (x_ - x).norm();
   }
-
-  /// Begins at x, with nothing kept.
-  void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
   /// Takes the compliance out: the loads stay, and the place goes onto the kinks.
   void harden() noexcept {
@@ -401,23 +397,6 @@ class Compliant {
   int solves_ = 0;
 };
 
-/// A plane and its friction alone are orthogonal: the load does not depend on the friction, and two
-/// closed forms are exact.
-SolveResult solveAlone(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
-                       const SolverParams& params, WarmStart& warm, NewtonStart& start,
-                       std::span<Vec3> forces) noexcept {
-  const FrictionLink& link = set.links()[0];
-  const Primitive& plane = set.items()[link.plane];
-  set.setStrength(link, 0.0);
-  SolveResult result = solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-  start.forget();
-  if (result.status == SolveStatus::kBadInput) return result;
-  const double load = std::clamp(plane.direction.dot(forces[link.plane]), 0.0, plane.strength);
-  if (!(link.coefficient * load > 0.0)) return result;
-  set.setStrength(link, link.coefficient * load);
-  return solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-}
-
 /// What each primitive does to the proxy [N]; directed forces are not among them.
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
   for (const RoughPlane& p : found.planes()) {
@@ -425,59 +404,6 @@ void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
     if (p.line != p.plane) forces[p.line] = -Compliant::frictionOf(p) * p.pull;
   }
   for (const Pull& p : found.pulls()) forces[p.index] = -p.strength * p.pull;
-}
-
-/// True where more directions are held at x than there are: the load can be shared in many ways.
-bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
-  constexpr double kHere = 1e-9;  // [m]
-  constexpr double kSome = 1e-6;  // an eigenvalue of the projectors' sum that counts
-  Mat3 held = Mat3::Zero();
-  int directions = 0;
-  for (const Primitive& p : primitives) {
-    if (p.kind == PrimitiveKind::kForce || !(p.strength > 0.0)) continue;
-    const Vec3 d = x - p.position;
-    const double along = p.direction.dot(d);
-    switch (p.kind) {
-      case PrimitiveKind::kForce:
-        break;
-      case PrimitiveKind::kPoint:
-        if (!(d.norm() <= kHere)) break;
-        held += Mat3::Identity();
-        directions += 3;
-        break;
-      case PrimitiveKind::kLine:
-        if (!((d - along * p.direction).norm() <= kHere)) break;
-        held += acrossOf(p.direction);
-        directions += 2;
-        break;
-      case PrimitiveKind::kPlane:
-        if (!(std::abs(along) <= kHere)) break;
-        held += p.direction * p.direction.transpose();
-        directions += 1;
-        break;
-    }
-  }
-  if (directions < 2) return false;
-  if (directions > 3) return true;
-  Eigen::SelfAdjointEigenSolver<Mat3> eigen;
-  eigen.computeDirect(held, Eigen::EigenvaluesOnly);
-  return directions > (eigen.eigenvalues().array() > kSome).count();
-}
-
-/// Without friction: of the loads that balance those of the least sum |f|^2/s.
-SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
-                        const Vec3& proxy, const SolverParams& params, WarmStart& warm,
-                        NewtonStart& start, std::span<Vec3> forces) noexcept {
-  start.forget();
-  SolveResult result = solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-  if (result.solver == SolverKind::kClosedForm || result.status == SolveStatus::kBadInput ||
-      !overdetermined(set.items(), result.proxy)) {
-    return result;
-  }
-  Compliant found(probe, stiffness, set, proxy, params.max_iterations, start);
-  found.beginAt(result.proxy - proxy);
-  if (found.loadsAt(result.proxy - proxy)) writeForces(found, forces);
-  return result;
 }
 
 /// What the balance of the compliant kinks says to solveProxy.
@@ -499,19 +425,10 @@ SolveResult solveByNewton(const Vec3& probe, double stiffness, PrimitiveSet& set
                           std::span<Vec3> forces) noexcept {
   const auto links = set.links();
   const auto items = set.items();
-  if (links.empty()) {
-    return solveSmooth(probe, stiffness, set, proxy, params, warm, start, forces);
-  }
-  const auto holds = [](const Primitive& p) {
-    return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
-  };
   for (const FrictionLink& link : links) set.setStrength(link, 0.0);
-  if (links.size() == 1 && std::count_if(items.begin(), items.end(), holds) <= 1) {
-    return solveAlone(probe, stiffness, set, proxy, params, warm, start, forces);
-  }
   // Bad input is told by solveProxy; what follows takes it as good.
   const bool good = proxy.allFinite() && probe.allFinite() && stiffness > 0.0;
-  if (!good) {
+  if (!good || links.empty()) {
     start.forget();
     return solveProxy(probe, stiffness, items, proxy, params, &warm, forces);
   }

@@ -83,16 +83,15 @@ struct NewtonStart {
 /// However the load is found, the balance is one of primitives anchored at the old proxy and makes
 /// no energy.
 ///
-/// @param forces  At least as many as primitives; filled as solveProxy does; where
+/// @param forces  At least as many as primitives; filled as solveProxy does; with links, where
 ///                several kinks share a load, sum |f|^2/s is least.
 /// @return        As solveProxy: error_bound is the distance to the balance with the strengths
 ///                left in the set, with |s_t - mu n|/k of each link added; it need not be the only
 ///                one that meets Coulomb's law. Iterations are those of all methods, and
 ///                kIterationLimit says that a law was not met.
 ///
-/// RT: no allocation. Cost: one solveProxy without links, two closed forms for a plane with
-/// friction alone; else some five 3x3 solves more than solveProxy, at most
-/// SolverParams::max_iterations.
+/// RT: no allocation. Cost: one solveProxy without links; else some five 3x3 solves more than
+/// solveProxy, at most SolverParams::max_iterations.
 [[nodiscard]] SolveResult solveByNewton(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                         const Vec3& proxy, const SolverParams& params,
                                         WarmStart& warm, NewtonStart& start,
