@@ -243,7 +243,8 @@ class Picture:
             ax.locator_params(axis=axis, nbins=int(np.clip(4 * self.scale * self.size[of], 1, 5)))
         normal = 3 - a - b
         unit = f" {self.unit}" if self.unit else ""
-        at = f"{self.through[normal]:.1f}".replace("-0.0", "0.0")
+        digits = max(1, 2 - math.floor(math.log10(self.size.max())))
+        at = f"{round(self.through[normal], digits) + 0.0:.{digits}f}"  # no -0.0
         ax.set_title(f"{AXES[normal]} = {at}{unit}", fontsize=7, pad=3, parse_math=False)
         if not self.data["space"]["patient"]:
             return

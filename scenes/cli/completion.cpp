@@ -127,10 +127,11 @@ std::string specification(const OrderedJson& option) {
   if (!option["takes"].is_null()) {
     const std::string takes = option["takes"].get<std::string>();
     const bool number = takes == "FLOAT" || takes == "INT" || takes == "UINT";
-    value = fmt::format(":{}:{}", quoted(takes),
-                        !option["values"].empty() ? "(" + joined(option["values"], " ") + ")"
-                        : number                  ? " "
-                                                  : "_files");
+    value =
+        fmt::format(":{}:{}", quoted(takes),
+                    !option["values"].empty() ? "(" + quoted(joined(option["values"], " ")) + ")"
+                    : number                  ? " "
+                                              : "_files");
   }
   const std::string again = option["again"].get<bool>() ? "*" : "";
   if (option["names"].empty()) return fmt::format(" \\\n        '{}{}'", again, value);

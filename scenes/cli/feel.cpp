@@ -352,7 +352,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), or "
                    "hid[:PROFILE[@SERIAL]] (palpate devices); again for another hand")
       ->take_all()
-      ->type_name("D");
+      ->type_name("D:{simulated,path:,hid,hid:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -387,7 +387,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D");
+      ->type_name("D:{mouse,simulated,path:,hid,hid:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: until the window is closed; with --picture 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");

@@ -109,7 +109,9 @@ std::vector<std::string> statusOf(const LiveTick& tick) {
                               brief(std::max(kFinest, 1e6 * tick.error_bound))));
   if (*adviceFor(tick.status) != '\0') lines.emplace_back(adviceFor(tick.status));
   if (tick.limited) lines.emplace_back("held back by the device's limits");
-  if (tick.late_ticks > 0) lines.push_back(fmt::format("{} late ticks", tick.late_ticks));
+  if (tick.late_ticks > 0) {
+    lines.push_back(fmt::format("{} late tick{}", tick.late_ticks, tick.late_ticks > 1 ? "s" : ""));
+  }
   return lines;
 }
 
