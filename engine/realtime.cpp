@@ -67,16 +67,6 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     // Locked pages may still be merged into a huge page, which holds a thread up for a tick.
     (void)prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);
   }
-  if (request.core >= 0) {
-    cpu_set_t cores;
-    CPU_ZERO(&cores);
-    CPU_SET(static_cast<std::size_t>(request.core), &cores);
-    const int error = pthread_setaffinity_np(pthread_self(), sizeof(cores), &cores);
-    report.core = error == 0;
-    if (error != 0) {
-      refuse(report, "core " + std::to_string(request.core), error, "choose one that nproc counts");
-    }
-  }
   if (request.priority > 0) {
     sched_param wanted{};
     wanted.sched_priority = std::min(request.priority, kMostPriority);
@@ -85,6 +75,16 @@ RealtimeReport becomeRealtime(const RealtimeRequest& request, const StayAwake& a
     if (error != 0) {
       refuse(report, "priority " + std::to_string(request.priority), error,
              "raise rtprio in /etc/security/limits.d");
+    }
+  }
+  if (request.core >= 0 && (report.priority || request.priority <= 0)) {
+    cpu_set_t cores;
+    CPU_ZERO(&cores);
+    CPU_SET(static_cast<std::size_t>(request.core), &cores);
+    const int error = pthread_setaffinity_np(pthread_self(), sizeof(cores), &cores);
+    report.core = error == 0;
+    if (error != 0) {
+      refuse(report, "core " + std::to_string(request.core), error, "choose one that nproc counts");
     }
   }
   touchStack();

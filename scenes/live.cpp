@@ -7,6 +7,7 @@
 #include <fcntl.h>
 #include <map>
 #include <new>
+#include <sched.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -24,6 +25,14 @@ std::array<double, 3> numbers(const Vec3& v) noexcept {
 }
 
 }  // namespace
+
+int loopsCore() noexcept {
+  cpu_set_t cores;
+  if (sched_getaffinity(0, sizeof cores, &cores) != 0 || CPU_COUNT(&cores) < 2) return -1;
+  int last = CPU_SETSIZE - 1;
+  while (last > 0 && !CPU_ISSET(static_cast<std::size_t>(last), &cores)) --last;
+  return last;
+}
 
 LiveShare::LiveShare()
     : descriptor_(memfd_create("palpate-live", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {

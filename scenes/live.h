@@ -170,6 +170,10 @@ struct LiveBlock {
   Published<LiveHand> hand;      ///< Of a mouse.
 };
 
+/// The core on which the window does not run, the loop's of the first hand: the last of those that
+/// this process may use; -1 where there is but one.
+[[nodiscard]] int loopsCore() noexcept;
+
 /// The block's memory, mapped.
 class LiveShare {
  public:

@@ -19,6 +19,7 @@ class OnTime {
       : run_(run), hand_(*run.hands[number]), name_(run.nameOf(number)), guardian_(guardian) {
     LoopParams params;
     params.rate = run.options.rate;
+    if (run.window != nullptr && number == 0) params.realtime.core = loopsCore();
     const ZeroForce zero = hand_.device->zeroForce();
     if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
     watch_ = params.watch;

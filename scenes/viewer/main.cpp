@@ -68,23 +68,19 @@ void takeNoMore(double most) {
   std::set_new_handler(endWithoutMemory);
 }
 
-/// Leaves the loop a core of its own. Once all is drawn: until then every core helps. Threads that
-/// were made for that go too, and those of the graphics, some of which take every core when they
-/// begin; later ones are as who makes them.
-void stepAside() {
+/// Leaves a core to the loop. Threads that there are go too, and those of the graphics, some of
+/// which take every core when they begin; later ones are as who makes them.
+void stepAside(int loops) {
   cpu_set_t cores;
-  if (sched_getaffinity(0, sizeof cores, &cores) != 0) return;
-  int last = CPU_SETSIZE - 1;
-  while (last > 0 && !CPU_ISSET(last, &cores)) --last;
-  if (CPU_COUNT(&cores) < 2) return;
-  CPU_CLR(last, &cores);
+  if (loops < 0 || sched_getaffinity(0, sizeof cores, &cores) != 0) return;
+  CPU_CLR(loops, &cores);
   // Until none is found that came from one that had not gone yet.
   for (bool moved = true; moved;) {
     moved = false;
     for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
       const pid_t thread = std::stoi(task.path().filename().string());
       cpu_set_t its;
-      if (sched_getaffinity(thread, sizeof its, &its) != 0 || !CPU_ISSET(last, &its)) continue;
+      if (sched_getaffinity(thread, sizeof its, &its) != 0 || !CPU_ISSET(loops, &its)) continue;
       moved = sched_setaffinity(thread, sizeof cores, &cores) == 0 || moved;
     }
   }
@@ -135,12 +131,14 @@ int run(int argc, char** argv) {
   }
   LiveShare share(live);
   stepBack();
+  const bool still = !picture.empty();
+  const int loops = still ? -1 : loopsCore();
+  stepAside(loops);
   // First: a driver that finds no memory is as one that is not there.
-  view::needDisplay(!picture.empty());
+  view::needDisplay(still);
   vtkObject::GlobalWarningDisplayOff();
   needOpenGL();
   takeNoMore(most_memory);
-  const bool still = !picture.empty();
   auto seen = cli::writtenAt(scene);
   auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
   if (watch) {
@@ -153,13 +151,13 @@ int run(int argc, char** argv) {
       });
     };
   }
-  options.shown = stepAside;
-  options.offscreen = !picture.empty();
+  options.shown = [loops] { stepAside(loops); };
+  options.offscreen = still;
   if (options.offscreen) options.magnify = 2;
   const std::string title = fmt::format(
       "palpate: {}", cli::Legible(std::filesystem::path(scene).filename().string()).text());
   view::ViewWindow window(share.block(), std::move(shapes), title, options);
-  if (!picture.empty()) {
+  if (still) {
     window.draw(picture);
     if (!told.empty()) std::ofstream(told) << window.told().dump(2) << "\n";
     return cli::kDone;

@@ -5,8 +5,12 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
+#include <linux/capability.h>
 #include <memory>
+#include <sched.h>
+#include <sys/syscall.h>
 #include <thread>
+#include <unistd.h>
 
 #include <catch2/catch.hpp>
 
@@ -255,8 +259,30 @@ TEST_CASE("what the system refuses is told, and the loop runs all the same", "[l
   params.realtime = {99, 4000, false, false};
   HapticThread hand(device, params);
   CHECK_FALSE(hand.realtime().core);
-  CHECK(hand.realtime().refused.find("core 4000: ") != std::string::npos);
+  const char* first = hand.realtime().priority ? "core 4000: " : "priority 90: ";
+  CHECK(hand.realtime().refused.find(first) != std::string::npos);
   await([&] { return hand.latest().tick > 3; });
+}
+
+TEST_CASE("without its priority a loop goes to whatever core is free", "[loop][host]") {
+  std::thread unprivileged([] {
+    // What a thread may is its own affair; what its user may is not.
+    __user_cap_header_struct head{_LINUX_CAPABILITY_VERSION_3, 0};
+    std::array<__user_cap_data_struct, 2> may{};
+    (void)syscall(SYS_capget, &head, may.data());
+    may[0].effective &= ~(1U << CAP_SYS_NICE);
+    (void)syscall(SYS_capset, &head, may.data());
+    const auto cores = [] {
+      cpu_set_t set;
+      CHECK(sched_getaffinity(0, sizeof set, &set) == 0);
+      return CPU_COUNT(&set);
+    };
+    const int before = cores();
+    const RealtimeReport report = becomeRealtime({80, 0, false, false}, StayAwake(false));
+    CHECK(report.core == report.priority);
+    CHECK(cores() == (report.priority ? 1 : before));
+  });
+  unprivileged.join();
 }
 
 TEST_CASE("every tick reaches the sink, in order", "[loop][host]") {

@@ -544,13 +544,18 @@ class Drawn(Window):
         self.assertEqual(self.ended(feel), 0, self.said())
 
     def test_no_thread_of_a_window_is_on_the_loop_s_core(self):
-        """Nor those of its graphics."""
+        """Nor those of its graphics; where the loop has its priority it stays there."""
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
         cores = os.sched_getaffinity(0)
         left = cores - {max(cores)} if len(cores) > 1 else cores
         tasks = list(Path(f"/proc/{self.child(feel)}/task").iterdir())
         self.assertEqual({frozenset(os.sched_getaffinity(int(task.name))) for task in tasks}, {frozenset(left)})
+        of_run = [int(task.name) for task in Path(f"/proc/{feel.pid}/task").iterdir()]
+        loop = [task for task in of_run if os.sched_getscheduler(task) == os.SCHED_FIFO]
+        self.assertLessEqual(len(loop), 1)
+        for task in loop:
+            self.assertEqual(os.sched_getaffinity(task), {max(cores)})
         self.close(window)
         self.assertEqual(self.ended(feel), 0, self.said())
 
