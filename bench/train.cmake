@@ -1,0 +1,47 @@
+# Counts what of the tick runs how often: builds palpate with counters, feels some scenes with it, and
+# leaves the counts where a build with PALPATE_TRAINED looks for them.
+#
+#     cmake -D SOURCE=... -D TRAINING=... -D COUNTS=... -D GENERATOR=... -D COMPILER=... -P train.cmake
+cmake_minimum_required(VERSION 3.22)
+
+function(run)
+  execute_process(COMMAND ${ARGN} COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+run(${CMAKE_COMMAND} -S ${SOURCE} -B ${TRAINING} -G ${GENERATOR} -D CMAKE_BUILD_TYPE=Release
+  -D CMAKE_CXX_COMPILER=${COMPILER} -D PALPATE_COUNTING=ON -D PALPATE_TESTS=OFF
+  -D PALPATE_BENCH=OFF -D PALPATE_VTK=OFF)
+run(${CMAKE_COMMAND} --build ${TRAINING} --target palpate)
+
+# A surface, a wall with friction, a stream, directions, and two objects that overlap. What is counted
+# may have been compiled elsewhere: all of it goes below one folder.
+set(scenes ${TRAINING}/scenes)
+set(counted ${TRAINING}/counted)
+file(REMOVE_RECURSE ${counted} ${COUNTS})
+file(MAKE_DIRECTORY ${scenes} ${COUNTS})
+set(palpate ${CMAKE_COMMAND} -E env GCOV_PREFIX=${counted} ${TRAINING}/bin/palpate)
+foreach(volume IN ITEMS wind-tunnel fibres two-bodies)
+  run(${palpate} make ${volume} ${scenes}/${volume}.vdb)
+endforeach()
+file(WRITE ${scenes}/rough.json [=[{
+  "palpate": 1,
+  "coupling": {"stiffness": 500, "damping": 0.5},
+  "volumes": {"bowl": {"file": "two-bodies.vdb", "grid": "bowl", "place": {"fit": 0.1}},
+              "cloud": {"file": "two-bodies.vdb", "grid": "cloud", "place": {"like": "bowl"}}},
+  "modes": [{"mode": "isosurface", "of": "bowl", "value": 0, "solid": "below", "strength": 3,
+             "friction": 0.3},
+            {"mode": "viscosity", "of": "cloud", "strength": {"piecewise": [[0, 0], [1, 0.5]]}}]
+}
+]=])
+foreach(scene IN ITEMS wind-tunnel.vdb fibres.vdb two-bodies.vdb rough.json)
+  run(${palpate} feel ${scenes}/${scene} --seconds 20)
+endforeach()
+
+file(GLOB_RECURSE counts RELATIVE ${counted} ${counted}/*.gcda)
+foreach(count IN LISTS counts)
+  # As -fprofile-use looks for it: from the build's folder, with # for /.
+  string(REGEX REPLACE "^.*/training/" "" name ${count})
+  string(REPLACE "/" "#" name ${name})
+  file(COPY_FILE ${counted}/${count} ${COUNTS}/${name})
+endforeach()
+file(WRITE ${COUNTS}/done "")
