@@ -12,7 +12,7 @@ inline constexpr int kMostPriority = 90;
 
 /// What becomeRealtime asks for. What is refused the thread does without.
 struct RealtimeRequest {
-  int priority = 80;        ///< Priority of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
+  int priority = 80;  ///< Priority of SCHED_FIFO, 1 to kMostPriority; 0: do not ask.
   int core = -1;  ///< Core to stay on; -1, or where a priority is refused, any: one may be free.
   bool lock_memory = true;  ///< Lock all memory of the process, also later; no huge pages then.
   bool awake = true;  ///< Cores do not sleep meanwhile: in a virtual machine a core that does may
