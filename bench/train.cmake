@@ -38,6 +38,9 @@ foreach(scene IN ITEMS wind-tunnel.vdb fibres.vdb two-bodies.vdb rough.json)
 endforeach()
 
 file(GLOB_RECURSE counts RELATIVE ${counted} ${counted}/*.gcda)
+if(NOT counts)
+  message(FATAL_ERROR "the training has left no counts below ${counted}: remove ${TRAINING}")
+endif()
 foreach(count IN LISTS counts)
   # As -fprofile-use looks for it: from the build's folder, with # for /.
   string(REGEX REPLACE "^.*/training/" "" name ${count})

@@ -95,10 +95,15 @@ std::string forBash(const std::vector<Verb>& verbs, const OrderedJson& own) {
         case $verb:${{COMP_WORDS[COMP_CWORD-1]}} in
 {}        esac
     fi
+    # A colon ends a word: what follows it begins one.
+    [ "$word" != : ] || word=
     if [ -n "$words" ]; then
         mapfile -t COMPREPLY < <(compgen -W "$words" -- "$word")
     else
         mapfile -t COMPREPLY < <(compgen -f -- "$word")
+    fi
+    if [[ ${{#COMPREPLY[@]}} -eq 1 && ${{COMPREPLY[0]}} == *: ]]; then
+        compopt -o nospace +o filenames 2>/dev/null || true
     fi
 }}
 complete -o filenames -F _palpate palpate

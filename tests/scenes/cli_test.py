@@ -133,6 +133,7 @@ class Help(Case):
         self.assertEqual(self.bash("feel", "a.json", "--device", ""),
                          {"simulated", "path:", "hid", "hid:"})
         self.assertEqual(self.bash("view", "a.json", "--device", "m"), {"mouse"})
+        self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "path", ":"))
         self.assertIn("ball.vdb", self.bash("feel", "ba"))
         self.assertIn("ball.vdb", self.bash("feel", "--seconds", "10", "ba"))
 
