@@ -68,6 +68,11 @@ class ScalarField {
   /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
+  /// V at p_W [m]: sample() without its gradient, for less. RT: no allocation.
+  [[nodiscard]] virtual double value(const Vec3& p_W,
+                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING {
+    return sample(p_W, cache).value;
+  }
   /// The slope of V as interpolated at p_W, where that differs from `gradient`: of the trilinear
   /// polynomial itself, which jumps at the faces of cells. Cheap after sample() at the same place.
   [[nodiscard]] virtual Vec3 cellGradient(const Vec3& p_W,

@@ -209,15 +209,19 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   }
 }
 
-double leaves(const Tick& tick, const Iteration& now, double way) noexcept {
-  const BalanceMemory& b = tick.balance;
-  double bend = 0.0;
-  for (const Varying& plane : b.primitives.varying()) {
-    if (!plane.surface) continue;
-    const Vec3& normal = b.primitives.items()[plane.index].direction;
-    bend = std::max({bend, (normal - plane.across).norm(), 0.5 * now.voxel * plane.turn.norm()});
-  }
-  return bend * way;
+bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept {
+  const auto off = [&](const Mode& mode, ModeMemory& memory, const Felt& felt, std::size_t) {
+    const Touch touch = touchOf(mode, memory);
+    if (touch.level == nullptr || touch.contact->plane < 0) return false;
+    const Load load = touch.contact->load;
+    if (load == Load::kYielding) return false;
+    const auto field = static_cast<std::size_t>(touch.skin->field);
+    const Body* body = tick.around.bodies.of(felt.graph().scalar_motions[field]);
+    const double height =
+        felt.bound.heightAt(*touch.skin, *touch.level, body == nullptr ? p : body->pose.toRest(p));
+    return !((load == Load::kHeld ? std::abs(height) : -height) * touch.skin->voxel <= within);
+  };
+  return tick.balance.surfaces == 0 || !anyMode(tick.felt(), off);
 }
 
 bool steady(const Tick& tick, const Iteration& now) noexcept {
@@ -233,17 +237,18 @@ bool steady(const Tick& tick, const Iteration& now) noexcept {
   if (step <= tolerance) return !anchored(b) || (now.to.proxy - now.read_at).norm() <= tolerance;
   const double went = now.trust.went;
   if (now.follows || b.surfaces != b.primitives.size() || step > kFalls * went) return false;
-  return std::max(step * step / went, leaves(tick, now, step)) <= kRest * tolerance;
+  return step * step / went <= kRest * tolerance &&
+         onSurfaces(tick, now.to.target, kRest * tolerance);
 }
 
 Vec3 answer(const Tick& tick, const Iteration& now) noexcept {
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
   const double residual = (now.to.proxy - now.read_at).norm();
-  const auto sure = [&](double way) { return leaves(tick, now, way) <= kSure * tolerance; };
+  const auto sure = [&](const Vec3& p) { return onSurfaces(tick, p, kSure * tolerance); };
   if (!varies(tick, now) || now.trust.closed) return now.to.target;
-  if (residual <= tolerance && sure(residual)) return now.to.proxy;
+  if (residual <= tolerance && sure(now.to.proxy)) return now.to.proxy;
   const double step = now.to.step.norm();
-  return step > tolerance || sure(step) ? now.to.target : now.read_at;
+  return step > tolerance || sure(now.to.target) ? now.to.target : now.read_at;
 }
 
 double reachOfStrengths(const Tick& tick) noexcept {

@@ -78,10 +78,10 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
 /// which make no energy, put it; or, where planes of surfaces alone hold, the step is so much
 /// shorter than the one before that the next would be, and the proxy stays on the planes.
 [[nodiscard]] bool steady(const Tick& tick, const Iteration& now) noexcept;
-/// About how far a path of length `way` [m] from the last reading departs from a surface along
-/// which it leads [m]. In a trilinear volume slopes jump at the faces of cells: by as much as c and
-/// n differ, or as n turns within half a voxel.
-[[nodiscard]] double leaves(const Tick& tick, const Iteration& now, double way) noexcept;
+/// True if p [m] is within so much [m] of every surface that holds the proxy in the last balance,
+/// and not farther behind one that bears nothing: by the values there, for slopes jump at the faces
+/// of trilinear cells and no plane tells by how much. Cost: a value and a slope a surface.
+[[nodiscard]] bool onSurfaces(const Tick& tick, const Vec3& p, double within) noexcept;
 /// Where the proxy is, once what is left is within the tolerance [m]: at the balance, if the last
 /// reading is that near to it, to the last digit, on which friction's threshold rests; else where
 /// Newton's step leads. Where neither is certain to be on the surface, at the last reading.

@@ -143,7 +143,10 @@ void carry(const Pose& by, ModeMemory& memory) noexcept {
 Touch touchOf(const Mode& mode, ModeMemory& memory) noexcept {
   return std::visit(
       [&](const auto& m) -> Touch {
-        if constexpr (requires { m.skin; }) return {&m.skin, &memoryOf(m, memory).contact};
+        if constexpr (requires { m.skin; }) {
+          auto& of = memoryOf(m, memory);
+          return {&m.skin, &of.contact, levelOf(m, of)};
+        }
         return {};
       },
       mode);

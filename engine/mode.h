@@ -255,8 +255,9 @@ void carry(const Pose& by, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;
 
 /// The contact of a mode with its surface.
 struct Touch {
-  const Skin* skin = nullptr;  ///< Null: the mode is no surface.
-  Contact* contact = nullptr;  ///< In the mode's memory; null where skin is.
+  const Skin* skin = nullptr;     ///< Null: the mode is no surface.
+  Contact* contact = nullptr;     ///< In the mode's memory; null where skin is.
+  const double* level = nullptr;  ///< V of the surface, in the data's unit; null: none yet.
 };
 /// The contact of a surface or isosurface mode; of others none. RT: no allocation.
 [[nodiscard]] Touch touchOf(const Mode& mode, ModeMemory& memory) noexcept PALPATE_NONBLOCKING;

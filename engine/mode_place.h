@@ -70,6 +70,13 @@ bool emit(const FrontShapeMode& mode, const Place& place, FrontShapeMemory& memo
 bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memory) noexcept;
 
 // Further answers that some modes give; see surfaceAhead and settle in mode.h.
+/// V of the surface; null where it has none yet: it is through the proxy.
+inline const double* levelOf(const IsosurfaceMode& mode, const IsosurfaceMemory&) noexcept {
+  return &mode.level;
+}
+inline const double* levelOf(const SurfaceMode&, const SurfaceMemory& memory) noexcept {
+  return memory.captured ? &memory.level : nullptr;
+}
 /// None unless the proxy is outside and the surface did not yield in the last balance.
 SurfaceAhead ahead(const IsosurfaceMode& mode, IsosurfaceMemory& memory) noexcept;
 /// A surface that yielded, with the proxy over 0.05 voxel behind it, is pushed through; one that

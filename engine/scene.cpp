@@ -210,6 +210,14 @@ void BoundGraph::makeSteps(Properties& of) const noexcept {
   }
 }
 
+double BoundGraph::heightAt(const Skin& skin, double level, const Vec3& p) const noexcept {
+  const auto i = static_cast<std::size_t>(skin.field);
+  const ScalarField& field = *graph->scalar_fields[i];
+  const double above = skin.sign * (field.value(p, caches[i]) - level);
+  const double slope = field.cellGradient(p, caches[i]).norm();
+  return above / slope * skin.metres_per_unit / skin.voxel;
+}
+
 Mat3 BoundGraph::gradientJacobian(std::size_t i, const Vec3& p_W,
                                   std::span<const Body> bodies) const noexcept {
   const Body* body = bodyOf(graph->scalar_motions[i], bodies);

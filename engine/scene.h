@@ -104,6 +104,10 @@ struct BoundGraph {
     const auto i = static_cast<std::size_t>(skin.field);
     return graph->scalar_fields[i]->firstFall(from, to, level, skin.sign, caches[i]);
   }
+  /// How high p [m] is above the surface V = level, in voxels, by V as interpolated and its slope
+  /// there; p in the resting frame of the surface's field. NaN without a slope. RT: no allocation.
+  [[nodiscard]] double heightAt(const Skin& skin, double level,
+                                const Vec3& p) const noexcept PALPATE_NONBLOCKING;
   /// ScalarField::gradientJacobian of Graph::scalar_fields[field] at p_W [m], in W, where
   /// sample() has read the field. RT: no allocation.
   [[nodiscard]] Mat3 gradientJacobian(std::size_t field, const Vec3& p_W,

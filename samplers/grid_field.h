@@ -272,6 +272,15 @@ class GridReader {
     return std::max(0.0, voxel_ * (free_->around(map_(p_W)) - kKernel));
   }
 
+  /// As ScalarField::value. Trilinear scalars only.
+  [[nodiscard]] double value(const Vec3& p_W, Cache& cache) const noexcept {
+    Vec3 t;
+    if (!locate(p_W, cache, t)) return background_[0];
+    std::array<double, 1> v;
+    cache.kernel.value(t, v);
+    return v[0];
+  }
+
   /// Gradient of the cell's own polynomial, turned into W. Trilinear scalars only.
   [[nodiscard]] Vec3 slope(const Vec3& p_W, Cache& cache) const noexcept {
     Vec3 t;
@@ -589,6 +598,14 @@ class VdbScalarField final : public GridField<ScalarField, GridT, Kernel, 1> {
     typename Base::Row row;
     const bool inside = this->readers()[0].read(p_W, Base::cachesIn(memory)[0], row);
     return {row[0], Vec3(row[1], row[2], row[3]), inside};
+  }
+
+  [[nodiscard]] double value(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    if constexpr (std::is_same_v<Kernel, TrilinearKernel<1>>) {
+      return this->readers()[0].value(p_W, Base::cachesIn(memory)[0]);
+    } else {
+      return sample(p_W, memory).value;
+    }
   }
 
   [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
