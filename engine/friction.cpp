@@ -18,8 +18,7 @@ class Friction {
         stiffness_(stiffness),
         set_(set),
         proxy_(proxy),
-        params_{set.links().empty() ? params.tolerance : std::min(params.tolerance, kTolerance),
-                params.max_iterations},
+        params_{std::min(params.tolerance, kTolerance), params.max_iterations},
         warm_(warm),
         forces_(forces) {}
 
@@ -189,6 +188,13 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
                               const Vec3& proxy, const SolverParams& params, WarmStart& warm,
                               FrictionStart& start, std::span<Vec3> forces) noexcept {
   const auto links = set.links();
+  if (links.empty()) {
+    start.forget();
+    const SolveResult result =
+        solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
+    shareLoads(probe, set.items(), result, forces);
+    return result;
+  }
   Friction friction(probe, stiffness, set, proxy, params, warm, forces);
   const bool remembered = start.count == links.size();
   for (std::size_t i = 0; i < links.size(); ++i) {

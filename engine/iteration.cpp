@@ -97,6 +97,22 @@ void tell(Tick& tick, const Iteration& now, bool foreseen, const Vec3& at,
   }
 }
 
+/// The balance of no primitives: the hand.
+void balanceNothing(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
+  BalanceMemory& b = tick.balance;
+  b.warm.forget();
+  b.friction.forget();
+  if (!foreseen) {
+    tick.report.error_bound = 0.0;
+    tick.report.solver = SolverKind::kClosedForm;
+  }
+  eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
+    readLoads(mode, {}, {}, memory);
+  });
+  now.to = {tick.probe, Vec3::Zero(), tick.probe - from, tick.probe, Vec3::Zero()};
+  if (tick.trace != nullptr) tell(tick, now, foreseen, from);
+}
+
 }  // namespace
 
 bool anchored(const BalanceMemory& b) noexcept {
@@ -135,6 +151,10 @@ void lookRound(Tick& tick) noexcept {
 bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexcept {
   placePrimitives(tick, now, foreseen);
   BalanceMemory& b = tick.balance;
+  if (b.primitives.size() == 0) {
+    balanceNothing(tick, now, foreseen, from);
+    return true;
+  }
   // The distance that the curve led aside of its tangent waits for the next tick.
   const bool on_rail = now.rail.of != nullptr;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;

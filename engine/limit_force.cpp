@@ -9,6 +9,13 @@ namespace palpate {
 
 namespace {
 
+/// |v|, finite wherever it can be: stableNorm, which costs more, only near overflow.
+double lengthOf(const Vec3& v) noexcept {
+  const double square = v.squaredNorm();
+  const bool plain = (square > 1e-200 && square < 1e200) || v.isZero(0.0);
+  return plain ? std::sqrt(square) : v.stableNorm();
+}
+
 /// Advances an engagement by a time [s] and returns the share of the force that it lets through.
 double engaged(double asked, double time, LimiterState& state) noexcept {
   if (state.waiting) {
@@ -38,13 +45,13 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
   if (limits.heating > 0.0) {
     // The force that was sent was within the peak, whatever is remembered of it.
     const double sent =
-        previous.allFinite() ? std::min(previous.stableNorm(), std::max(limits.peak, 0.0)) : 0.0;
+        previous.allFinite() ? std::min(lengthOf(previous), std::max(limits.peak, 0.0)) : 0.0;
     state.heat += (1.0 - std::exp(-time / limits.heating)) * (sent * sent - state.heat);
   }
   state.sent.setZero();
 
-  // Finite, else zero. Limits that are not positive numbers allow nothing. stableNorm: no overflow.
-  const double asked = wanted.stableNorm();
+  // Finite, else zero. Limits that are not positive numbers allow nothing.
+  const double asked = lengthOf(wanted);
   if (!wanted.allFinite() || !std::isfinite(asked)) {
     out.finite = false;
     (void)passTank(Vec3::Zero(), hand, fresh, dt, limits, state.tank);
@@ -73,7 +80,7 @@ LimitedForce limitForce(const Vec3& wanted, const Vec3& hand, double dt, const F
 
   // Slew: what is still wanted of the last force stays; the rest grows by at most `growth`.
   Vec3 kept = Vec3::Zero();
-  const double last = previous.allFinite() ? previous.stableNorm() : 0.0;
+  const double last = previous.allFinite() ? lengthOf(previous) : 0.0;
   if (last > 0.0 && std::isfinite(last)) {
     const Vec3 direction = previous / last;
     kept = std::clamp(force.dot(direction), 0.0, last) * direction;

@@ -1157,6 +1157,36 @@ void balance(const Vec3& probe, double stiffness, std::span<const Primitive> pri
   warm->motion = probe + result.offset - start;
 }
 
+/// The balance of no primitive or one, before anything is set up: most ticks need no more.
+SolveResult balanceFew(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
+                       const Vec3& start, WarmStart* warm, std::span<Vec3> forces) noexcept {
+  SolveResult result;
+  if (!primitives.empty()) {
+    const Primitive& p = primitives[0];
+    const double most = p.strength / stiffness;
+    const bool free = p.kind == PrimitiveKind::kForce;
+    Vec3 to = free ? Vec3(Vec3::Zero()) : Vec3(p.position - probe);
+    const double reach = to.lpNorm<Eigen::Infinity>();
+    const Vec3 q = p.kind == PrimitiveKind::kPoint ? Vec3(Vec3::Zero()) : unit(p.direction);
+    if (free) {
+      result.offset = most * q;
+    } else if (p.kind == PrimitiveKind::kPlane) {
+      result.offset = std::clamp(q.dot(to), 0.0, most) * q;
+    } else {
+      to -= q.dot(to) * q;
+      const double far = to.norm();
+      result.offset = far > most ? Vec3((most / far) * to) : to;
+    }
+    result.error_bound = 8.0 * kEpsilon * (reach + most);
+    if (!forces.empty()) forces[0] = stiffness * result.offset;
+  }
+  if (warm != nullptr) {
+    warm->forget();
+    warm->motion = probe + result.offset - start;
+  }
+  return result;
+}
+
 }  // namespace
 
 SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Primitive> primitives,
@@ -1171,7 +1201,9 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
     // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.
-    if (primitives.size() <= kFew) {
+    if (primitives.size() <= 1) {
+      result = balanceFew(probe, stiffness, primitives, start, warm, forces);
+    } else if (primitives.size() <= kFew) {
       balance<kFew>(probe, stiffness, primitives, start, params, warm, forces, result);
     } else {
       balance<kMaxPrimitives>(probe, stiffness, primitives, start, params, warm, forces, result);
