@@ -17,6 +17,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "bench/cold.h"
 #include "bench/machine.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/haptic_thread.h"
@@ -26,6 +27,7 @@
 namespace {
 
 using namespace palpate;
+using bench::LoopTimes;
 
 struct Options {
   double rate = 1000.0;
@@ -34,60 +36,7 @@ struct Options {
   int load = 0;
 };
 
-/// Of a run.
-struct Times {
-  std::vector<double> wake;  ///< [us]
-  std::vector<double> tick;  ///< [us]
-  long late = 0;             ///< Woken after the next one's time.
-  std::int64_t faults = 0;
-
-  void add(const Times& other) {
-    wake.insert(wake.end(), other.wake.begin(), other.wake.end());
-    tick.insert(tick.end(), other.tick.begin(), other.tick.end());
-    late += other.late;
-    faults += other.faults;
-  }
-};
-
-Times runBare(const Options& options) {
-  Times out;
-  out.wake.reserve(static_cast<std::size_t>(options.seconds * options.rate) + 1);
-  std::thread loop([&] {
-    const RealtimeRequest request;
-    const StayAwake awake(request.awake);
-    (void)becomeRealtime(request, awake);
-    const std::int64_t faults = pageFaults();
-    const double period = 1e9 / options.rate;
-    const std::int64_t begin = nowNs();
-    const auto count = static_cast<std::int64_t>(options.seconds * options.rate);
-    for (std::int64_t i = 0; i < count; ++i) {
-      const auto due =
-          begin + static_cast<std::int64_t>(std::llround(static_cast<double>(i) * period));
-      sleepUntil(due);
-      const std::int64_t now = nowNs();
-      out.wake.push_back(1e-3 * static_cast<double>(now - due));
-      if (static_cast<double>(now - due) > period) ++out.late;
-      i = std::max(i, static_cast<std::int64_t>(static_cast<double>(now - begin) / period));
-    }
-    out.faults = pageFaults() - faults;
-  });
-  loop.join();
-  return out;
-}
-
-Times runHaptic(const Options& options, std::optional<double> early) {
-  struct Sink final : TickSink {
-    Times times;
-    void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
-      if (times.wake.size() == times.wake.capacity()) return;
-      times.wake.push_back(1e-3 * static_cast<double>(tick.wake_ns));
-      times.tick.push_back(1e-3 * static_cast<double>(tick.tick_ns));
-      times.late = static_cast<long>(tick.late_ticks);
-    }
-  } sink;
-  const auto most = static_cast<std::size_t>(options.seconds * options.rate) + 1000;
-  sink.times.wake.reserve(most);
-  sink.times.tick.reserve(most);
+LoopTimes runBall(const Options& options, std::optional<double> early) {
   constexpr double kRadius = 0.04;
   GraphSpec spec;
   spec.modes.resize(1);
@@ -100,15 +49,11 @@ Times runHaptic(const Options& options, std::optional<double> early) {
   LoopParams params;
   params.rate = options.rate;
   params.early = early;
-  HapticThread hand(device, params, &sink);
-  hand.publish(makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), kRadius)}}));
-  while (hand.running()) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  hand.stop();
-  sink.times.faults = hand.pageFaultsSinceStart();
-  return sink.times;
+  return bench::runHaptic(device, makeScene(spec, {{"ball", makeSphere(Vec3::Zero(), kRadius)}}),
+                          params, options.seconds);
 }
 
-void tell(const char* name, const Times& times) {
+void tell(const char* name, const LoopTimes& times) {
   const auto row = [](const std::vector<double>& us) {
     std::printf(" %9.2f %9.2f %9.2f %9.1f", bench::percentile(us, 0.5), bench::percentile(us, 0.99),
                 bench::percentile(us, 0.999), bench::percentile(us, 1.0));
@@ -117,7 +62,7 @@ void tell(const char* name, const Times& times) {
               static_cast<double>(times.late) / static_cast<double>(times.wake.size()),
               static_cast<long long>(times.faults));
   row(times.wake);
-  if (!times.tick.empty()) row(times.tick);
+  row(times.tick);
   std::printf("\n");
 }
 
@@ -136,20 +81,20 @@ int measure(const Options& options) {
         memory[n] = std::sqrt(memory[n] + 1.0);
     });
   }
-  Times bare;
-  Times asleep;
-  Times early;
+  LoopTimes bare;
+  LoopTimes asleep;
+  LoopTimes early;
   for (int turn = 0; turn < options.turns; ++turn) {
     for (int i = 0; i < 3; ++i) {
       switch ((turn + i) % 3) {
         case 0:
-          bare.add(runBare(options));
+          bare.add(bench::runBare(options.rate, options.seconds, {}));
           break;
         case 1:
-          asleep.add(runHaptic(options, 0.0));
+          asleep.add(runBall(options, 0.0));
           break;
         default:
-          early.add(runHaptic(options, std::nullopt));
+          early.add(runBall(options, std::nullopt));
           break;
       }
     }

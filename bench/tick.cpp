@@ -1,17 +1,22 @@
 /// What does one whole tick cost? Feels a scene with the simulated device and prints the times of
-/// single ticks, by how many primitives they balanced, their iterations, and what did not end well.
+/// single ticks back to back, by how many primitives they balanced, their iterations, and what did
+/// not end well. Then the same ticks cold, as a hand has them (bench/cold.h): of the haptic thread
+/// asleep until each one's time, in turns with a bare loop, which shows what clock and wake-up
+/// take.
 ///
-///     palpate_bench_tick SCENE [SECONDS [REPEATS]]
+///     palpate_bench_tick SCENE [SECONDS [REPEATS]] [--cold SECONDS] [--neighbour own|other|none]
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
 #include <exception>
 #include <map>
 #include <numeric>
 #include <string>
 #include <vector>
 
+#include <CLI/CLI.hpp>
+
+#include "bench/cold.h"
 #include "bench/machine.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/step.h"
@@ -40,25 +45,22 @@ void print(const std::string& what, Times& times) {
               times.iterations.back());
 }
 
-int run(int argc, char** argv) {
-  if (argc < 2) {
-    std::fprintf(stderr, "usage: palpate_bench_tick SCENE [SECONDS [REPEATS]]\n");
-    return 2;
-  }
-  const double seconds = argc > 2 ? std::atof(argv[2]) : 60.0;
-  const int repeats = argc > 3 ? std::atoi(argv[3]) : 5;
-  const SceneSpec spec = openScene(argv[1]);
-  const BuiltScene built = buildScene(spec);
+struct Options {
+  std::string scene;
+  double seconds = 60.0;
+  int repeats = 5;
+  double cold = 20.0;  // [s] in all
+  std::string neighbour = bench::kNeighbours.front();
+};
 
-  std::printf("%s (included)\n", bench::describe(bench::takeMachine()).c_str());
-  std::printf("%s, %.0f s at 1 kHz, %d times after one warm-up; ns\n", argv[1], seconds, repeats);
-
+void backToBack(const BuiltScene& built, const Options& options) {
+  const bench::Pinned pinned;
   std::map<int, Times> by_primitives;
   Times all;
   std::map<StepStatus, long> unfinished;
   double bound = 0.0;
-  for (int repeat = 0; repeat <= repeats; ++repeat) {
-    SimulatedDevice device({}, {}, explore(built.bounds, seconds), 1000.0);
+  for (int repeat = 0; repeat <= options.repeats; ++repeat) {
+    SimulatedDevice device({}, {}, explore(built.bounds, options.seconds), 1000.0);
     Reader reader;
     ProxyState state(device.info().limits);
     while (!device.ended()) {
@@ -86,6 +88,43 @@ int run(int argc, char** argv) {
   for (auto& [count, times] : by_primitives) print(std::to_string(count) + " primitives", times);
   for (const auto& [status, count] : unfinished) std::printf("%s %ld\n", wordFor(status), count);
   if (bound > 0.0) std::printf("largest bound where a balance stopped early: %.3g m\n", bound);
+}
+
+/// At 1 kHz and at 10: four fifths of the time, and one.
+void cold(const BuiltScene& built, const Options& options) {
+  constexpr int kTurns = 2;
+  std::printf("cold, loops on core %d, their busy neighbour: %s\n", bench::loopCore(),
+              options.neighbour.c_str());
+  bench::printHead();
+  const bench::Neighbour neighbour(options.neighbour);
+  for (const double rate : {1000.0, 10000.0}) {
+    const double seconds = options.cold * (rate < 5000.0 ? 0.4 : 0.1);  // of each loop
+    LoopParams params;
+    params.rate = rate;
+    params.early = 0.0;
+    params.realtime.core = bench::loopCore();
+    SimulatedDevice device({}, {}, explore(built.bounds, seconds), rate);
+    bench::LoopTimes bare;
+    bench::LoopTimes asleep;
+    for (int turn = 0; turn < kTurns; ++turn) {
+      bare.add(bench::runBare(rate, seconds / kTurns, params.realtime));
+      asleep.add(bench::runHaptic(device, built.scene, params, seconds / kTurns));
+    }
+    const std::string at = rate < 5000.0 ? "1 kHz, " : "10 kHz, ";
+    bench::printRow(at + "bare", bare);
+    bench::printRow(at + "asleep", asleep);
+  }
+}
+
+int run(const Options& options) {
+  const BuiltScene built = buildScene(openScene(options.scene));
+  bench::Machine machine = bench::takeMachine(false);
+  machine.pinned = bench::Pinned().good();
+  std::printf("%s (included)\n", bench::describe(machine).c_str());
+  std::printf("%s, %.0f s at 1 kHz, %d times after one warm-up; ns\n", options.scene.c_str(),
+              options.seconds, options.repeats);
+  backToBack(built, options);
+  if (options.cold > 0.0) cold(built, options);
   return 0;
 }
 
@@ -93,7 +132,17 @@ int run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   try {
-    return run(argc, argv);
+    Options options;
+    CLI::App app{"Time of a tick, back to back and cold."};
+    app.add_option("scene", options.scene, "a scene or a .vdb")->required();
+    app.add_option("seconds", options.seconds, "of the hand, back to back, default 60");
+    app.add_option("repeats", options.repeats, "of those, default 5");
+    app.add_option("--cold", options.cold, "seconds for cold ticks, default 20; 0: none");
+    app.add_option("--neighbour", options.neighbour,
+                   "busy on the loop's own core (default), another one, or none")
+        ->check(CLI::IsMember(bench::kNeighbours));
+    CLI11_PARSE(app, argc, argv);
+    return run(options);
   } catch (const std::exception& e) {
     std::fprintf(stderr, "palpate_bench_tick: %s\n", e.what());
     return 2;
