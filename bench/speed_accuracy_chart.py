@@ -83,6 +83,11 @@ def draw_row(ax, row):
                 alpha=0.4, zorder=1)
         ax.plot(cost, error, color=colour, linewidth=1.0, linestyle=VARIANTS[variant],
                 zorder=2)
+        if "cold_ns" in points[0]:
+            cold = np.array([1e-3 * r["cold_ns"] for r in points])
+            ax.plot(np.ravel([cost, cold, gap], "F"), np.ravel([error, error, gap], "F"),
+                    color=colour, linewidth=0.7, linestyle=":", zorder=1)
+            ax.plot(cold, error, marker="|", markersize=7, color=colour, linestyle="none", zorder=3)
         every = np.array([r["reached"]["1e-3"] >= 1.0 for r in points])
         for which, face in ((~every, "white"), (every, colour)):
             ax.plot(cost[which], error[which], marker=marker, markersize=8 if marker == "*" else 5.5,
@@ -96,7 +101,7 @@ def draw_row(ax, row):
         ax.spines[side].set_visible(False)
 
 
-def add_legend(ax, methods):
+def add_legend(ax, methods, cold):
     ax.axis("off")
     handles = []
     for method in methods:
@@ -113,6 +118,9 @@ def add_legend(ax, methods):
                linestyle="none", label="hollow: some case is not"),
         Line2D([], [], color=grey, linewidth=0.8, label="thin lines: from median to p99"),
     ]
+    if cold:
+        handles.append(Line2D([], [], color=grey, linewidth=0.7, linestyle=":", marker="|", markersize=7,
+                              label="to a bar: after 1 ms asleep, its core busy"))
     ax.legend(handles=handles, loc="center", fontsize=8.5, frameon=False)
 
 
@@ -147,7 +155,7 @@ def draw_grid(rows, families, title, foot, columns=3):
             if j >= len(below):
                 ax.set_xlabel("time per balance [µs]", fontsize=8.5)
                 ax.tick_params(labelbottom=True)
-    add_legend(legend_at, methods)
+    add_legend(legend_at, methods, any("cold_ns" in r for row in rows.values() for r in row))
     figure.suptitle(title, fontsize=11)
     figure.text(0.005, -0.004, foot, fontsize=7, color="#666666", va="top")
     return figure

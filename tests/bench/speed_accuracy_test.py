@@ -26,7 +26,7 @@ class SpeedAccuracy(unittest.TestCase):
         cls.dir = Path(cls.holder.name)
         cls.result = cls.dir / "result.json"
         subprocess.run([PROGRAM, "--problems", "8", "--seconds", "0", "--exploration", "3",
-                        "--output", str(cls.result)], check=True, timeout=300)
+                        "--cold", "10", "--output", str(cls.result)], check=True, timeout=300)
         cls.data = json.loads(cls.result.read_text())
 
     @classmethod
@@ -63,6 +63,8 @@ class SpeedAccuracy(unittest.TestCase):
             self.assertIn(("walk, carried", count), counts)
         for r in self.data["results"]:
             self.assertGreater(r["cost_ns"]["median"], 0)
+            timed_cold = r["motion"] and r["method"] in ("palpate, warm", "Euler, adaptive step")
+            self.assertEqual(r.get("cold_ns", 0) > 0, timed_cold)
             self.assertLessEqual(r["error_m"]["median"], r["error_m"]["worst"])
 
     def test_our_solver_reaches_what_it_is_asked_for(self):
