@@ -552,13 +552,13 @@ class Search {
   [[nodiscard]] double bound() const noexcept { return problem_.length * best_bound_; }
   [[nodiscard]] int solves() const noexcept { return solves_; }
 
- private:
-  [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
-
   void moveOrigin(const Vec3& to) noexcept {
     problem_.moveOrigin(to);
     best_ -= to;
   }
+
+ private:
+  [[nodiscard]] int left() const noexcept { return params_.max_iterations - solves_; }
 
   Problem& problem_;
   const SolverParams& params_;
@@ -598,6 +598,17 @@ class Pivots {
     }
     speak(gradient(y));
     return false;
+  }
+  /// The solution again, once the origin has been moved to it: heights there are no longer rounded
+  /// to the size of others, and those of the planes that hold vanish. Sets the multipliers, too.
+  [[nodiscard]] Vec3 onHeld() noexcept {
+    Vec3 y = Vec3::Zero();
+    for (std::size_t k = 0; k < held_; ++k) {
+      const Vec3 q = get(terms_.q, holder_[k]);
+      y += q.dot(get(terms_.b, holder_[k]) - y) / q.dot(basis_[k]) * basis_[k];
+    }
+    speak(gradient(y));
+    return y;
   }
   [[nodiscard]] int pivots() const noexcept { return pivots_; }
 
@@ -1078,8 +1089,12 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
     Pivots planes(problem);
     const bool known = warm != nullptr && warm->count == count && guess.allFinite();
     Vec3 y = known ? guess : problem.spring;
-    (void)planes.solve(y);
+    const bool solved = planes.solve(y);
     done = search.prove(y);
+    if (solved && !done) {
+      search.moveOrigin(y);
+      done = search.prove(planes.onHeld());
+    }
     pivots = planes.pivots();
   }
   if (!done && warm != nullptr && warm->count == count && guess.allFinite()) {

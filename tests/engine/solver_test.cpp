@@ -466,6 +466,13 @@ TEST_CASE("planes alone are balanced by pivots, to far below the tolerance", "[s
       REQUIRE(r.status == SolveStatus::kConverged);
       REQUIRE(r.error_bound <= 5e-8 * strength / p.stiffness);
       REQUIRE(r.iterations <= 40);
+      // The same pivots prove as much as rounding lets anything prove.
+      SolverParams fine;
+      fine.tolerance = count == 1024 ? 1e-8 : 1e-10;
+      const SolveResult exact = solveProxy(p.probe, p.stiffness, p.primitives, p.start, fine);
+      REQUIRE(exact.status == SolveStatus::kConverged);
+      REQUIRE(exact.error_bound <= fine.tolerance * strength / p.stiffness);
+      REQUIRE(exact.iterations == r.iterations);
     }
   }
   // Three that cross in one point, three times each, and slots through it; a load that they hold,
