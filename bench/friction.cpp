@@ -1,6 +1,5 @@
 /// What does friction cost, and how often is no balance found? Motions over one to four rough
-/// planes with drags and lines: the engine's search (engine/friction.h) beside Newton on loads,
-/// slips and place together (bench/friction_newton.h), each on the same balances.
+/// planes with drags and lines, balanced by engine/friction.h.
 ///
 ///     palpate_bench_friction [MOTIONS]
 #include "palpate/engine/friction.h"
@@ -16,7 +15,6 @@
 #include <string>
 #include <vector>
 
-#include "bench/friction_newton.h"
 #include "bench/machine.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/random.h"
@@ -75,7 +73,7 @@ std::vector<Plane> planesOf(const Family& family, test::Random& random) {
   return planes;
 }
 
-/// What a method did.
+/// What the balances of a family took.
 struct Done {
   std::vector<double> iterations;
   std::vector<double> ns;
@@ -89,13 +87,13 @@ struct Done {
     ++unfinished;
     worst = std::max(worst, result.error_bound);
   }
-  void print(const char* family, const char* method) {
+  void print(const char* family) {
     std::sort(iterations.begin(), iterations.end());
     std::sort(ns.begin(), ns.end());
     double sum = 0.0;
     for (const double one : iterations) sum += one;
-    std::printf("%-28s %-7s %6ld %9.2g %6.1f %5.0f %5.0f %7.2f %7.1f\n", family, method, unfinished,
-                1e3 * worst, sum / static_cast<double>(iterations.size()),
+    std::printf("%-28s %6ld %9.2g %6.1f %5.0f %5.0f %7.2f %7.1f\n", family, unfinished, 1e3 * worst,
+                sum / static_cast<double>(iterations.size()),
                 bench::percentileOfSorted(iterations, 0.99), iterations.back(),
                 1e-3 * bench::percentileOfSorted(ns, 0.5),
                 1e-3 * bench::percentileOfSorted(ns, 0.99));
@@ -114,29 +112,21 @@ void judge(const Vec3& hand, double stiffness, const PrimitiveSet& set, const So
   for (const FrictionLink& link : set.links()) {
     const double load = set.items()[link.plane].direction.dot(forces[link.plane]);
     const double strength = set.items()[link.line].strength;
-    if (std::abs(strength - link.coefficient * load) > 2e-4 + 2e-3 * strength) {
+    if (std::abs(strength - link.coefficient * load) > 1e-8) {
       throw std::runtime_error("a friction is not mu times its load");
     }
   }
   if (!(hand + result.offset).allFinite()) throw std::runtime_error("a proxy is not finite");
 }
 
-struct Both {
-  Done search;
-  Done newton;
-  long apart = 0;  ///< Both finished, more than 1 um from each other.
-};
-
-void move(const Family& family, test::Random& random, Both& both) {
+void move(const Family& family, test::Random& random, Done& done) {
   const double stiffness = random.logUniform(100.0, 2000.0);
   const std::vector<Plane> planes = planesOf(family, random);
   const double drag = random.uniform(0.05, 0.4);
   const Primitive line{PrimitiveKind::kLine, Vec3::Zero(), random.direction(),
                        random.uniform(0.05, 1.0)};
-  WarmStart search_warm;
-  WarmStart newton_warm;
-  FrictionStart search_start;
-  methods::NewtonStart newton_start;
+  WarmStart warm;
+  FrictionStart last;
   std::vector<Vec3> forces(kMaxPrimitives, Vec3::Zero());
   Vec3 proxy(0.0, 0.0, 1e-4);
   Vec3 hand = proxy;
@@ -161,25 +151,13 @@ void move(const Family& family, test::Random& random, Both& both) {
     }
     if (family.lines > 0) room = set.tryAdd(line) && room;
     if (!room) throw std::runtime_error("a set is full");
-    const auto timed = [&](Done& done, const auto& solve) {
-      const auto start = Clock::now();
-      SolveResult result = solve();
-      const auto end = Clock::now();
-      done.add(result, std::chrono::duration<double, std::nano>(end - start).count());
-      judge(hand, stiffness, set, result, forces);
-      return result;
-    };
-    const SolveResult by_search = timed(both.search, [&] {
-      return solveWithFriction(hand, stiffness, set, proxy, {}, search_warm, search_start, forces);
-    });
-    const SolveResult by_newton = timed(both.newton, [&] {
-      return methods::solveByNewton(hand, stiffness, set, proxy, {}, newton_warm, newton_start,
-                                    forces);
-    });
-    const bool finished =
-        by_search.status == SolveStatus::kConverged && by_newton.status == SolveStatus::kConverged;
-    both.apart += finished && (by_search.offset - by_newton.offset).norm() > 1e-6 ? 1 : 0;
-    proxy = by_newton.proxy;
+    const auto start = Clock::now();
+    const SolveResult result =
+        solveWithFriction(hand, stiffness, set, proxy, {}, warm, last, forces);
+    const auto end = Clock::now();
+    done.add(result, std::chrono::duration<double, std::nano>(end - start).count());
+    judge(hand, stiffness, set, result, forces);
+    proxy = result.proxy;
   }
 }
 
@@ -191,19 +169,14 @@ int run(int argc, char** argv) {
   }
   std::printf("%s (included)\n", bench::describe(bench::takeMachine()).c_str());
   std::printf("%d motions of %d ticks a family, planes read up to 1 um off\n", motions, kTicks);
-  std::printf("%-28s %-7s %6s %9s %6s %5s %5s %7s %7s\n", "balances of", "method", "open",
-              "bound mm", "mean", "p99", "max", "p50 us", "p99 us");
+  std::printf("%-28s %6s %9s %6s %5s %5s %7s %7s\n", "balances of", "open", "bound mm", "mean",
+              "p99", "max", "p50 us", "p99 us");
   test::Random random(7);
-  long apart = 0;
   for (const Family& family : kFamilies) {
-    Both both;
-    for (int i = 0; i < motions; ++i) move(family, random, both);
-    both.search.print(family.name, "search");
-    both.newton.print("", "newton");
-    apart += both.apart;
+    Done done;
+    for (int i = 0; i < motions; ++i) move(family, random, done);
+    done.print(family.name);
   }
-  std::printf("both ended, more than 1 um apart (another balance of the same forces): %ld\n",
-              apart);
   return 0;
 }
 

@@ -4,183 +4,528 @@
 #include <cmath>
 #include <limits>
 
-#include "palpate/engine/loads.h"
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 
 namespace palpate {
 namespace {
 
-/// Solves one balance after another, with trial strengths of the frictions' lines.
-class Friction {
+constexpr double kCompliance = 1e-6;  // c [m]
+constexpr double kEnough = 1e-10;     // |R| of a solution, as a share of the sum of strengths
+constexpr double kRoughly = 1e-6;     // |R| on the way from soft to hard
+constexpr double kUnbounded = std::numeric_limits<double>::infinity();
+
+Vec3 across(const Vec3& q, const Vec3& v) noexcept {
+  return v - q.dot(v) * q;
+}
+Mat3 acrossOf(const Vec3& q) noexcept {
+  return Mat3::Identity() - q * q.transpose();
+}
+/// beta(v): the nearest point of the unit ball.
+Vec3 inBall(const Vec3& v) noexcept {
+  const double length = v.norm();
+  return length > 1.0 ? Vec3(v / length) : v;
+}
+/// The derivative of v/m by v, m = |v| where it slips, with the dual b for v/|v|.
+Mat3 turnOf(const Mat3& T, const Vec3& b, const Vec3& v, double m, bool sticks) noexcept {
+  const double length = v.norm();
+  if (sticks || !(length > 0.0)) return T / m;
+  return (T - b * (v / length).transpose()) / m;
+}
+
+/// A balance whose every kink has the compliance c. Places are from the old proxy.
+class Compliant {
  public:
-  Friction(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
-           const SolverParams& params, WarmStart& warm, std::span<Vec3> forces) noexcept
-      : probe_(probe),
-        stiffness_(stiffness),
-        set_(set),
-        proxy_(proxy),
-        params_{std::min(params.tolerance, kTolerance), params.max_iterations},
-        warm_(warm),
-        forces_(forces) {}
-
-  /// Solves the balance with the present strengths. False on bad input: no other trial would do.
-  bool solve() noexcept {
-    const int iterations = result_.iterations;
-    result_ = solveProxy(probe_, stiffness_, set_.items(), proxy_, params_, &warm_, forces_);
-    result_.iterations += iterations;
-    shareLoads(probe_, set_.items(), result_, forces_);
-    ++solves_;
-    return result_.status != SolveStatus::kBadInput;
-  }
-
-  /// mu n - s_t of a link in the last balance [N].
-  [[nodiscard]] double excess(const FrictionLink& link) const noexcept {
-    const Primitive& plane = set_.items()[link.plane];
-    const double load = std::clamp(plane.direction.dot(forces_[link.plane]), 0.0, plane.strength);
-    return link.coefficient * load - strength(link);
-  }
-  [[nodiscard]] double strength(const FrictionLink& link) const noexcept {
-    return set_.items()[link.line].strength;
-  }
-  void set(const FrictionLink& link, double strength) noexcept { set_.setStrength(link, strength); }
-  /// The most that a link can hold [N].
-  [[nodiscard]] double most(const FrictionLink& link) const noexcept {
-    return link.coefficient * set_.items()[link.plane].strength;
-  }
-  /// True if s_t = mu n holds to the accuracy with which the balance knows the load.
-  [[nodiscard]] bool met(const FrictionLink& link) const noexcept {
-    constexpr double kRounding = 1e-12;
-    // Loads that several frictions share are known only as well as the proxy's place.
-    const bool several = set_.links().size() > 1;
-    const double shared = several ? set_.items()[link.plane].strength / kSharedWithin : 0.0;
-    const double known = link.coefficient * (stiffness_ + shared) * result_.error_bound;
-    const double felt = 1e-4 + 1e-3 * strength(link);  // [N]
-    return std::abs(excess(link)) <= kRounding * most(link) + std::min(known, felt);
-  }
-  [[nodiscard]] bool allMet() const noexcept {
-    return std::all_of(set_.links().begin(), set_.links().end(),
-                       [&](const FrictionLink& link) { return met(link); });
-  }
-  [[nodiscard]] bool spent() const noexcept {
-    const bool alone = set_.links().size() == 1;
-    return solves_ >= (alone ? kMostFrictionSolves : kMostJointSolves - 1) ||
-           (alone ? 1 : 2) * result_.iterations >= kMostFrictionIterations;
-  }
-
-  /// Solves the law of a link that is alone, from the last balance on. False where solve() is.
-  bool meet(const FrictionLink& link) noexcept {
-    double low = 0.0;
-    double high = most(link);
-    double low_excess = 0.0;  // excess at `low`, halved as Illinois does; 0: not evaluated
-    double high_excess = 0.0;
-    double last = 0.0;
-    double last_excess = 0.0;
-    while (!met(link) && !spent()) {
-      // A jump: the loads can be shared in several ways, and a share in between satisfies the law.
-      if (high - low <= kJump * most(link)) {
-        shared_ = true;
-        return true;
+  Compliant(const Vec3& probe, double stiffness, const PrimitiveSet& set, const Vec3& proxy,
+            int most, FrictionStart& memory) noexcept
+      : stiffness_(stiffness), spring_(probe - proxy), memory_(memory), most_(most) {
+    const auto links = set.links();
+    const auto items = set.items();
+    known_ = memory.count == links.size();
+    std::size_t planes = 0;
+    std::size_t pulls = 0;
+    std::size_t next = 0;  // links come in their planes' order, each line after its plane
+    double reach = 0.0;
+    for (std::size_t i = 0; i < items.size(); ++i) {
+      const Primitive& p = items[i];
+      const Vec3 at = p.position - proxy;
+      const bool rough = next < links.size() && links[next].plane == i;
+      const FrictionLink* link = rough ? &links[next++] : nullptr;
+      const std::size_t source = i;
+      if (rough) ++i;
+      if (!(p.strength > 0.0)) continue;
+      if (p.kind == PrimitiveKind::kForce) {
+        spring_ += p.strength / stiffness * p.direction;
+        continue;
       }
-      const double at = strength(link);
-      const double here = excess(link);
-      const bool same_side = last_excess * here > 0.0;
-      if (here > 0.0) {
-        low = at;
-        low_excess = here;
-        if (same_side) high_excess *= 0.5;
+      const Vec3 q = p.direction.normalized();
+      strengths_ += p.strength;
+      reach = std::max(reach, at.lpNorm<Eigen::Infinity>());
+      if (p.kind == PrimitiveKind::kPlane) {
+        RoughPlane& plane = memory.planes[planes++];
+        plane.q = q;
+        plane.foot = q.dot(at);
+        plane.strength = p.strength;
+        plane.coefficient = rough ? link->coefficient : 0.0;
+        plane.grip = rough ? Vec3(items[link->line].position - proxy) : Vec3(Vec3::Zero());
+        plane.plane = source;
+        plane.line = rough ? link->line : source;
+        strengths_ += plane.coefficient * p.strength;
       } else {
-        high = at;
-        high_excess = here;
-        if (same_side) low_excess *= 0.5;
+        Pull& pull = memory.pulls[pulls++];
+        pull.q = q;
+        pull.at = at;
+        pull.strength = p.strength;
+        pull.line = p.kind == PrimitiveKind::kLine;
+        pull.index = source;
       }
-      // The first step is exact where the load does not depend on the friction.
-      double next = at + here;
-      if (low_excess > 0.0 && high_excess < 0.0) {
-        next = (low * high_excess - high * low_excess) / (high_excess - low_excess);
-      } else if (last_excess != 0.0) {
-        next = at - here * (at - last) / (here - last_excess);
-      }
-      if (!(next > low && next < high)) next = 0.5 * (low + high);
-      last = at;
-      last_excess = here;
-      set(link, next);
-      if (!solve()) return false;
     }
-    return true;
+    known_ = known_ && planes == memory.plane_count && pulls == memory.pull_count;
+    memory.plane_count = planes;
+    memory.pull_count = pulls;
+    length_ = strengths_ / stiffness;
+    hard_ = std::min(kCompliance, 1e-4 * length_);
+    reach = std::max(reach, spring_.lpNorm<Eigen::Infinity>());
+    rounding_ = 8.0 * std::numeric_limits<double>::epsilon() * reach / hard_;
+    enough_ = std::max(kEnough, rounding_);
+    dropKept();
   }
 
-  /// Iterates all links together to the fixed point s_t = mu n, mixed with the last trial so that
-  /// the slowest direction's error is extrapolated to zero (Anderson 1965, one step of memory).
-  /// False where solve() is.
-  bool mix(FrictionStart& start) noexcept {
-    const auto links = set_.links();
-    double least = std::numeric_limits<double>::infinity();
-    // A link that is alone takes one step: exact where the load does not depend on the friction.
-    const bool alone = links.size() == 1;
-    for (int k = 0; !(alone && k > 0) && !allMet() && !spent(); ++k) {
-      double worst = 0.0;
-      for (const FrictionLink& link : links) worst = std::max(worst, std::abs(excess(link)));
-      for (std::size_t i = 0; worst < least && i < links.size(); ++i) {
-        start.best[i] = strength(links[i]);
-      }
-      least = std::min(least, worst);
-      double dot = 0.0;
-      double square = 0.0;
-      for (std::size_t i = 0; k > 0 && i < links.size(); ++i) {
-        const double change = excess(links[i]) - start.missed[i];
-        dot += excess(links[i]) * change;
-        square += change * change;
-      }
-      const double mixing = square > 0.0 ? dot / square : 0.0;
-      for (std::size_t i = 0; i < links.size(); ++i) {
-        const double at = strength(links[i]);
-        const double here = excess(links[i]);
-        const double last = k > 0 ? start.tried[i] + start.missed[i] : at + here;
-        const double next = at + here - mixing * (at + here - last);
-        start.tried[i] = at;
-        start.missed[i] = here;
-        set(links[i], std::clamp(next, 0.0, most(links[i])));
-      }
-      if (!solve()) return false;
-    }
-    return true;
+  /// Finds loads and frictions; false where no way led to them.
+  bool solve() noexcept { return (known_ && fromLast()) || fromSoft(most_ / 2) || fromSticking(); }
+
+  /// The loads by which kinks about x, less than c apart, share what balances the spring there. The
+  /// place at which they are read gives way for the spring, whose end is so far off that it pulls
+  /// the same everywhere. False where none are found: then loads mean nothing.
+  bool loadsAt(const Vec3& x) noexcept {
+    constexpr double kGivesWay = 1e-3;  // share of the stiffness that stays
+    spring_ = x + (spring_ - x) / kGivesWay;
+    stiffness_ *= kGivesWay;
+    return newton(hard_, kMostHard, kMostHard, enough_);
   }
 
-  /// After mix() failed: takes the larger of each link's last and best strength. False as solve().
-  bool hold(const FrictionStart& start) noexcept {
-    const auto links = set_.links();
-    for (std::size_t i = 0; i < links.size(); ++i) {
-      const double last = start.count == links.size() ? start.strengths[i] : 0.0;
-      set(links[i], std::min(std::max(last, start.best[i]), most(links[i])));
+  /// Begins at x, with nothing kept.
+  void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
+
+  /// Takes the compliance out, by the method of multipliers: what a kink bears it keeps, and the
+  /// place goes onto the kinks. Where that does not come to rest, as frictions that press each
+  /// other's planes may not let it, the compliance shrinks instead as far as rounding lets it.
+  void harden() noexcept {
+    constexpr int kRounds = 4;
+    const Vec3 soft = x_;
+    for (int round = 0; round < kRounds; ++round) {
+      const Vec3 before = x_;
+      for (RoughPlane& p : planes()) {
+        p.kept_load = p.load;
+        p.kept_pull = p.sticks ? p.pull : Vec3(Vec3::Zero());
+      }
+      for (Pull& p : pulls()) p.kept_pull = p.holds ? p.pull : Vec3(Vec3::Zero());
+      if (!newton(hard_, kMostHard, kMostHard, enough_)) break;
+      if ((x_ - before).norm() <= kThere * length_) return;
     }
-    return solve();
+    dropKept();
+    goTo(soft, hard_);
+    double c = hard_;
+    for (const double to : {0.1, 0.01, 1e-3}) {
+      const Vec3 before = x_;
+      if (!newton(to * hard_, kMostHard, kMostHard, std::max(enough_, rounding_ / to))) {
+        goTo(before, c);
+        return;
+      }
+      c = to * hard_;
+    }
   }
 
-  [[nodiscard]] SolveResult finish() noexcept {
-    if (result_.status == SolveStatus::kBadInput) return result_;
-    const bool jump = shared_;
-    if (!jump && !allMet()) {
-      result_.status = std::max(result_.status, SolveStatus::kIterationLimit);
-    }
-    for (const FrictionLink& link : set_.links()) {
-      result_.error_bound += (jump ? kJump * most(link) : std::abs(excess(link))) / stiffness_;
-    }
-    return result_;
+  /// The friction of a plane [N].
+  [[nodiscard]] static double frictionOf(const RoughPlane& p) noexcept {
+    return p.coefficient * p.load;
   }
+  [[nodiscard]] std::span<RoughPlane> planes() const noexcept {
+    return {memory_.planes.data(), memory_.plane_count};
+  }
+  [[nodiscard]] std::span<Pull> pulls() const noexcept {
+    return {memory_.pulls.data(), memory_.pull_count};
+  }
+  [[nodiscard]] int solves() const noexcept { return solves_; }
+  [[nodiscard]] const Vec3& place() const noexcept { return x_; }
+  [[nodiscard]] double missing() const noexcept { return residual().norm(); }
+
+  /// Goes to where |R| was least.
+  void goToBest() noexcept { goTo(best_, hard_); }
 
  private:
-  const Vec3& probe_;
+  static constexpr int kMostWarm = 16;
+  static constexpr int kPatience = 3;
+  static constexpr int kMostHard = 12;
+  static constexpr double kLess = 0.9;    // of |R|, that a step has to leave
+  static constexpr double kThere = 1e-6;  // of S/k, or less, that the place still moves
+
+  void dropKept() noexcept {
+    for (RoughPlane& p : planes()) {
+      p.kept_load = 0.0;
+      p.kept_pull.setZero();
+    }
+    for (Pull& p : pulls()) p.kept_pull.setZero();
+  }
+
+  [[nodiscard]] static Vec3 from(const Pull& p, const Vec3& x) noexcept {
+    const Vec3 d = x - p.at;
+    return p.line ? across(p.q, d) : d;
+  }
+
+  /// Loads, pieces and what the duals are by the place alone.
+  void read(double c) noexcept {
+    for (RoughPlane& p : planes()) {
+      const double share = p.kept_load / p.strength - (p.q.dot(x_) - p.foot) / c;
+      p.piece = share <= 0.0 ? Piece::kFree : share >= 1.0 ? Piece::kYields : Piece::kHolds;
+      p.load = p.strength * std::clamp(share, 0.0, 1.0);
+      const Vec3 v = p.kept_pull + across(p.q, x_ - p.grip) / c;
+      p.read = inBall(v);
+      p.sticks = v.squaredNorm() <= 1.0;
+    }
+    for (Pull& p : pulls()) {
+      const Vec3 v = p.kept_pull + from(p, x_) / c;
+      p.read = inBall(v);
+      p.holds = v.squaredNorm() <= 1.0;
+    }
+  }
+  /// The duals by the place alone.
+  void believePlace() noexcept {
+    for (RoughPlane& p : planes()) p.pull = p.read;
+    for (Pull& p : pulls()) p.pull = p.read;
+  }
+  void goTo(const Vec3& x, double c) noexcept {
+    x_ = x;
+    read(c);
+    believePlace();
+  }
+
+  /// R(x) of the place last read [N].
+  [[nodiscard]] Vec3 residual() const noexcept {
+    Vec3 R = stiffness_ * (spring_ - x_);
+    for (const RoughPlane& p : planes()) R += p.load * (p.q - p.coefficient * p.read);
+    for (const Pull& p : pulls()) R -= p.strength * p.read;
+    return R;
+  }
+
+  /// One step of Newton with the pieces and duals as they are. False where it leads nowhere.
+  bool step(double c) noexcept {
+    Mat3 J = stiffness_ * Mat3::Identity();
+    Vec3 R = stiffness_ * (spring_ - x_);
+    for (const RoughPlane& p : planes()) {
+      if (p.piece == Piece::kFree) continue;
+      const Vec3 push = p.q - p.coefficient * p.pull;
+      double load = p.strength;
+      if (p.piece == Piece::kHolds) {
+        load = p.kept_load - p.strength * (p.q.dot(x_) - p.foot) / c;  // linear, not clamped
+        J += p.strength / c * push * p.q.transpose();
+      }
+      R += load * push;
+      if (!(p.coefficient > 0.0)) continue;
+      const double friction = p.coefficient * std::max(p.load, 1e-9 * p.strength);
+      const Vec3 v = c * p.kept_pull + across(p.q, x_ - p.grip);
+      const double m = p.sticks ? c : std::max(v.norm(), c);
+      J += friction * turnOf(acrossOf(p.q), p.pull, v, m, p.sticks);
+      R -= friction * (v / m - p.pull);
+    }
+    for (const Pull& p : pulls()) {
+      const Vec3 v = c * p.kept_pull + from(p, x_);
+      const double m = p.holds ? c : std::max(v.norm(), c);
+      const Mat3 T = p.line ? acrossOf(p.q) : Mat3(Mat3::Identity());
+      J += p.strength * turnOf(T, p.pull, v, m, p.holds);
+      R -= p.strength / m * v;
+    }
+    const Vec3 d = J.partialPivLu().solve(R);
+    turned_ = J.determinant() < 0.0;
+    ++solves_;
+    if (!d.allFinite()) return false;
+    const auto moved = [&](const Vec3& b, const Vec3& v, const Vec3& dv, double m, bool sticks) {
+      const double length = std::max(v.norm(), std::numeric_limits<double>::min());
+      const double along = sticks ? 0.0 : v.dot(dv) / length;
+      return inBall((v + dv - along * b) / m);
+    };
+    for (RoughPlane& p : planes()) {
+      if (!(p.coefficient > 0.0)) continue;
+      const Vec3 v = c * p.kept_pull + across(p.q, x_ - p.grip);
+      const double m = p.sticks ? c : std::max(v.norm(), c);
+      p.pull = moved(p.pull, v, across(p.q, d), m, p.sticks);
+    }
+    for (Pull& p : pulls()) {
+      const Vec3 v = c * p.kept_pull + from(p, x_);
+      const double m = p.holds ? c : std::max(v.norm(), c);
+      p.pull = moved(p.pull, v, p.line ? across(p.q, d) : d, m, p.holds);
+    }
+    x_ += d;
+    return true;
+  }
+
+  /// R.d at from + t d, the place alone.
+  double slopeAt(double c, const Vec3& from, const Vec3& d, double t) noexcept {
+    x_ = from + t * d;
+    read(c);
+    return residual().dot(d);
+  }
+
+  /// Where on the step R.d has fallen to a tenth: the step overshot. False where it did not.
+  bool shorten(double c, const Vec3& from, const Vec3& d) noexcept {
+    const double end = slopeAt(c, from, d, 1.0);
+    const double start = slopeAt(c, from, d, 0.0);
+    if (!(start > 0.0) || !(end < -0.1 * start)) return false;
+    double low = 0.0;
+    double high = 1.0;
+    double at_low = start;
+    double at_high = end;
+    for (int i = 0; i < 40 && high - low >= 1e-14; ++i) {
+      const double t =
+          i % 3 == 2 ? 0.5 * (low + high) : low + (high - low) * at_low / (at_low - at_high);
+      const double here = slopeAt(c, from, d, t);
+      if (std::abs(here) <= 0.1 * start) break;
+      (here > 0.0 ? low : high) = t;
+      (here > 0.0 ? at_low : at_high) = here;
+    }
+    return true;
+  }
+
+  /// Halves the step until |R| is less than at its start. False where it never is: two pieces may
+  /// lead to each other.
+  bool halve(double c, const Vec3& from, const Vec3& d, double start) noexcept {
+    Vec3 part = 0.5 * d;
+    for (int i = 0; i < 6; ++i, part *= 0.5) {
+      x_ = from + part;
+      read(c);
+      if (missing() <= kLess * start) return true;
+    }
+    return false;
+  }
+
+  /// Beyond a fold: a balance has ended, J's determinant has turned its sign, and Newton leads back
+  /// to where |R| is least and not zero. Onwards, against its step, the determinant turns again,
+  /// and another balance begins (Branin 1972). False where it does not.
+  bool leap(double c, const Vec3& from, const Vec3& d) noexcept {
+    Vec3 onwards = -d;
+    for (int i = 0; i < 7; ++i, onwards *= 2.0) {
+      goTo(from + onwards, c);
+      if (!step(c)) return false;
+      if (turned_) continue;
+      read(c);
+      return true;
+    }
+    return false;
+  }
+
+  /// Newton at c until |R| <= enough S. The first step is with the pieces as they are: the last
+  /// tick's, or those of the last c. False after `most` steps, or `patience` that do not halve |R|.
+  bool newton(double c, int most, int patience, double enough) noexcept {
+    double last = kUnbounded;
+    double least = kUnbounded;
+    int idle = 0;
+    bool leapt = false;
+    for (int i = 0; i < most && solves_ < most_; ++i) {
+      const Vec3 from = x_;
+      if (!step(c)) return false;
+      const Vec3 d = x_ - from;
+      read(c);
+      double now = missing();
+      if (i > 0 && !(now <= kLess * last)) {
+        const bool nearer = shorten(c, from, d) || halve(c, from, d, last);
+        if (nearer || (turned_ && leap(c, from, d))) {
+          believePlace();
+          if (!nearer && !leapt) {
+            leapt = true;
+            most = i + kMostHard;
+            idle = 0;
+            least = kUnbounded;
+          }
+        } else {
+          x_ = from + d;
+          read(c);
+        }
+        now = missing();
+      }
+      if (c <= hard_ && now < least_) {
+        least_ = now;
+        best_ = x_;
+      }
+      last = now;
+      if (now < 0.5 * least) {
+        least = now;
+        idle = 0;
+      } else if (++idle >= patience) {
+        return false;
+      }
+      if (now <= enough * strengths_) {
+        believePlace();
+        return true;
+      }
+    }
+    return false;
+  }
+
+  /// From the last tick's pieces, turned with their planes and lines.
+  bool fromLast() noexcept {
+    const auto turned = [](const Vec3& q, const Vec3& b, bool sticks) {
+      const Vec3 v = across(q, b);
+      const double length = v.norm();
+      return sticks || !(length > 0.0) ? v : Vec3(v / length);
+    };
+    x_ = memory_.motion;
+    for (RoughPlane& p : planes()) p.pull = turned(p.q, p.pull, p.sticks);
+    for (Pull& p : pulls()) {
+      if (p.line) p.pull = turned(p.q, p.pull, p.holds);
+    }
+    return newton(hard_, kMostWarm, kPatience, enough_);
+  }
+
+  /// From kinks so soft that all is one smooth equation to hard ones.
+  bool fromSoft(int until) noexcept {
+    constexpr int kEach = 8;
+    double c = 0.3 * length_;
+    goTo(spring_, c);
+    if (!newton(c, 20, 20, 1e-4)) {
+      c = 30.0 * length_;
+      goTo(spring_, c);
+      if (!newton(c, 30, 30, kRoughly)) return false;
+    }
+    constexpr double kShortest = 0.97;
+    constexpr double kLongest = 0.03;
+    double ratio = kLongest;
+    while (c > hard_ && solves_ < until) {
+      const double next = std::max(hard_, ratio * c);
+      const Vec3 before = x_;
+      if (newton(next, kEach, kEach, next <= hard_ ? enough_ : kRoughly)) {
+        c = next;
+        ratio = std::max(kLongest, ratio * ratio);
+      } else {
+        goTo(before, c);
+        ratio = std::sqrt(ratio);
+        if (ratio > kShortest) break;
+      }
+    }
+    return c <= hard_;
+  }
+
+  /// From the old proxy with all planes pressed and nothing slipping.
+  bool fromSticking() noexcept {
+    for (const double soft : {0.0, 1e-4, 1e-2}) {
+      double c = std::max(hard_, soft * length_);
+      goTo(Vec3::Zero(), c);
+      bool good = newton(c, 12, 12, c <= hard_ ? enough_ : kRoughly);
+      while (good && c > hard_) {
+        c = std::max(hard_, 0.1 * c);
+        good = newton(c, 8, 8, c <= hard_ ? enough_ : kRoughly);
+      }
+      if (good) return true;
+    }
+    return false;
+  }
+
   double stiffness_;
-  PrimitiveSet& set_;
-  const Vec3& proxy_;
-  SolverParams params_;
-  WarmStart& warm_;
-  std::span<Vec3> forces_;
-  static constexpr double kTolerance = 2e-8;  // loads are as exact as the proxy's place
-  static constexpr double kJump = 1e-13;      // a bracket's width, as a share of most()
-  SolveResult result_;
+  Vec3 spring_;  ///< The spring's end with directed forces.
+  FrictionStart& memory_;
+  double strengths_ = 0.0;  ///< The sum of strengths, S [N].
+  double length_ = 0.0;     ///< S/k [m].
+  double hard_ = 0.0;       ///< The compliance wanted [m].
+  double enough_ = 0.0;
+  bool turned_ = false;    ///< The determinant of the last step was below zero.
+  double rounding_ = 0.0;  ///< |R| that rounding leaves at hard_, as a share of S
+  bool known_ = false;
+  Vec3 x_ = Vec3::Zero();
+  Vec3 best_ = Vec3::Zero();
+  double least_ = kUnbounded;
+  int most_;  ///< Most solves.
   int solves_ = 0;
-  bool shared_ = false;  // meet() ended at a jump
 };
+
+/// A plane and its friction alone are orthogonal: the load does not depend on the friction, and two
+/// closed forms are exact.
+SolveResult solveAlone(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
+                       const SolverParams& params, WarmStart& warm, FrictionStart& start,
+                       std::span<Vec3> forces) noexcept {
+  const FrictionLink& link = set.links()[0];
+  const Primitive& plane = set.items()[link.plane];
+  set.setStrength(link, 0.0);
+  SolveResult result = solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
+  start.forget();
+  if (result.status == SolveStatus::kBadInput) return result;
+  const double load = std::clamp(plane.direction.dot(forces[link.plane]), 0.0, plane.strength);
+  if (!(link.coefficient * load > 0.0)) return result;
+  set.setStrength(link, link.coefficient * load);
+  return solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
+}
+
+/// What each primitive does to the proxy [N]; directed forces are not among them.
+void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
+  for (const RoughPlane& p : found.planes()) {
+    forces[p.plane] = p.load * p.q;
+    if (p.line != p.plane) forces[p.line] = -Compliant::frictionOf(p) * p.pull;
+  }
+  for (const Pull& p : found.pulls()) forces[p.index] = -p.strength * p.pull;
+}
+
+/// True where more directions are held at x than there are: the load can be shared in many ways.
+bool overdetermined(std::span<const Primitive> primitives, const Vec3& x) noexcept {
+  constexpr double kHere = 1e-9;  // [m]
+  constexpr double kSome = 1e-6;  // an eigenvalue of the projectors' sum that counts
+  Mat3 held = Mat3::Zero();
+  int directions = 0;
+  for (const Primitive& p : primitives) {
+    if (p.kind == PrimitiveKind::kForce || !(p.strength > 0.0)) continue;
+    const Vec3 d = x - p.position;
+    const double along = p.direction.dot(d);
+    switch (p.kind) {
+      case PrimitiveKind::kForce:
+        break;
+      case PrimitiveKind::kPoint:
+        if (!(d.norm() <= kHere)) break;
+        held += Mat3::Identity();
+        directions += 3;
+        break;
+      case PrimitiveKind::kLine:
+        if (!((d - along * p.direction).norm() <= kHere)) break;
+        held += acrossOf(p.direction);
+        directions += 2;
+        break;
+      case PrimitiveKind::kPlane:
+        if (!(std::abs(along) <= kHere)) break;
+        held += p.direction * p.direction.transpose();
+        directions += 1;
+        break;
+    }
+  }
+  if (directions < 2) return false;
+  if (directions > 3) return true;
+  Eigen::SelfAdjointEigenSolver<Mat3> eigen;
+  eigen.computeDirect(held, Eigen::EigenvaluesOnly);
+  return directions > (eigen.eigenvalues().array() > kSome).count();
+}
+
+/// Without friction: of the loads that balance those of the least sum |f|^2/s.
+SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet& set,
+                        const Vec3& proxy, const SolverParams& params, WarmStart& warm,
+                        FrictionStart& start, std::span<Vec3> forces) noexcept {
+  start.forget();
+  SolveResult result = solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
+  if (result.solver == SolverKind::kClosedForm || result.status == SolveStatus::kBadInput ||
+      !overdetermined(set.items(), result.proxy)) {
+    return result;
+  }
+  Compliant found(probe, stiffness, set, proxy, params.max_iterations, start);
+  found.beginAt(result.proxy - proxy);
+  if (found.loadsAt(result.proxy - proxy)) writeForces(found, forces);
+  return result;
+}
+
+/// What the balance of the compliant kinks says to solveProxy.
+void tell(const Compliant& found, const PrimitiveSet& set, WarmStart& warm) noexcept {
+  if (warm.multipliers.size() < set.size()) return;
+  for (const RoughPlane& p : found.planes()) {
+    warm.multipliers[p.plane] = (1.0 - 2.0 * p.load / p.strength) * p.q;
+    if (p.line != p.plane) warm.multipliers[p.line] = p.pull;
+  }
+  for (const Pull& p : found.pulls()) warm.multipliers[p.index] = p.pull;
+  warm.motion = found.place();
+  warm.count = set.size();
+}
 
 }  // namespace
 
@@ -188,28 +533,70 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
                               const Vec3& proxy, const SolverParams& params, WarmStart& warm,
                               FrictionStart& start, std::span<Vec3> forces) noexcept {
   const auto links = set.links();
+  const auto items = set.items();
   if (links.empty()) {
+    return solveSmooth(probe, stiffness, set, proxy, params, warm, start, forces);
+  }
+  const auto holds = [](const Primitive& p) {
+    return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
+  };
+  for (const FrictionLink& link : links) set.setStrength(link, 0.0);
+  if (links.size() == 1 && std::count_if(items.begin(), items.end(), holds) <= 1) {
+    return solveAlone(probe, stiffness, set, proxy, params, warm, start, forces);
+  }
+  // Bad input is told by solveProxy; what follows takes it as good.
+  const bool good = proxy.allFinite() && probe.allFinite() && stiffness > 0.0;
+  if (!good) {
     start.forget();
-    const SolveResult result =
-        solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-    shareLoads(probe, set.items(), result, forces);
+    return solveProxy(probe, stiffness, items, proxy, params, &warm, forces);
+  }
+  Compliant search(probe, stiffness, set, proxy, params.max_iterations, start);
+  const bool found = search.solve();
+  if (found) {
+    search.harden();
+  } else {
+    search.goToBest();
+  }
+  const bool remembered = start.count == links.size();
+  for (const RoughPlane& p : search.planes()) {
+    if (p.line == p.plane) continue;
+    const std::size_t at = static_cast<std::size_t>(
+        std::lower_bound(links.begin(), links.end(), p.plane,
+                         [](const FrictionLink& a, std::size_t plane) { return a.plane < plane; }) -
+        links.begin());
+    const double most = p.coefficient * p.strength;
+    const double last = remembered ? std::min(start.held[at], most) : 0.0;
+    const double wanted = Compliant::frictionOf(p);
+    set.setStrength(links[at], found ? wanted : std::max(wanted, last));
+  }
+  tell(search, set, warm);
+  start.motion = search.place();
+  SolveResult result = solveProxy(probe, stiffness, items, proxy, params, &warm, forces);
+  result.iterations += search.solves();
+  if (result.status == SolveStatus::kBadInput) {
+    start.forget();
     return result;
   }
-  Friction friction(probe, stiffness, set, proxy, params, warm, forces);
-  const bool remembered = start.count == links.size();
-  for (std::size_t i = 0; i < links.size(); ++i) {
-    friction.set(links[i],
-                 remembered ? std::min(start.strengths[i], friction.most(links[i])) : 0.0);
+  start.count = links.size();
+  for (std::size_t i = 0; i < links.size(); ++i) start.held[i] = items[links[i].line].strength;
+  if (!found) {
+    result.status = SolveStatus::kIterationLimit;
+    start.plane_count = 0;  // the next balance starts cold
+  } else {
+    // The answer is what the loads balance: it meets the law, and is as near to the balance with
+    // its strengths as the bound says.
+    const Vec3 offset = search.place() + (proxy - probe);
+    result.error_bound += (offset - result.offset).norm();
+    result.error_bound += search.missing() / stiffness;
+    result.offset = offset;
+    result.proxy = proxy + search.place();
+    writeForces(search, forces);
   }
-  bool good = friction.solve();
-
-  // Where the loads do not depend on the frictions, one step satisfies all laws.
-  if (good) good = friction.mix(start);
-  if (good && links.size() == 1) good = friction.meet(links[0]);
-  if (good && links.size() > 1 && !friction.allMet()) good = friction.hold(start);
-  start.count = good ? links.size() : 0;
-  for (std::size_t i = 0; i < start.count; ++i) start.strengths[i] = friction.strength(links[i]);
-  return friction.finish();
+  for (const FrictionLink& link : links) {
+    const double load = items[link.plane].direction.dot(forces[link.plane]);
+    result.error_bound += std::abs(link.coefficient * load - items[link.line].strength) / stiffness;
+  }
+  return result;
 }
 
 }  // namespace palpate

@@ -9,6 +9,8 @@ namespace palpate {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
+/// Most iterations of a balance that begins when those of the tick are all but used up.
+constexpr int kLeastIterations = 70;
 /// A step shorter than this share of the path before it falls fast enough to be believed.
 constexpr double kFalls = 0.25;
 /// Share of the tolerance that may be left after such a step.
@@ -158,9 +160,11 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
   // The distance that the curve led aside of its tangent waits for the next tick.
   const bool on_rail = now.rail.of != nullptr;
   const Vec3 probe = on_rail ? Vec3(tick.probe + now.rail.waiting) : tick.probe;
-  const SolveResult solved =
-      solveWithFriction(probe, b.stiffness, b.primitives, tick.proxy.position, tick.scene.solver,
-                        b.warm, b.friction, b.forces);
+  SolverParams params = tick.scene.solver;
+  const int left = tick.scene.step.max_iterations - tick.report.iterations;
+  params.max_iterations = std::min(params.max_iterations, std::max(left, kLeastIterations));
+  const SolveResult solved = solveWithFriction(
+      probe, b.stiffness, b.primitives, tick.proxy.position, params, b.warm, b.friction, b.forces);
   if (solved.status == SolveStatus::kBadInput) {
     now.to = {from, Vec3::Zero(), Vec3::Zero(), from, Vec3::Zero()};
     if (tick.trace != nullptr) tell(tick, now, foreseen, from, false);

@@ -71,10 +71,11 @@ bool emit(const VortexTubeMode& mode, const Place& place, VortexTubeMemory& memo
 
 // Further answers that some modes give; see surfaceAhead and settle in mode.h.
 /// V of the surface; null where it has none yet: it is through the proxy.
-inline const double* levelOf(const IsosurfaceMode& mode, const IsosurfaceMemory&) noexcept {
+inline const double* levelOf(const IsosurfaceMode& mode, const IsosurfaceMemory& /*of*/) noexcept {
   return &mode.level;
 }
-inline const double* levelOf(const SurfaceMode&, const SurfaceMemory& memory) noexcept {
+/// Likewise: it has one once the surface has held the proxy.
+inline const double* levelOf(const SurfaceMode& /*mode*/, const SurfaceMemory& memory) noexcept {
   return memory.captured ? &memory.level : nullptr;
 }
 /// None unless the proxy is outside and the surface did not yield in the last balance.

@@ -164,6 +164,7 @@ Slice follow(Tick& tick, int later) noexcept {
     const bool arrived = known && trial.complete && steady(tick, now);
     const bool spent = now.read && (tick.held + later >= params.max_substeps ||
                                     tick.report.substeps + later >= kMostSubsteps ||
+                                    tick.report.iterations >= params.max_iterations ||
                                     (trial.strays && tick.strayed > kMostStrays));
     // A proxy that nothing holds goes to the hand, however much of its path is left to be read: the
     // rest is only swept, and properties are read where the sweep reaches a surface.

@@ -51,6 +51,9 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
   if (step.max_substeps < 1 || step.max_substeps > 64) {
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
   }
+  if (step.max_iterations < 1) {
+    throw SceneError("/accuracy/max_iterations", "it must be at least 1", "give 200");
+  }
   auto scene = std::make_unique<Scene>();
   if (parts.empty() || !spec.modes.empty()) scene->graph = compileGraph(spec, fields);
   scene->coupling = coupling;

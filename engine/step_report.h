@@ -16,9 +16,10 @@ enum class StepStatus : std::uint8_t {
                   ///< to the hand is not unique, and the proxy may jump, by no more force than the
                   ///< mode's strength beside what the hand's own move stretches. Use a mode of less
                   ///< strength or a hand nearer the stream.
-  kSubstepLimit,  ///< The readings, or 16 steps along a stream for each, were used up before the
-                  ///< proxy had arrived: a hand too fast, a stream that winds too much, walls or
-                  ///< frictions that take turns. The rest waits where something holds the proxy;
+  kSubstepLimit,  ///< The readings, 16 steps along a stream for each, or the iterations were used
+                  ///< up before the proxy had arrived: a hand too fast, a stream that winds too
+                  ///< much, walls or frictions that take turns. The rest waits where something
+                  ///< holds the proxy;
                   ///< where nothing does the proxy is at the hand, and a surface farther off than
                   ///< the fields' firstFall looks can have been passed unfelt, as by a volume
                   ///< that moved so far. Raise max_substeps or the rate if it happens often.

@@ -348,7 +348,13 @@ JsonObject<SceneSpec> accuracyRows() {
       .may("max_substeps",
            jsonWhole(1, 64).says("Most readings a tick while something holds the proxy, which "
                                  "moves at most a voxel between them; default 16."),
-           [](SceneSpec& spec, int most) { spec.step.max_substeps = most; });
+           [](SceneSpec& spec, int most) { spec.step.max_substeps = most; })
+      .may(
+          "max_iterations",
+          jsonWhole(1, 1000000)
+              .says("Most iterations of the balance a tick: after so many nothing more is read and "
+                    "the rest of the path waits for the next tick; default 200."),
+          [](SceneSpec& spec, int most) { spec.step.max_iterations = most; });
 }
 
 const Table& table() {

@@ -25,9 +25,10 @@ struct Balance {
   WarmStart warm;
   FrictionStart start;
   std::vector<Vec3> forces{kMaxPrimitives, Vec3::Zero()};
+  SolverParams params;
 
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
-    return solveWithFriction(probe, kStiffness, set, proxy, {}, warm, start, forces);
+    return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
   [[nodiscard]] double load(const FrictionLink& link) const {
     return set.items()[link.plane].direction.dot(forces[link.plane]);
@@ -102,9 +103,12 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
     CAPTURE(i, mu, strength, probe);
     CAPTURE(test::describe(probe, kStiffness, {b.set.items().begin(), b.set.items().end()}));
     REQUIRE(result.status == SolveStatus::kConverged);
+    REQUIRE(result.error_bound <= 1e-6);
     const FrictionLink& link = b.set.links()[0];
-    REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-4 + 1e-3 * b.strength(link));
-    // What the frictions came to be is balanced as everything else.
+    REQUIRE(std::abs(b.strength(link) - mu * b.load(link)) <= 1e-9 * strength);
+    // What the frictions came to be is balanced as everything else, and the bound covers it.
+    const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
+    REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
     if (i % 100 == 0) {
       const test::Reference reference = test::solveReference(probe, kStiffness, b.set.items());
       REQUIRE((result.offset - reference.offset).norm() <=
@@ -114,7 +118,8 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
     worst = std::max(worst, result.iterations);
   }
   CAPTURE(worst);
-  CHECK(iterations / cases <= 60);
+  CHECK(iterations / cases <= 15);  // 11
+  CHECK(worst <= 2 * SolverParams{}.max_iterations);
 }
 
 TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
@@ -137,22 +142,23 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
     }
     // Met, or said to be not and by how much.
     if (result.status == SolveStatus::kConverged) {
-      REQUIRE(excess <= 1e-3);
+      REQUIRE(excess <= 1e-8);
     } else {
       REQUIRE(result.error_bound >= excess / kStiffness);
       ++limited;
     }
   }
   CAPTURE(limited);
-  CHECK(limited <= 0.005 * static_cast<double>(cases));  // 8 of 5,000
+  CHECK(limited <= 1e-3 * static_cast<double>(cases));
 }
 
-TEST_CASE("where frictions have no common answer each goes on to hold what it held",
+TEST_CASE("rough walls about a point have a balance, and where none is found each holds on",
           "[modes][friction]") {
-  // Two to four walls about a point, and a hand that goes from place to place within them.
+  // Two to four walls, and a hand that goes from place to place within them.
   Random random(64);
   const long cases = test::cases(3000);
   long limited = 0;
+  long stopped = 0;
   long weaker = 0;  // than it held was the best trial
   for (long i = 0; i < cases; ++i) {
     Balance b;
@@ -160,25 +166,100 @@ TEST_CASE("where frictions have no common answer each goes on to hold what it he
     for (int j = 0; j < planes; ++j) {
       REQUIRE(b.set.tryAdd(
           {PrimitiveKind::kPlane, Vec3::Zero(), random.direction(), random.uniform(0.5, 3.0)}));
-      REQUIRE(b.set.tryAddFriction(Vec3::Zero(), random.uniform(0.3, 1.5)));
+      REQUIRE(b.set.tryAddFriction(Vec3::Zero(), random.uniform(0.8, 1.5)));
     }
     for (int at = 0; at < 5; ++at) {
-      const std::vector<double> held = b.start.strengths;
+      const std::vector<double> held = b.start.held;
       const bool remembered = b.start.count > 0;
-      const SolveResult result = b.solve(random.inCube(5e-3));
+      const Vec3 probe = random.inCube(5e-3);
+      // Every other one has too few iterations to find a balance.
+      b.params.max_iterations = at % 2 == 0 ? SolverParams{}.max_iterations : 6;
+      const SolveResult result = b.solve(probe);
       if (result.status != SolveStatus::kIterationLimit) continue;
-      ++limited;
       const auto links = b.set.links();
-      for (std::size_t l = 0; remembered && l < links.size(); ++l) {
+      double excess = 0.0;
+      for (const FrictionLink& link : links) {
+        excess += std::abs(b.strength(link) - link.coefficient * b.load(link));
+      }
+      REQUIRE(result.error_bound >= excess / kStiffness);
+      ++(at % 2 == 0 ? limited : stopped);
+      // The law may be met, and only its bound be wide.
+      for (std::size_t l = 0; remembered && excess > 1e-9 && l < links.size(); ++l) {
         const double most = links[l].coefficient * b.set.items()[links[l].plane].strength;
         CAPTURE(i, at, l, held[l], most);
         REQUIRE(b.strength(links[l]) >= std::min(held[l], most));
-        if (b.start.best[l] < std::min(held[l], most)) ++weaker;
+        if (b.strength(links[l]) == std::min(held[l], most)) ++weaker;
       }
     }
   }
-  CAPTURE(limited, weaker);
-  CHECK(weaker > cases / 1000);
+  CAPTURE(limited, stopped, weaker);
+  CHECK(limited <= cases / 10000);  // of three times as many
+  CHECK(stopped > cases / 10);
+  CHECK(weaker > cases / 10);
+}
+
+TEST_CASE("where a balance ends the next one is found", "[modes][friction]") {
+  // A rough wall, a cloud's plane and a drag, of two ticks in which no balance was found: Newton
+  // led back from beyond a fold.
+  struct Tick {
+    double stiffness;
+    Vec3 probe;
+    Vec3 proxy;
+    Primitive wall;
+    Primitive cloud;
+    Primitive mist;
+  };
+  const std::vector<Tick> ticks{
+      {
+          459.54721208174919,
+          {0.027060000000000001, 0.0090200000000000002, -0.00018000000000000001},
+          {0.030508491140714352, 0.012556329679646637, -0.00032295779869613502},
+          {PrimitiveKind::kPlane,
+           {0.030508793543103582, 0.01255559129548273, -0.00032296364030728479},
+           Vec3(0.92475014006085288, 0.3804489954628108, -0.0097846976841971245).normalized(),
+           3},
+          {PrimitiveKind::kPlane,
+           {0.030508491140714352, 0.012556329679646637, -0.00032295779869613502},
+           Vec3(0.73878633891205148, 0.56175073866848146, -0.37233164389068923).normalized(),
+           0.16182189569347427},
+          {PrimitiveKind::kLine,
+           {0.030508491140714352, 0.012556329679646637, -0.00032295779869613502},
+           Vec3(-0.73877359931302478, -0.56176893542281559, 0.37232946720880794).normalized(),
+           0.080910947846737136},
+      },
+      {
+          459.19806621244118,
+          {0.026900000000000004, 0.0087500000000000008, -0.00050000000000000001},
+          {0.030563956413005539, 0.012420461400550835, -0.000332964036650704},
+          {PrimitiveKind::kPlane,
+           {0.030563955894024115, 0.012420461109545786, -0.0003329640434520687},
+           Vec3(0.92642160917023086, 0.37635254876710966, -0.010087670639967582).normalized(),
+           3},
+          {PrimitiveKind::kPlane,
+           {0.030563956413005539, 0.012420461400550835, -0.000332964036650704},
+           Vec3(0.74228821256613953, 0.55647251356961913, -0.37329150958316165).normalized(),
+           0.16320017397493683},
+          {PrimitiveKind::kLine,
+           {0.030563956413005539, 0.012420461400550835, -0.000332964036650704},
+           Vec3(-0.74229898147062279, -0.55645485384404303, 0.37329642074507069).normalized(),
+           0.081600086987468415},
+      },
+  };
+  for (const Tick& tick : ticks) {
+    PrimitiveSet set;
+    REQUIRE(set.tryAdd(tick.wall));
+    REQUIRE(set.tryAddFriction(tick.proxy, 0.4));
+    REQUIRE(set.tryAdd(tick.cloud));
+    REQUIRE(set.tryAdd(tick.mist));
+    WarmStart warm;
+    FrictionStart start;
+    std::vector<Vec3> forces(kMaxPrimitives, Vec3::Zero());
+    const SolveResult r =
+        solveWithFriction(tick.probe, tick.stiffness, set, tick.proxy, {}, warm, start, forces);
+    CHECK(r.status == SolveStatus::kConverged);
+    CHECK(r.error_bound <= 1e-6);
+    CHECK(r.iterations <= 60);
+  }
 }
 
 TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][friction]") {
@@ -261,6 +342,40 @@ TEST_CASE("without links friction is the plain balance, to the bit", "[modes][fr
     const SolveResult result = b.solve(probe);
     CHECK(result.proxy == plain.proxy);
     CHECK(result.error_bound == plain.error_bound);
+  }
+}
+
+TEST_CASE("kinks that meet share a load, and what nothing presses on carries nothing",
+          "[modes][friction]") {
+  Random random(66);
+  for (int i = 0; i < 500; ++i) {
+    Balance b;
+    const Vec3 q = random.direction();
+    const Vec3 t = across(q, random);
+    const double wall = random.uniform(0.5, 3.0);
+    const double drag = random.uniform(0.2, 0.5);
+    REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, wall}));
+    REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), drag}));
+    // Along the wall the drag has it all; into it each has as much as it is strong.
+    const double along = random.uniform(0.0, 1e-4);
+    const double into = random.uniform(1e-7, 1e-4);
+    CAPTURE(i, wall, drag, along, into);
+    REQUIRE(b.solve(along * t).status == SolveStatus::kConverged);
+    CHECK(b.forces[0].norm() <= 1e-9);
+    REQUIRE(b.solve(along * t - into * q).status == SolveStatus::kConverged);
+    const double share = wall / (wall + drag) * kStiffness * into;
+    CHECK(q.dot(b.forces[0]) == Approx(share).epsilon(1e-6));
+    // Three walls that meet in a point have but one share.
+    b.set.clear();
+    for (const Vec3& n : {q, t, Vec3(q.cross(t))}) {
+      const Vec3 tilted = (n + 0.1 * random.direction()).normalized();
+      REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), tilted, wall}));
+    }
+    const Vec3 probe = -1e-4 * (q + t + q.cross(t));
+    const SolveResult result = b.solve(probe);
+    Vec3 sum = kStiffness * (probe - result.proxy);
+    for (std::size_t j = 0; j < 3; ++j) sum += b.forces[j];
+    CHECK(sum.norm() <= 1e-9);
   }
 }
 

@@ -440,3 +440,42 @@ TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[
   CHECK(r.status == StepStatus::kConverged);
   CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-3);
 }
+
+TEST_CASE("a tick that has used up its iterations reads no more, and the rest waits", "[motion]") {
+  const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);
+  ModeSpec ball = isosurface("ball", 8.0);
+  ball.friction = 0.2;
+  ModeSpec drag;
+  drag.kind = ModeKind::kViscosity;
+  drag.of = "ball";
+  drag.strength = 0.2;
+  const auto readingsWith = [&](int most) {
+    StepParams step;
+    step.max_iterations = most;
+    const auto scene = sceneOf({ball, drag}, {{"ball", motion.field}}, {}, step);
+    Reader reader;
+    ProxyState state({1e3, 1e12});
+    Probed probed(std::get<0>(motion.field));
+    for (int i = 0; i <= 200; ++i) {
+      const Vec3 hand = motion.outside + i / 200.0 * (motion.hand(0.0) - motion.outside);
+      (void)provenStep(*scene, reader, {kVoxel * hand}, state, kMotionTick);
+    }
+    int readings = 0;
+    for (int i = 1; i <= 5; ++i) {
+      const StepReport r =
+          provenStep(*scene, reader, {kVoxel * motion.hand(4.0 * i)}, state, kMotionTick);
+      CHECK(r.iterations <= most + 2 * SolverParams{}.max_iterations);
+      CHECK((r.status == StepStatus::kSubstepLimit) == (most == 1));
+      readings += r.substeps;
+    }
+    StepReport r;
+    for (int i = 0; i < 60; ++i) {
+      r = provenStep(*scene, reader, {kVoxel * motion.hand(20.0)}, state, kMotionTick);
+    }
+    CHECK(r.status == StepStatus::kConverged);
+    CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-2);
+    return readings;
+  };
+  CHECK(readingsWith(1) <= 10);
+  CHECK(readingsWith(StepParams{}.max_iterations) >= 20);
+}

@@ -30,7 +30,7 @@ Json fullScene() {
   return Json::parse(R"({
     "$schema": "scene.schema.json", "description": "all of it", "palpate": 1,
     "coupling": {"stiffness": 400, "damping": 0.5},
-    "accuracy": {"max_substeps": 16},
+    "accuracy": {"max_substeps": 16, "max_iterations": 90},
     "volumes": {
       "head": {"file": "linear.vdb", "grid": "density", "place": {"fit": 0.1}, "interpolation": "trilinear"},
       "flow": {"file": "linear.vdb", "grid": "velocity", "place": {"like": "head"}},
@@ -119,6 +119,7 @@ TEST_CASE("a scene with everything is read, placed and compiled", "[scene]") {
   const SceneSpec spec = parseScene(fullScene().dump(), "s.json", folder.path());
   CHECK(spec.coupling.stiffness == 400);
   CHECK(spec.step.max_substeps == 16);
+  CHECK(spec.step.max_iterations == 90);
   CHECK(spec.graph.modes[0].depth_voxels == 2);
   CHECK(spec.graph.modes[4].sense == Sense::kRepel);
   const BuiltScene built = buildScene(spec);
@@ -202,6 +203,7 @@ TEST_CASE("the schema and the reader accept and refuse the same files", "[scene]
       {"/coupling/damping", -0.1, "/coupling/damping: -0.1 is negative"},
       {"/accuracy/max_substeps", 2.5, "not a whole number"},
       {"/accuracy/max_substeps", 0, "not a whole number"},
+      {"/accuracy/max_iterations", 0, "not a whole number"},
   };
   for (const Bad& bad : cases) {
     Json scene = fullScene();
