@@ -63,24 +63,29 @@ inline double firstFall(const Cubic& c, bool first, bool& above) noexcept {
   return 2.0;
 }
 
-/// C numbers at each voxel of a cube of W^3: voxel (i, j, k) is number at(i, j, k), the last axis
-/// fastest, its components side by side. Bit n of `active` is that of voxel n.
-template <int C, int W>
-struct Block {
-  using Values = std::array<double, static_cast<std::size_t>(C* W* W* W)>;
-  Values values;
-  std::uint64_t active = 0;
+/// A cube of W^3 voxels, wherever they lie: of row (i, j), along the last axis, the first number;
+/// the components of a voxel side by side.
+template <class Number, int W>
+struct Rows {
+  static constexpr std::size_t kW = W;
+  std::array<const Number*, kW * kW> first;
 
-  static constexpr int at(int i, int j, int k) noexcept { return (i * W + j) * W + k; }
+  [[nodiscard]] const Number* operator()(std::size_t i, std::size_t j) const noexcept {
+    return first[i * kW + j];
+  }
 };
 
-/// The bits of a cell's eight voxels in a block's mask, the cell's lower corner at (0, 0, 0).
+/// The bit of voxel (i, j, k) in a cube's mask.
+template <int W>
+constexpr int bitOf(int i, int j, int k) noexcept {
+  return (i * W + j) * W + k;
+}
+
+/// The bits of a cell's eight voxels in a cube's mask, the cell's lower corner at (0, 0, 0).
 template <int W>
 constexpr std::uint64_t cellBits() noexcept {
   std::uint64_t bits = 0;
-  for (int n = 0; n < 8; ++n) {
-    bits |= std::uint64_t{1} << Block<1, W>::at(n >> 2, (n >> 1) & 1, n & 1);
-  }
+  for (int n = 0; n < 8; ++n) bits |= std::uint64_t{1} << bitOf<W>(n >> 2, (n >> 1) & 1, n & 1);
   return bits;
 }
 
@@ -97,21 +102,23 @@ class TrilinearKernel {
   static constexpr std::size_t kC = C;
   using Row = std::array<double, 4 * kC>;
 
-  template <class Turn>
-  void load(const Block<C, kWidth>& block, Turn turn) noexcept {
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
     // Number by number, the eight corners side by side: two along the last axis at a time.
-    constexpr std::ptrdiff_t kStep = C;
     std::array<std::array<double, 8>, 4 * kC> at;
     for (std::size_t n = 0; n < 8; n += 2) {
-      const double* v = block.values.data() + C * block.at(1 + static_cast<int>(n / 4),
-                                                           1 + static_cast<int>(n / 2 % 2), 1);
+      const std::size_t i = 1 + n / 4;
+      const std::size_t j = 1 + n / 2 % 2;
+      const auto half = [](Number low, Number high) {
+        return 0.5 * (static_cast<double>(high) - static_cast<double>(low));
+      };
       for (std::size_t c = 0; c < kC; ++c) {
         for (std::size_t k = 0; k < 2; ++k) {
-          const double* w = v + k * kC + c;
-          at[c][n + k] = w[0];
-          at[kC + c][n + k] = 0.5 * (w[16 * kStep] - w[-16 * kStep]);
-          at[2 * kC + c][n + k] = 0.5 * (w[4 * kStep] - w[-4 * kStep]);
-          at[3 * kC + c][n + k] = 0.5 * (w[kStep] - w[-kStep]);
+          const std::size_t m = (1 + k) * kC + c;
+          at[c][n + k] = static_cast<double>(rows(i, j)[m]);
+          at[kC + c][n + k] = half(rows(i - 1, j)[m], rows(i + 1, j)[m]);
+          at[2 * kC + c][n + k] = half(rows(i, j - 1)[m], rows(i, j + 1)[m]);
+          at[3 * kC + c][n + k] = half(rows(i, j)[m - kC], rows(i, j)[m + kC]);
         }
       }
     }
@@ -237,10 +244,10 @@ class SplineKernel {
   static constexpr std::size_t kC = C;
   using Row = std::array<double, 4 * kC>;
 
-  template <class Turn>
-  void load(const Block<C, kWidth>& block, Turn /*turn*/) noexcept {
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn /*turn*/) noexcept {
     for (std::size_t n = 0; n < kSide * kSide; ++n) {
-      std::copy_n(block.values.data() + n * kSide * kC, kSide * kC, c_.data() + n * kLine);
+      std::copy_n(rows.first[n], kSide * kC, c_.data() + n * kLine);
     }
     // From spline to polynomial, axis by axis.
     for (std::size_t n = 0; n < kPlane; ++n) toPolynomial(c_.data() + n, kPlane);
@@ -335,10 +342,10 @@ class NearestKernel {
   static constexpr std::size_t kC = C;
   using Row = std::array<double, 4 * kC>;
 
-  template <class Turn>
-  void load(const Block<C, kWidth>& block, Turn turn) noexcept {
+  template <class Number, class Turn>
+  void load(const Rows<Number, kWidth>& rows, Turn turn) noexcept {
     std::array<std::array<double, 1>, 4 * kC> at{};
-    for (std::size_t c = 0; c < kC; ++c) at[c][0] = block.values[c];
+    for (std::size_t c = 0; c < kC; ++c) at[c][0] = static_cast<double>(rows(0, 0)[c]);
     turn(at);
     for (std::size_t c = 0; c < 4 * kC; ++c) row_[c] = at[c][0];
   }

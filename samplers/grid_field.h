@@ -42,120 +42,160 @@ double componentOf(const Value& value, int c) noexcept {
   }
 }
 
-/// What of a block lies in one leaf or tile: voxels [from, to) of it along each axis.
-template <class Leaf>
-struct Segment {
-  std::array<int, 3> from;
-  std::array<int, 3> to;
-  const Leaf* leaf;
+/// A leaf or a tile: rows of eight voxels along the last axis. A tile has one for all.
+template <class Value>
+class LeafOrTile {
+ public:
+  /// The one that a voxel is in.
+  template <class Accessor>
+  [[gnu::always_inline]] void find(Accessor& accessor, const Coord& voxel) noexcept {
+    if (const auto* leaf = accessor.probeConstLeaf(voxel)) {
+      values_ = &leaf->buffer()[0];
+      active_ = reinterpret_cast<const unsigned char*>(&leaf->valueMask());
+      last_row_ = 63;
+    } else {
+      Value value;
+      tile_active_ = accessor.probeValue(voxel, value) ? 0xff : 0;
+      tile_.fill(value);
+      values_ = tile_.data();
+      active_ = &tile_active_;
+      last_row_ = 0;
+    }
+  }
+  [[nodiscard]] const Value* row(std::size_t n) const noexcept {
+    return values_ + (n & last_row_) * 8;
+  }
+  /// Which voxels of the row are active, a bit each.
+  [[nodiscard]] std::uint64_t active(std::size_t n) const noexcept {
+    return active_[n & last_row_];
+  }
+
+ private:
+  const Value* values_;
+  const unsigned char* active_;
+  std::size_t last_row_;
+  std::array<Value, 8> tile_;
+  unsigned char tile_active_;
 };
 
-/// The block's voxels of one tile.
-template <class Value, int C, int W>
-void fill(const std::array<int, 3>& from, const std::array<int, 3>& to, const Value& tile, bool on,
-          Block<C, W>& block) noexcept {
-  for (int i = from[0]; i < to[0]; ++i) {
-    for (int j = from[1]; j < to[1]; ++j) {
-      for (int k = from[2]; k < to[2]; ++k) {
-        const int n = Block<C, W>::at(i, j, k);
-        block.active |= std::uint64_t{on} << n;
-        double* out = block.values.data() + static_cast<std::ptrdiff_t>(n) * C;
-        for (int c = 0; c < C; ++c) out[c] = componentOf(tile, c);
-      }
-    }
-  }
-}
+/// A block of W^3 voxels, read where they lie. Without Edges it has no rows at the rim of two axes.
+///
+/// Along each axis it lies in one leaf or in two. Where it does decides hardly a branch, since none
+/// of these would be foreseen, and little is done between finding the leaves and reading them, so
+/// that out of a cold cache all rows come together.
+template <class Value, int W, bool Edges>
+class Block {
+ public:
+  using Number = typename openvdb::VecTraits<Value>::ElementType;
 
-/// Copies the block whose lowest corner is `low`, leaf by leaf: at most eight look-ups. A kernel
-/// that needs no edges (voxels at the rim of more than one axis) saves those of the leaves there.
-/// First all leaves are found, then read; where the reader has `jumped` their rows are asked for in
-/// between, so that out of a cold cache they come together.
-template <bool Edges, class Accessor, int C, int W>
-void copyBlock(Accessor& accessor, const Coord& low, bool jumped, Block<C, W>& block) noexcept {
-  using Leaf = typename Accessor::TreeType::LeafNodeType;
-  using Value = typename Accessor::ValueType;
-  // Along each axis the block lies in one leaf or two: [0, split) and [split, W).
-  std::array<int, 3> split{};
-  for (int a = 0; a < 3; ++a) split[static_cast<std::size_t>(a)] = std::min(W, 8 - (low[a] & 7));
-  // Where along one axis it is only the first or the last voxel.
-  const auto rim = [](int from, int to) { return static_cast<int>(to == 1 || from == W - 1); };
-  std::array<Segment<Leaf>, 8> segments;
-  std::size_t count = 0;
-  block.active = 0;
-  for (int i0 = 0, i1 = split[0]; i0 < W; i0 = i1, i1 = W) {
-    for (int j0 = 0, j1 = split[1]; j0 < W; j0 = j1, j1 = W) {
-      for (int k0 = 0, k1 = split[2]; k0 < W; k0 = k1, k1 = W) {
-        if (!Edges && W > 1 && rim(i0, i1) + rim(j0, j1) + rim(k0, k1) > 1) continue;
-        const Coord first = low.offsetBy(i0, j0, k0);
-        const Leaf* leaf = accessor.probeConstLeaf(first);
-        if (leaf == nullptr) {
-          Value tile;
-          const bool on = accessor.probeValue(first, tile);
-          fill({i0, j0, k0}, {i1, j1, k1}, tile, on, block);
-          continue;
-        }
-        segments[count++] = {{i0, j0, k0}, {i1, j1, k1}, leaf};
+  /// The one whose lowest corner is `low`.
+  template <class Accessor>
+  [[gnu::always_inline]] Block(Accessor& accessor, const Coord& low) noexcept
+      : x_(low[0] & 7), y_(low[1] & 7), z_(low[2] & 7), two_((z_ + kW - 1) / 8) {
+    // The leaves: a bit for each axis, set for the second along it.
+    const std::size_t last = (x_ + kW - 1) / 8 * 4 + (y_ + kW - 1) / 8 * 2 + two_;
+    for (std::size_t n = last;; n = (n - 1) & last) {
+      const auto end = [n](std::size_t axis) { return (n & axis) != 0 ? W - 1 : 0; };
+      leaves_[n].find(accessor, low.offsetBy(end(4), end(2), end(1)));
+      if (n == 0) break;
+    }
+    forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
+      if (!Edges && atRim(i) && atRim(j)) return;
+      const std::size_t n = leafOf(i, j);
+      const Value* row = leaves_[n].row(rowOf(i, j)) + z_;
+      if (two_ != 0) {
+        // The end of a row and the beginning of the next, side by side.
+        Value* joined = joined_[i * kW + j].data();
+        std::copy_n(row - z_ + 8 - kW, kW, joined);
+        std::copy_n(leaves_[n + 1].row(rowOf(i, j)), kW, joined + kW);
+        row = joined + z_ - (8 - kW);
       }
-    }
+      rows_.first[i * kW + j] = reinterpret_cast<const Number*>(row);
+    });
   }
-  // The first voxel of the block's row (i, j) in a segment.
-  const auto row = [&](const Segment<Leaf>& s, int i, int j) {
-    return (((low[0] + i) & 7) << 6) | (((low[1] + j) & 7) << 3) | ((low[2] + s.from[2]) & 7);
-  };
-  for (std::size_t n = 0; jumped && n < count; ++n) {
-    const Segment<Leaf>& s = segments[n];
-    const Value* data = s.leaf->buffer().data();
-    for (int i = s.from[0]; i < s.to[0]; ++i) {
-      for (int j = s.from[1]; j < s.to[1]; ++j) __builtin_prefetch(data + row(s, i, j));
-    }
-  }
-  for (std::size_t n = 0; n < count; ++n) {
-    const Segment<Leaf>& s = segments[n];
-    const Value* data = s.leaf->buffer().data();
-    const int length = s.to[2] - s.from[2];
-    const std::uint64_t row_bits = (std::uint64_t{1} << length) - 1;
-    for (int i = s.from[0]; i < s.to[0]; ++i) {
-      // A leaf's mask has a word for each x, a byte of it for each y.
-      const auto word = s.leaf->valueMask().template getWord<std::uint64_t>(
-          static_cast<openvdb::Index>((low[0] + i) & 7));
-      for (int j = s.from[1]; j < s.to[1]; ++j) {
-        const int at = row(s, i, j);
-        const int to = Block<C, W>::at(i, j, s.from[2]);
-        block.active |= ((word >> (at & 63)) & row_bits) << to;
-        const auto copy = [&](int voxels) {
-          double* out = block.values.data() + static_cast<std::ptrdiff_t>(to) * C;
-          for (int k = 0; k < voxels; ++k) {
-            for (int c = 0; c < C; ++c) out[k * C + c] = componentOf(data[at + k], c);
-          }
-        };
-        // A whole row, of a length that the compiler knows, is the common case.
-        if (length == W) {
-          copy(W);
-        } else {
-          copy(length);
-        }
-      }
-    }
-  }
-}
+  Block(const Block&) = delete;  // rows may lie in here
+  Block& operator=(const Block&) = delete;
 
-/// Turns vectors without a sign so that all point along the main axis of the cell's eight.
-template <int W>
-void alignSigns(Block<3, W>& block, int cell) noexcept {
-  Mat3 spread = Mat3::Zero();
-  for (int n = 0; n < W * W * W; ++n) {
-    if (((cellBits<W>() << cell) >> n & 1) == 0) continue;
-    const Eigen::Map<const Vec3> v(block.values.data() + 3 * n);
-    spread += v * v.transpose();
+  [[nodiscard]] const Rows<Number, W>& rows() const noexcept { return rows_; }
+
+  /// Which voxels are active, of those that can be a cell's corners: of four rows, the inner two.
+  [[nodiscard, gnu::always_inline]] std::uint64_t active() const noexcept {
+    std::uint64_t bits = 0;
+    forRows([&](std::size_t i, std::size_t j) __attribute__((always_inline)) {
+      if (W == 4 && (atRim(i) || atRim(j))) return;
+      const std::size_t n = leafOf(i, j);
+      const std::size_t row = rowOf(i, j);
+      const std::uint64_t here = leaves_[n].active(row) | leaves_[n + two_].active(row) << 8;
+      bits |= (here >> z_ & ((1U << W) - 1)) << (i * kW + j) * kW;
+    });
+    return bits;
   }
-  Eigen::SelfAdjointEigenSolver<Mat3> axes;
-  axes.computeDirect(spread);
-  const Vec3 axis = axes.eigenvectors().col(2);
-  for (std::size_t n = 0; n < block.values.size(); n += 3) {
-    Eigen::Map<Vec3> v(block.values.data() + n);
-    if (v.dot(axis) < 0.0) v = -v;
+
+ private:
+  static constexpr std::size_t kW = W;
+  /// Calls f(i, j) row by row, written out: the compiler would keep a loop, at a tenth more time.
+  template <class F>
+  [[gnu::always_inline]] static void forRows(F f) noexcept {
+    [&]<std::size_t... N>(std::index_sequence<N...> /*rows*/) __attribute__((always_inline)) {
+      (f(N / kW, N % kW), ...);
+    }
+    (std::make_index_sequence<kW * kW>());
   }
-}
+  static constexpr bool atRim(std::size_t i) noexcept { return W > 1 && i * (kW - 1 - i) == 0; }
+  /// Where row (i, j) is: the first leaf, and which row of it.
+  [[nodiscard]] std::size_t leafOf(std::size_t i, std::size_t j) const noexcept {
+    return (x_ + i) / 8 * 4 + (y_ + j) / 8 * 2;
+  }
+  [[nodiscard]] std::size_t rowOf(std::size_t i, std::size_t j) const noexcept {
+    return (x_ + i) % 8 * 8 + (y_ + j) % 8;
+  }
+
+  std::size_t x_;  ///< The lowest corner, in its leaf.
+  std::size_t y_;
+  std::size_t z_;
+  std::size_t two_;  ///< 1 where rows lie in two leaves.
+  std::array<LeafOrTile<Value>, 8> leaves_;
+  std::array<std::array<Value, 2 * kW>, kW * kW> joined_;
+  Rows<Number, W> rows_;
+};
+
+/// A copy of vectors without a sign, in which all point along the main axis of the cell's eight.
+class Aligned {
+ public:
+  template <class Number>
+  explicit Aligned(const Rows<Number, 4>& from) noexcept {
+    const auto at = [&from](std::size_t i, std::size_t j, std::size_t k) {
+      const Number* v = from(i, j) + 3 * k;
+      return Vec3(v[0], v[1], v[2]);
+    };
+    Mat3 spread = Mat3::Zero();
+    for (std::size_t n = 0; n < 8; ++n) {
+      const Vec3 v = at(1 + n / 4, 1 + n / 2 % 2, 1 + n % 2);
+      spread += v * v.transpose();
+    }
+    Eigen::SelfAdjointEigenSolver<Mat3> axes;
+    axes.computeDirect(spread);
+    const Vec3 axis = axes.eigenvectors().col(2);
+    for (std::size_t n = 0; n < 16; ++n) {
+      const std::size_t i = n / 4;
+      const std::size_t j = n % 4;
+      if (i % 3 == 0 && j % 3 == 0) continue;  // an edge
+      for (std::size_t k = 0; k < 4; ++k) {
+        const Vec3 v = at(i, j, k);
+        Eigen::Map<Vec3>(values_[n].data() + 3 * k) = v.dot(axis) < 0.0 ? Vec3(-v) : v;
+      }
+      rows_.first[n] = values_[n].data();
+    }
+  }
+  Aligned(const Aligned&) = delete;
+  Aligned& operator=(const Aligned&) = delete;
+
+  [[nodiscard]] const Rows<double, 4>& rows() const noexcept { return rows_; }
+
+ private:
+  std::array<std::array<double, 12>, 16> values_;
+  Rows<double, 4> rows_;
+};
 
 /// M v, written out: see cell.h.
 [[gnu::always_inline]] inline Vec3 times(const Mat3& M, const Vec3& v) noexcept {
@@ -334,7 +374,7 @@ class GridReader {
       }
       next = std::max(next, share);
       ++out.cells;
-      if (cell != cache.cell) load(cell, cache);
+      if (cell != cache.cell) load(cell[0], cell[1], cell[2], cache);
       auto [least, most] = cache.kernel.range();
       least = sign * (least - level);
       most = sign * (most - level);
@@ -406,7 +446,7 @@ class GridReader {
       return here();
     }
     bool here() noexcept {
-      if (cell != cache.cell) reader.load(cell, cache);
+      if (cell != cache.cell) reader.load(cell[0], cell[1], cell[2], cache);
       return reader.hasData(cache.active);
     }
     [[nodiscard]] Vec3 lower() const noexcept { return Vec3(cell[0], cell[1], cell[2]); }
@@ -489,28 +529,27 @@ class GridReader {
     // One by one: comparing what was just stored as wider words would wait for the stores.
     const bool same =
         cell[0] == cache.cell[0] && cell[1] == cache.cell[1] && cell[2] == cache.cell[2];
-    if (!same) load(cell, cache);
+    if (!same) load(cell[0], cell[1], cell[2], cache);
     return true;
   }
 
-  [[gnu::noinline]] void load(const std::array<int, 3>& cell, Cache& cache) const noexcept {
-    Block<kComponents, kWidth> block;
-    if (axial_) block.values.fill(0.0);  // all are looked at, the rims that nobody needs as well
+  /// By its numbers: to read an array that was just stored by wider words is to wait for the
+  /// stores.
+  [[gnu::noinline]] void load(int i, int j, int k, Cache& cache) const noexcept {
     constexpr int kBefore = Kernel::kBefore;
-    bool jumped = false;
-    for (std::size_t a = 0; a < 3; ++a) {
-      jumped = jumped || std::abs(std::int64_t{cell[a]} - cache.cell[a]) > 1;
+    const Block<typename GridT::ValueType, kWidth, Kernel::kNeedsEdges> block(
+        cache.accessor, Coord(i - kBefore, j - kBefore, k - kBefore));
+    const auto take = [&](const auto& rows) __attribute__((always_inline)) {
+      cache.kernel.load(
+          rows, [&](auto& corners) __attribute__((always_inline)) { turn(corners); });
+    };
+    if (!axial_) {
+      take(block.rows());
+    } else if constexpr (std::is_same_v<Kernel, TrilinearKernel<3>>) {
+      take(Aligned(block.rows()).rows());  // no other kernel is axial
     }
-    copyBlock<Kernel::kNeedsEdges>(cache.accessor,
-                                   Coord(cell[0] - kBefore, cell[1] - kBefore, cell[2] - kBefore),
-                                   jumped, block);
-    if constexpr (kComponents == 3 && kWidth == 4) {
-      if (axial_) alignSigns(block, Block<3, kWidth>::at(1, 1, 1));
-    }
-    cache.kernel.load(
-        block, [&](auto& rows) __attribute__((always_inline)) { turn(rows); });
-    cache.active = block.active;
-    cache.cell = cell;
+    cache.active = block.active();
+    cache.cell = {i, j, k};
   }
 
   /// Whether the cell at t has data: all eight voxels of a level set's, else at least one.
@@ -522,11 +561,10 @@ class GridReader {
       std::uint64_t cell = cellBits<kWidth>();
       if constexpr (Kernel::kNearest) {
         // Of the block about the nearest voxel, the octant that t is in.
-        cell <<=
-            Block<1, kWidth>::at(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
-                                 static_cast<int>(t.z() >= 0.0));
+        cell <<= bitOf<kWidth>(static_cast<int>(t.x() >= 0.0), static_cast<int>(t.y() >= 0.0),
+                               static_cast<int>(t.z() >= 0.0));
       } else {
-        cell <<= Block<1, kWidth>::at(1, 1, 1);
+        cell <<= bitOf<kWidth>(1, 1, 1);
       }
       return all_corners_ ? (active & cell) == cell : (active & cell) != 0;
     }

@@ -208,15 +208,15 @@ std::vector<Coord> places(const TreeT& tree) {
 /// A root of a cell's polynomial within it, just on the free side.
 template <class Cell>
 Vec3 onSurface(const Cell& cell) noexcept {
-  Block<1, 4> block;
-  block.values.fill(0.0);
+  std::array<double, 64> block{};
+  Rows<double, 4> rows;
+  for (std::size_t n = 0; n < 16; ++n) rows.first[n] = block.data() + 4 * n;
   for (int n = 0; n < 8; ++n) {
-    block
-        .values[static_cast<std::size_t>(block.at(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1)))] =
+    block[static_cast<std::size_t>(bitOf<4>(1 + (n >> 2), 1 + ((n >> 1) & 1), 1 + (n & 1)))] =
         cell.heights[static_cast<std::size_t>(n)];
   }
   TrilinearKernel<1> kernel;
-  kernel.load(block, [](auto& /*rows*/) {});
+  kernel.load(rows, [](auto& /*rows*/) {});
   const Vec3 centre = Vec3::Constant(0.5);
   std::array<double, 1> height{};
   kernel.value(centre, height);

@@ -57,6 +57,40 @@ openvdb::FloatGrid::Ptr roughGrid() {
   return grid;
 }
 
+/// Random voxels with holes beside a box of one value, moved by `by`: what of the box is a tile,
+/// and where leaves end, hangs on that alone.
+template <class GridT>
+typename GridT::Ptr movedGrid(const Coord& by) {
+  using Value = typename GridT::ValueType;
+  openvdb::initialize();
+  Random random(1);
+  auto grid = GridT::create(Value(0.25F));
+  grid->fill({by.offsetBy(8), by.offsetBy(23)}, Value(3.0F));
+  auto accessor = grid->getAccessor();
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 p = Vec3::Constant(6.0) + random.inCube(6.0);
+    accessor.setValue(by + Coord::round(vdb(p)), Value(static_cast<float>(random.uniform(-1, 1))));
+  }
+  grid->setName("moved");
+  return grid;
+}
+
+/// All that a field says at a place, one number after the other.
+std::vector<double> readingOf(Probe& probe, const Vec3& p) {
+  std::vector<double> out;
+  if (probe.field.index() == 0) {
+    const ScalarSample s = probe.scalar(p);
+    out = {s.value, s.inside ? 1.0 : 0.0};
+    out.insert(out.end(), s.gradient.data(), s.gradient.data() + 3);
+  } else {
+    const VectorSample s = probe.vector(p);
+    out = {s.inside ? 1.0 : 0.0};
+    out.insert(out.end(), s.value.data(), s.value.data() + 3);
+    out.insert(out.end(), s.jacobian.data(), s.jacobian.data() + 9);
+  }
+  return out;
+}
+
 /// The trilinear blend of any value at the voxels.
 template <class F>
 double blend(const Vec3d& p, F at) {
@@ -262,6 +296,23 @@ TEST_CASE("every grid of the data is read as its voxels say, seams and outside i
     }
   }
   CHECK(grids >= 4);
+}
+
+TEMPLATE_TEST_CASE("a reading is the same to the last bit however its voxels are cut into leaves",
+                   "[samplers]", openvdb::FloatGrid, openvdb::DoubleGrid, openvdb::Vec3SGrid) {
+  const auto interpolation = GENERATE(Interpolation::kTrilinear, Interpolation::kNearest);
+  Probe here(fieldOf(movedGrid<TestType>(Coord(0)), {}, interpolation));
+  Random random(7);
+  for (int move = 0; move < 24; ++move) {
+    const Coord by = Coord::round(vdb(random.inCube(20.0)));
+    CAPTURE(interpolation, by);
+    Probe there(fieldOf(movedGrid<TestType>(by), {}, interpolation));
+    for (int i = 0; i < 1000; ++i) {
+      // A place whose sums with whole numbers are exact.
+      const Vec3 p = (64.0 * (Vec3::Constant(11.0) + random.inCube(15.0))).array().round() / 64.0;
+      REQUIRE(readingOf(there, p + eigen(by.asVec3d())) == readingOf(here, p));
+    }
+  }
 }
 
 TEST_CASE("the value agrees with OpenVDB's own sampler", "[samplers]") {
