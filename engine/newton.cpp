@@ -96,11 +96,16 @@ Eigen::Matrix<double, N, 1> solveFree(const Eigen::Matrix<double, N, N>& S,
         return Vector(S(1, 1) * b[0] - S(0, 1) * b[1], S(0, 0) * b[1] - S(1, 0) * b[0]) / det;
       }
     }
+    if constexpr (N == 3) {
+      // All eigenvalues are above the floor: leading minors are positive (Sylvester).
+      const Mat3 above = 0.5 * (S + S.transpose()) - kFloor * Mat3::Identity();
+      const bool stable = above(0, 0) > 0.0 &&
+                          above(0, 0) * above(1, 1) > above(0, 1) * above(1, 0) &&
+                          above.determinant() > 0.0;
+      if (stable) return S.inverse() * b;
+    }
     Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> ridges;
     ridges.computeDirect(0.5 * (S + S.transpose()));
-    if constexpr (N == 3) {
-      if (ridges.eigenvalues()[0] > kFloor) return S.inverse() * b;
-    }
     Vector x = Vector::Zero();
     for (int i = 0; i < N; ++i) {
       const Vector e = ridges.eigenvectors().col(i);
