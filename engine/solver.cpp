@@ -1083,6 +1083,7 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
   result.solver = SolverKind::kGeneral;
   const Terms& terms = problem.terms;
   Search search(problem, params);
+  Vec3 from = guess;
   bool done = false;
   int pivots = 0;
   if (Pivots::fits(terms)) {
@@ -1093,6 +1094,7 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
     done = search.prove(y);
     if (solved && !done) {
       search.moveOrigin(y);
+      from -= y;
       done = search.prove(planes.onHeld());
     }
     pivots = planes.pivots();
@@ -1102,7 +1104,7 @@ void balanceGeneral(Problem& problem, const Vec3& guess, std::size_t count,
       set(terms.z, i, warm->multipliers[terms.source[i]]);
     }
     problem.terms.turnMultipliers();
-    done = search.warm(guess);
+    done = search.warm(from);
   }
   if (!done) done = search.cold();
   if (!done) result.status = SolveStatus::kIterationLimit;
