@@ -87,12 +87,16 @@ class Compliant {
     hard_ = std::min(kCompliance, 1e-4 * length_);
     reach = std::max(reach, spring_.lpNorm<Eigen::Infinity>());
     rounding_ = 8.0 * std::numeric_limits<double>::epsilon() * reach / hard_;
-    enough_ = std::max(kEnough, rounding_);
-    dropKept();
+    enough_ = enoughAt(hard_);
+    if (!known_) dropKept();
   }
 
   /// Finds loads and frictions; false where no way led to them.
-  bool solve() noexcept { return (known_ && fromLast()) || fromSoft(most_ / 2) || fromSticking(); }
+  bool solve() noexcept {
+    if (known_ && fromLast()) return true;
+    dropKept();
+    return fromSoft(most_ / 2) || fromSticking();
+  }
 
   /// The loads by which kinks about x, less than c apart, share what balances the spring there. The
   /// place at which they are read gives way for the spring, whose end is so far off that it pulls
@@ -108,31 +112,34 @@ class Compliant {
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
 
   /// Takes the compliance out, by the method of multipliers: what a kink bears it keeps, and the
-  /// place goes onto the kinks. Where that does not come to rest, as frictions that press each
-  /// other's planes may not let it, the compliance shrinks instead as far as rounding lets it.
+  /// place goes onto the kinks, the faster the less c. A friction keeps its pull where it slips,
+  /// too: a proxy that comes to rest is at its threshold, and would take turns. Where that does not
+  /// come to an end, as frictions that press each other's planes may not let it, c alone shrinks.
   void harden() noexcept {
-    constexpr int kRounds = 4;
+    constexpr int kRounds = 8;
     const Vec3 soft = x_;
+    double c = hard_;
     for (int round = 0; round < kRounds; ++round) {
       const Vec3 before = x_;
       for (RoughPlane& p : planes()) {
         p.kept_load = p.load;
-        p.kept_pull = p.sticks ? p.pull : Vec3(Vec3::Zero());
+        p.kept_pull = p.pull;
       }
       for (Pull& p : pulls()) p.kept_pull = p.holds ? p.pull : Vec3(Vec3::Zero());
-      if (!newton(hard_, kMostHard, kMostHard, enough_)) break;
+      if (!newton(c, kMostHard, kMostHard, enoughAt(c))) break;
       if ((x_ - before).norm() <= kThere * length_) return;
+      c = std::max(kLeastKept * hard_, 0.1 * c);
     }
     dropKept();
     goTo(soft, hard_);
-    double c = hard_;
-    for (const double to : {0.1, 0.01, 1e-3}) {
+    c = hard_;
+    for (const double share : {0.1, 0.01, 1e-3}) {
       const Vec3 before = x_;
-      if (!newton(to * hard_, kMostHard, kMostHard, std::max(enough_, rounding_ / to))) {
+      if (!newton(share * hard_, kMostHard, kMostHard, enoughAt(share * hard_))) {
         goTo(before, c);
         return;
       }
-      c = to * hard_;
+      c = share * hard_;
     }
   }
 
@@ -157,8 +164,14 @@ class Compliant {
   static constexpr int kMostWarm = 16;
   static constexpr int kPatience = 3;
   static constexpr int kMostHard = 12;
-  static constexpr double kLess = 0.9;    // of |R|, that a step has to leave
-  static constexpr double kThere = 1e-6;  // of S/k, or less, that the place still moves
+  static constexpr double kLess = 0.9;        // of |R|, that a step has to leave
+  static constexpr double kThere = 1e-8;      // of S/k, or less, that the place still moves
+  static constexpr double kLeastKept = 1e-2;  // of the compliance, while loads are kept
+
+  /// |R| of a solution at c, as a share of S: loads are rounded the more the less c.
+  [[nodiscard]] double enoughAt(double c) const noexcept {
+    return std::max(kEnough, rounding_ * hard_ / c);
+  }
 
   void dropKept() noexcept {
     for (RoughPlane& p : planes()) {
@@ -303,7 +316,7 @@ class Compliant {
   /// and another balance begins (Branin 1972). False where it does not.
   bool leap(double c, const Vec3& from, const Vec3& d) noexcept {
     Vec3 onwards = -d;
-    for (int i = 0; i < 7; ++i, onwards *= 2.0) {
+    for (int i = 0; i < 7 && solves_ < most_; ++i, onwards *= 2.0) {
       goTo(from + onwards, c);
       if (!step(c)) return false;
       if (turned_) continue;
@@ -361,7 +374,8 @@ class Compliant {
     return false;
   }
 
-  /// From the last tick's pieces, turned with their planes and lines.
+  /// From the last tick's pieces and what they kept, turned with their planes and lines: a balance
+  /// that stays takes a step.
   bool fromLast() noexcept {
     const auto turned = [](const Vec3& q, const Vec3& b, bool sticks) {
       const Vec3 v = across(q, b);
@@ -369,9 +383,15 @@ class Compliant {
       return sticks || !(length > 0.0) ? v : Vec3(v / length);
     };
     x_ = memory_.motion;
-    for (RoughPlane& p : planes()) p.pull = turned(p.q, p.pull, p.sticks);
+    for (RoughPlane& p : planes()) {
+      p.pull = turned(p.q, p.pull, p.sticks);
+      p.kept_pull = across(p.q, p.kept_pull);
+      p.kept_load = std::min(p.kept_load, p.strength);
+    }
     for (Pull& p : pulls()) {
-      if (p.line) p.pull = turned(p.q, p.pull, p.holds);
+      if (!p.line) continue;
+      p.pull = turned(p.q, p.pull, p.holds);
+      p.kept_pull = across(p.q, p.kept_pull);
     }
     return newton(hard_, kMostWarm, kPatience, enough_);
   }
@@ -512,6 +532,7 @@ SolveResult solveSmooth(const Vec3& probe, double stiffness, const PrimitiveSet&
   Compliant found(probe, stiffness, set, proxy, params.max_iterations, start);
   found.beginAt(result.proxy - proxy);
   if (found.loadsAt(result.proxy - proxy)) writeForces(found, forces);
+  result.iterations += found.solves();
   return result;
 }
 

@@ -304,6 +304,52 @@ TEST_CASE("in a groove a proxy does not slip because a search failed", "[modes][
   }
 }
 
+TEST_CASE("a proxy that was dragged to its threshold rests with the hand", "[modes][friction]") {
+  Random random(67);
+  for (int walls = 1; walls <= 3; ++walls) {
+    for (int i = 0; i < 40; ++i) {
+      GraphSpec spec;
+      std::map<std::string, FieldPtr> fields;
+      Vec3 in = Vec3::Zero();
+      for (int w = 0; w < walls; ++w) {
+        Vec3 normal = random.direction();
+        if (normal.z() < 0.0) normal = -normal;
+        ModeSpec wall;
+        wall.kind = ModeKind::kIsosurface;
+        wall.of = "wall " + std::to_string(w);
+        wall.solid = Solid::kBelow;
+        wall.strength = random.uniform(1.0, 3.0);
+        wall.friction = random.uniform(0.1, 0.6);
+        fields[wall.of] = makeHalfSpace(Vec3::Zero(), normal);
+        spec.modes.push_back(wall);
+        in -= normal;
+      }
+      ModeSpec drag;
+      drag.kind = ModeKind::kViscosity;
+      drag.of = "wall 0";
+      drag.strength = 0.3;
+      spec.modes.push_back(drag);
+      const auto scene = makeScene(spec, fields);
+      Reader reader;
+      ProxyState state(ForceLimits{100.0, 1e9});
+      const Vec3 away(0.0, 0.0, 4e-3);
+      const Vec3 goal = random.uniform(1e-4, 1.5e-3) * in.normalized() +
+                        random.uniform(0.0, 1e-3) * random.direction();
+      Vec3 rests;
+      double iterations = 0.0;
+      for (int tick = 0; tick < 500; ++tick) {
+        const Vec3 hand = away + std::min(1.0, tick / 200.0) * (goal - away);
+        const StepReport r = hapticStep(*scene, reader, {hand}, state, 1e-3);
+        if (tick == 300) rests = state.proxy();
+        if (tick > 300) iterations += r.iterations;
+      }
+      CAPTURE(walls, i);
+      CHECK((state.proxy() - rests).norm() <= 1e-12);
+      CHECK(iterations <= 200.0 * 20.0);
+    }
+  }
+}
+
 TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
   ModeSpec wall;
   wall.kind = ModeKind::kIsosurface;
