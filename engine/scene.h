@@ -22,10 +22,11 @@ struct StepParams {
                           ///< of the path then waits for the next tick. Where there is data a move
                           ///< is at most a voxel long. Moves in which nothing holds the proxy do
                           ///< not count, up to kMostSubsteps in all.
-  int max_iterations = 200;  ///< No more is read in a tick that has taken so many 3x3 solves, >= 1:
-                             ///< the rest of the path waits for the next one. A balance under way
-                             ///< ends within SolverParams::max_iterations for its frictions and as
-                             ///< many for its place.
+  int max_iterations = 200;  ///< A tick that has taken so many (StepReport::iterations), >= 1,
+                             ///< reads once more in each slice that is left, and no more: the rest
+                             ///< of the path waits for the next one. A balance under way ends
+                             ///< within SolverParams::max_iterations for its frictions, and as many
+                             ///< and 40 pivots for its place.
   double tolerance_voxels = 0.01;  ///< How far its motion may leave the proxy from its surface or
                                    ///< stream, in the volume as interpolated [voxels]: above 0, at
                                    ///< most kMostTolerance.

@@ -136,7 +136,7 @@ class ProxyState {
 /// @param trace   Where not null, filled with what the tick did.
 /// RT: no allocation, no lock, no system call, no exception. Cost: a microsecond or
 /// so for a few primitives without friction; every sub-step, at most 64, takes up to a balance
-/// (solver.h), or several where frictions meet (friction.h).
+/// (solver.h, friction.h), all together what StepParams::max_iterations says.
 [[nodiscard]] StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                     ProxyState& state, double dt,
                                     StepTrace* trace = nullptr) noexcept PALPATE_NONBLOCKING;
