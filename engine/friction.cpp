@@ -50,9 +50,12 @@ class Compliant {
       const Primitive& p = items[i];
       const Vec3 at = p.position - proxy;
       const bool rough = next < links.size() && links[next].plane == i;
-      const FrictionLink* link = rough ? &links[next++] : nullptr;
+      const std::size_t link = next;
       const std::size_t source = i;
-      if (rough) ++i;
+      if (rough) {
+        ++i;
+        ++next;
+      }
       if (!(p.strength > 0.0)) continue;
       if (p.kind == PrimitiveKind::kForce) {
         spring_ += p.strength / stiffness * p.direction;
@@ -66,10 +69,11 @@ class Compliant {
         plane.q = q;
         plane.foot = q.dot(at);
         plane.strength = p.strength;
-        plane.coefficient = rough ? link->coefficient : 0.0;
-        plane.grip = rough ? Vec3(items[link->line].position - proxy) : Vec3(Vec3::Zero());
+        plane.coefficient = rough ? links[link].coefficient : 0.0;
+        plane.grip = rough ? Vec3(items[links[link].line].position - proxy) : Vec3(Vec3::Zero());
         plane.plane = source;
-        plane.line = rough ? link->line : source;
+        plane.line = rough ? links[link].line : source;
+        plane.link = link;
         strengths_ += plane.coefficient * p.strength;
       } else {
         Pull& pull = memory.pulls[pulls++];
@@ -181,6 +185,19 @@ class Compliant {
     for (Pull& p : pulls()) p.kept_pull.setZero();
   }
 
+  /// How far the place is from where it is held, with what is kept, and its length, c at least.
+  struct Slip {
+    Vec3 v;
+    double m;
+  };
+  [[nodiscard]] Slip slipOf(const RoughPlane& p, double c) const noexcept {
+    const Vec3 v = c * p.kept_pull + across(p.q, x_ - p.grip);
+    return {v, p.sticks ? c : std::max(v.norm(), c)};
+  }
+  [[nodiscard]] Slip slipOf(const Pull& p, double c) const noexcept {
+    const Vec3 v = c * p.kept_pull + from(p, x_);
+    return {v, p.holds ? c : std::max(v.norm(), c)};
+  }
   [[nodiscard]] static Vec3 from(const Pull& p, const Vec3& x) noexcept {
     const Vec3 d = x - p.at;
     return p.line ? across(p.q, d) : d;
@@ -236,14 +253,12 @@ class Compliant {
       R += load * push;
       if (!(p.coefficient > 0.0)) continue;
       const double friction = p.coefficient * std::max(p.load, 1e-9 * p.strength);
-      const Vec3 v = c * p.kept_pull + across(p.q, x_ - p.grip);
-      const double m = p.sticks ? c : std::max(v.norm(), c);
+      const auto [v, m] = slipOf(p, c);
       J += friction * turnOf(acrossOf(p.q), p.pull, v, m, p.sticks);
       R -= friction * (v / m - p.pull);
     }
     for (const Pull& p : pulls()) {
-      const Vec3 v = c * p.kept_pull + from(p, x_);
-      const double m = p.holds ? c : std::max(v.norm(), c);
+      const auto [v, m] = slipOf(p, c);
       const Mat3 T = p.line ? acrossOf(p.q) : Mat3(Mat3::Identity());
       J += p.strength * turnOf(T, p.pull, v, m, p.holds);
       R -= p.strength / m * v;
@@ -259,13 +274,11 @@ class Compliant {
     };
     for (RoughPlane& p : planes()) {
       if (!(p.coefficient > 0.0)) continue;
-      const Vec3 v = c * p.kept_pull + across(p.q, x_ - p.grip);
-      const double m = p.sticks ? c : std::max(v.norm(), c);
+      const auto [v, m] = slipOf(p, c);
       p.pull = moved(p.pull, v, across(p.q, d), m, p.sticks);
     }
     for (Pull& p : pulls()) {
-      const Vec3 v = c * p.kept_pull + from(p, x_);
-      const double m = p.holds ? c : std::max(v.norm(), c);
+      const auto [v, m] = slipOf(p, c);
       p.pull = moved(p.pull, v, p.line ? across(p.q, d) : d, m, p.holds);
     }
     x_ += d;
@@ -456,22 +469,113 @@ class Compliant {
   int solves_ = 0;
 };
 
-/// A plane and its friction alone are orthogonal: the load does not depend on the friction, and two
-/// closed forms are exact.
-SolveResult solveAlone(const Vec3& probe, double stiffness, PrimitiveSet& set, const Vec3& proxy,
-                       const SolverParams& params, WarmStart& warm, FrictionStart& start,
-                       std::span<Vec3> forces) noexcept {
-  const FrictionLink& link = set.links()[0];
-  const Primitive& plane = set.items()[link.plane];
-  set.setStrength(link, 0.0);
-  SolveResult result = solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-  start.forget();
-  if (result.status == SolveStatus::kBadInput) return result;
-  const double load = std::clamp(plane.direction.dot(forces[link.plane]), 0.0, plane.strength);
-  if (!(link.coefficient * load > 0.0)) return result;
-  set.setStrength(link, link.coefficient * load);
-  return solveProxy(probe, stiffness, set.items(), proxy, params, &warm, forces);
-}
+/// One plane, the friction on it, and drags: points where that friction grips. Pressed on the plane
+/// they hold the proxy at the grip's foot, along the plane, and then the load does not depend on
+/// the slip. With the spring's end, from that foot, N behind the plane and T along it, in newtons:
+///
+///     n = clamp(N, 0, s),   f_t = min(T, mu n),   the drags (N - n, T - f_t), s_d at most,
+///
+/// and the proxy goes as far as the rest of the spring pulls it. Anchored at a grip that the plane
+/// has moved away from, a drag presses on the plane and friction slips at two loads.
+class OnePlane {
+ public:
+  OnePlane(const Vec3& probe, double stiffness, PrimitiveSet& set) noexcept
+      : probe_(probe), stiffness_(stiffness), set_(set), link_(set.links()[0]) {}
+
+  /// True where the set is such a plane, its friction and drags.
+  [[nodiscard]] bool fits() const noexcept {
+    const auto items = set_.items();
+    const auto fits = [&](const Primitive& p) {
+      switch (p.kind) {
+        case PrimitiveKind::kForce:
+          return true;
+        case PrimitiveKind::kPoint:
+          return p.position == items[link_.line].position || p.strength == 0.0;
+        case PrimitiveKind::kLine:
+          return &p == &items[link_.line] || p.strength == 0.0;
+        case PrimitiveKind::kPlane:
+          return &p == &items[link_.plane] || p.strength == 0.0;
+      }
+      return false;
+    };
+    return set_.links().size() == 1 && std::all_of(items.begin(), items.end(), [&](const auto& p) {
+             return isValid(p) && fits(p);
+           });
+  }
+
+  /// The balance; `forces` as solveProxy fills them. Not finite where numbers overflow.
+  SolveResult solve(std::span<Vec3> forces) noexcept {
+    const auto items = set_.items();
+    const Primitive& plane = items[link_.plane];
+    const Vec3 grip = items[link_.line].position;
+    const Vec3 q = plane.direction.normalized();
+    const double most = plane.strength / stiffness_;
+    Vec3 pushed = Vec3::Zero();
+    double drags = 0.0;
+    double size = most;
+    for (const Primitive& p : items) {
+      if (p.kind == PrimitiveKind::kForce) pushed += p.strength / stiffness_ * unitOf(p);
+      if (p.kind == PrimitiveKind::kPoint) drags += p.strength / stiffness_;
+      if (p.kind != PrimitiveKind::kLine) size += p.strength / stiffness_;
+    }
+    const Vec3 from = grip - probe_;
+    const Vec3 spring = pushed - from;  // its end, from the grip
+    const double height = q.dot(grip - plane.position);
+    // In front of its plane a grip holds where it is, as long as the proxy stays there too.
+    const bool free = height > 0.0 && q.dot(pulled(spring, drags)) + height >= 0.0;
+    const Vec3 foot = free ? Vec3(Vec3::Zero()) : Vec3(-height * q);
+    const Vec3 left = spring - foot;
+    const double into = free ? 0.0 : -q.dot(left);
+    const double load = std::clamp(into, 0.0, most);
+    const Vec3 along = across(q, left);
+    const double way = along.norm();
+    const double grips = std::min(way, link_.coefficient * load);
+    const Vec3 to = way > 0.0 ? Vec3(along / way) : Vec3(Vec3::Zero());
+    const Vec3 rest = left + load * q - grips * to;
+    const Vec3 moved = pulled(rest, drags);
+
+    SolveResult result;
+    result.offset = from + foot + moved;
+    result.proxy = probe_ + result.offset;
+    result.error_bound = 8.0 * std::numeric_limits<double>::epsilon() *
+                         (from.lpNorm<Eigen::Infinity>() + foot.lpNorm<Eigen::Infinity>() + size);
+    set_.setStrength(link_, link_.coefficient * load * stiffness_);
+    set_.setPosition(link_.line, grip + foot);
+    // What holds a proxy that does not slip is shared in proportion to the strengths.
+    double held = grips;
+    if (moved.isZero(0.0) && drags > 0.0) {
+      const double sliding = link_.coefficient * load;
+      const double pressing = rest.dot(q);
+      const double room = std::sqrt(std::max(0.0, drags * drags - pressing * pressing));
+      held = std::max(way - room, way * sliding / (sliding + drags));
+    }
+    const Vec3 dragged = drags > 0.0 ? Vec3((rest - moved + (grips - held) * to) / drags) : rest;
+    for (std::size_t i = 0; i < items.size(); ++i) {
+      const Primitive& p = items[i];
+      forces[i].setZero();
+      if (p.kind == PrimitiveKind::kForce) forces[i] = p.strength * unitOf(p);
+      if (p.kind != PrimitiveKind::kPoint || p.strength == 0.0) continue;
+      forces[i] = -p.strength * dragged;
+      set_.setPosition(i, grip + foot);
+    }
+    forces[link_.plane] = stiffness_ * load * q;
+    forces[link_.line] = -stiffness_ * held * to;
+    return result;
+  }
+
+ private:
+  static Vec3 unitOf(const Primitive& p) noexcept { return p.direction.normalized(); }
+  /// How far a pull of `spring` takes a proxy that drags hold [m].
+  static Vec3 pulled(const Vec3& spring, double drags) noexcept {
+    const double length = spring.norm();
+    return length > drags ? Vec3((1.0 - drags / length) * spring) : Vec3(Vec3::Zero());
+  }
+
+  const Vec3& probe_;
+  double stiffness_;
+  PrimitiveSet& set_;
+  const FrictionLink& link_;
+};
 
 /// What each primitive does to the proxy [N]; directed forces are not among them.
 void writeForces(const Compliant& found, std::span<Vec3> forces) noexcept {
@@ -558,15 +662,16 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   if (links.empty()) {
     return solveSmooth(probe, stiffness, set, proxy, params, warm, start, forces);
   }
-  const auto holds = [](const Primitive& p) {
-    return p.kind != PrimitiveKind::kForce && p.strength > 0.0;
-  };
   for (const FrictionLink& link : links) set.setStrength(link, 0.0);
-  if (links.size() == 1 && std::count_if(items.begin(), items.end(), holds) <= 1) {
-    return solveAlone(probe, stiffness, set, proxy, params, warm, start, forces);
-  }
   // Bad input is told by solveProxy; what follows takes it as good.
   const bool good = proxy.allFinite() && probe.allFinite() && stiffness > 0.0;
+  if (OnePlane one(probe, stiffness, set); good && one.fits()) {
+    const SolveResult result = one.solve(forces);
+    start.forget();
+    warm.forget();
+    warm.motion = result.proxy - proxy;
+    if (std::isfinite(result.error_bound) && result.offset.allFinite()) return result;
+  }
   if (!good) {
     start.forget();
     return solveProxy(probe, stiffness, items, proxy, params, &warm, forces);
@@ -581,14 +686,10 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   const bool remembered = start.count == links.size();
   for (const RoughPlane& p : search.planes()) {
     if (p.line == p.plane) continue;
-    const std::size_t at = static_cast<std::size_t>(
-        std::lower_bound(links.begin(), links.end(), p.plane,
-                         [](const FrictionLink& a, std::size_t plane) { return a.plane < plane; }) -
-        links.begin());
     const double most = p.coefficient * p.strength;
-    const double last = remembered ? std::min(start.held[at], most) : 0.0;
+    const double last = remembered ? std::min(start.held[p.link], most) : 0.0;
     const double wanted = Compliant::frictionOf(p);
-    set.setStrength(links[at], found ? wanted : std::max(wanted, last));
+    set.setStrength(links[p.link], found ? wanted : std::max(wanted, last));
   }
   tell(search, set, warm);
   start.motion = search.place();

@@ -24,6 +24,7 @@ struct RoughPlane {
   Vec3 grip;           ///< Where friction holds the proxy, from the old proxy [m].
   std::size_t plane;   ///< Index of the plane.
   std::size_t line;    ///< Index of its friction's line; of the plane where smooth.
+  std::size_t link;    ///< Index of the friction among the set's links; void where smooth.
   double load;         ///< n [N].
   double kept_load;    ///< n that the plane bears without being pressed in [N].
   Vec3 pull;           ///< b: the friction is -mu n b, |b| <= 1.
@@ -92,8 +93,12 @@ struct FrictionStart {
 ///                kIterationLimit says that a law was not met. Where frictions press each other's
 ///                planes error_bound can exceed the tolerance of a law that is met.
 ///
-/// RT: no allocation. Cost: one solveProxy without links, two closed forms for a plane with
-/// friction alone; else some 10 to 20 3x3 solves, at most SolverParams::max_iterations and those of
+/// One plane, the friction on it, and points where that friction grips (drags) have a closed form,
+/// and one answer: pressed on the plane they hold the proxy at the grip's foot. Then `set` has that
+/// foot as their position.
+///
+/// RT: no allocation. Cost: one solveProxy without links, a closed form for one plane and drags;
+/// else some 10 to 20 3x3 solves, at most SolverParams::max_iterations and those of
 /// solveProxy. Of 180,000 balances along motions over one to four rough planes 15 were not found.
 [[nodiscard]] SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet& set,
                                             const Vec3& proxy, const SolverParams& params,

@@ -13,6 +13,8 @@ namespace {
 
 /// Most choices of parts in a tick: one each time that the proxy comes 2 mm on, or farther.
 constexpr int kMostStrays = 16;
+/// Most voxels that a waiting proxy is pulled through surfaces that cannot hold it.
+constexpr int kMostStrides = 4;
 constexpr double kFree = 1e-9;  ///< [m]: a proxy this near the probe is held by nothing.
 
 /// How a slice of a tick ended.
@@ -110,8 +112,13 @@ void pressThrough(Tick& tick, Iteration& now, Trial& trial) noexcept {
   eachMode(tick.felt(), [](const Mode& mode, ModeMemory& memory, const Felt&, std::size_t) {
     giveWay(mode, memory);
   });
-  const Vec3 offset = trial.end - tick.probe;
-  go(held / offset.norm() * offset);
+  // A reading holds for a voxel, and a surface that is come to is another one.
+  bool met = false;
+  for (int i = 0; i < kMostStrides && !met && pulled(); ++i) {
+    const Vec3 offset = trial.end - tick.probe;
+    go(held / offset.norm() * offset);
+    met = trial.met;
+  }
 }
 
 /// Ends the iteration, with the proxy at its answer or, at the cap, where the shortest of its steps

@@ -1,6 +1,7 @@
 #include "palpate/engine/primitive.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace palpate {
 
@@ -16,6 +17,14 @@ const char* wordFor(PrimitiveKind kind) noexcept {
       return "plane";
   }
   return "";
+}
+
+bool isValid(const Primitive& primitive) noexcept {
+  if (primitive.kind > PrimitiveKind::kPlane) return false;
+  if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
+  if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
+  if (primitive.kind == PrimitiveKind::kPoint) return true;
+  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
 }
 
 double distanceTo(const Primitive& primitive, const Vec3& x) noexcept {

@@ -30,6 +30,10 @@ struct Primitive {
   double strength = 0.0;           ///< s_i [N], >= 0.
 };
 
+/// True where a balance can take the primitive: a kind that exists, finite, a strength >= 0 and a
+/// direction of unit length. RT: no allocation.
+[[nodiscard]] bool isValid(const Primitive& primitive) noexcept PALPATE_NONBLOCKING;
+
 /// Distance of x from where the primitive exerts no force: from its point or line, or behind its
 /// plane; 0 for a force [m]. RT: no allocation.
 [[nodiscard]] double distanceTo(const Primitive& primitive,
@@ -112,6 +116,9 @@ class PrimitiveSet {
   void setStrength(const FrictionLink& link, double strength) noexcept {
     items_[link.line].strength = strength;
   }
+
+  /// Puts primitive i at `position` [m]. RT: no allocation.
+  void setPosition(std::size_t i, const Vec3& position) noexcept { items_[i].position = position; }
 
   /// Removes all primitives, friction links and entries; keeps the memory. RT: no allocation.
   void clear() noexcept { count_ = link_count_ = varying_count_ = 0; }

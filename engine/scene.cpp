@@ -52,7 +52,7 @@ std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
     throw SceneError("/accuracy/max_substeps", "it must be 1 to 64", "give 16");
   }
   if (step.max_iterations < 1) {
-    throw SceneError("/accuracy/max_iterations", "it must be at least 1", "give 200");
+    throw SceneError("/accuracy/max_iterations", "it must be at least 1", "give 130");
   }
   auto scene = std::make_unique<Scene>();
   if (parts.empty() || !spec.modes.empty()) scene->graph = compileGraph(spec, fields);

@@ -22,7 +22,7 @@ struct StepParams {
                           ///< of the path then waits for the next tick. Where there is data a move
                           ///< is at most a voxel long. Moves in which nothing holds the proxy do
                           ///< not count, up to kMostSubsteps in all.
-  int max_iterations = 200;  ///< A tick that has taken so many (StepReport::iterations), >= 1,
+  int max_iterations = 130;  ///< A tick that has taken so many (StepReport::iterations), >= 1,
                              ///< reads once more in each slice that is left, and no more: the rest
                              ///< of the path waits for the next one. A balance under way ends
                              ///< within SolverParams::max_iterations for its frictions, and as many
@@ -110,7 +110,8 @@ struct BoundGraph {
     return graph->scalar_fields[i]->firstFall(from, to, level, skin.sign, caches[i]);
   }
   /// How high p [m] is above the surface V = level, in voxels, by V as interpolated and its slope
-  /// there; p in the resting frame of the surface's field. NaN without a slope. RT: no allocation.
+  /// there; p in the resting frame of the surface's field. Not finite without a slope. RT: no
+  /// allocation.
   [[nodiscard]] double heightAt(const Skin& skin, double level,
                                 const Vec3& p) const noexcept PALPATE_NONBLOCKING;
   /// ScalarField::gradientJacobian of Graph::scalar_fields[field] at p_W [m], in W, where

@@ -953,16 +953,8 @@ bool trySolvePair(const Problem& problem, const SolverParams& params,
   return true;
 }
 
-bool valid(const Primitive& primitive) noexcept {
-  if (primitive.kind > PrimitiveKind::kPlane) return false;
-  if (!(primitive.strength >= 0.0) || !std::isfinite(primitive.strength)) return false;
-  if (primitive.kind != PrimitiveKind::kForce && !primitive.position.allFinite()) return false;
-  if (primitive.kind == PrimitiveKind::kPoint) return true;
-  return std::abs(primitive.direction.squaredNorm() - 1.0) <= 2e-6;  // false for NaN as well
-}
-
-/// Normalises a nearly unit vector (valid() saw to that) by two Newton steps, of which the first is
-/// exact to 1e-12.
+/// Normalises a nearly unit vector (isValid() saw to that) by two Newton steps, of which the first
+/// is exact to 1e-12.
 Vec3 unit(const Vec3& q) noexcept {
   const double once = 1.5 - 0.5 * q.squaredNorm();
   return (once * (1.5 - 0.5 * once * once * q.squaredNorm())) * q;
@@ -1214,7 +1206,7 @@ SolveResult solveProxy(const Vec3& probe, double stiffness, std::span<const Prim
   const bool good = probe.allFinite() && std::isfinite(stiffness) && stiffness > 0.0 &&
                     primitives.size() <= kMaxPrimitives &&
                     (forces.empty() || forces.size() >= primitives.size()) &&
-                    std::all_of(primitives.begin(), primitives.end(), valid);
+                    std::all_of(primitives.begin(), primitives.end(), isValid);
   if (warm != nullptr && warm->multipliers.size() < primitives.size()) warm = nullptr;
   if (good) {
     // Most ticks balance a few primitives: their terms fit into a few cache lines of stack.

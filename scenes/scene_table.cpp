@@ -353,7 +353,7 @@ JsonObject<SceneSpec> accuracyRows() {
           "max_iterations",
           jsonWhole(1, 1000000)
               .says("Most iterations of the balance a tick: after so many nothing more is read and "
-                    "the rest of the path waits for the next tick; default 200."),
+                    "the rest of the path waits for the next tick; default 130."),
           [](SceneSpec& spec, int most) { spec.step.max_iterations = most; });
 }
 

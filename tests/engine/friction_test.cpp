@@ -81,6 +81,116 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
   }
 }
 
+TEST_CASE("a plane, its friction and drags where it grips are balanced in closed form",
+          "[modes][friction]") {
+  Random random(64);
+  const long cases = test::cases(20000);
+  int slipped = 0;
+  int yielded = 0;
+  int free = 0;
+  for (long i = 0; i < cases; ++i) {
+    Balance b;
+    const Vec3 q = random.direction();
+    const Vec3 grip = random.inCube(1e-3);
+    // The plane has moved away from the grip, or it has not.
+    const double height = i % 4 == 0 ? 0.0 : random.uniform(-2e-4, 2e-4);
+    const double strength = random.uniform(0.5, 4.0);
+    const double mu = random.uniform(0.0, 1.5);
+    const Vec3 anchor = grip - height * q + 1e-3 * across(q, random);
+    REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, anchor, q, strength}));
+    REQUIRE(b.set.tryAddFriction(grip, mu));
+    const double drag = random.uniform(0.0, 0.5);
+    REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, grip, Vec3::UnitX(), drag}));
+    if (i % 3 == 0) REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, grip, Vec3::UnitX(), 0.1}));
+    if (i % 5 == 0) REQUIRE(b.set.tryAdd({PrimitiveKind::kForce, {}, random.direction(), 0.3}));
+    const Vec3 probe = grip + random.inCube(8e-3);
+    const SolveResult result = b.solve(probe, grip);
+    const std::vector<Primitive> items(b.set.items().begin(), b.set.items().end());
+    CAPTURE(i, height, mu, test::describe(probe, kStiffness, items));
+    REQUIRE(result.solver == SolverKind::kClosedForm);
+    REQUIRE(result.iterations == 0);
+    REQUIRE(result.error_bound <= 1e-15);
+    constexpr double kRounding = 1e-15;                        // [m]
+    constexpr double kForce = 100.0 * kRounding * kStiffness;  // [N]
+
+    Vec3 sum = -kStiffness * result.offset;
+    for (std::size_t j = 0; j < items.size(); ++j) sum += b.forces[j];
+    REQUIRE(sum.norm() <= kForce);
+    // The plane.
+    const FrictionLink& link = b.set.links()[0];
+    const double load = b.load(link);
+    const double above = q.dot(result.proxy - anchor);
+    REQUIRE(load >= 0.0);
+    REQUIRE(load <= strength * (1.0 + 1e-15));
+    if (load > kForce) REQUIRE(above <= kRounding);
+    if (load < strength - kForce) REQUIRE(above >= -kRounding);
+    // Coulomb.
+    const Vec3 went = result.proxy - grip;
+    const Vec3 slip = went - q.dot(went) * q;
+    const Vec3 friction = b.forces[link.line];
+    REQUIRE(std::abs(b.strength(link) - mu * load) <= kForce);
+    REQUIRE(friction.norm() <= mu * load + kForce);
+    if (slip.norm() > 1e-9) {
+      REQUIRE((friction + mu * load * slip.normalized()).norm() <= 1e-5 * mu * load + kForce);
+    }
+    // The drags, on the plane where it is pressed.
+    double work = friction.dot(went);
+    for (std::size_t j = 0; j < items.size(); ++j) {
+      if (items[j].kind != PrimitiveKind::kPoint) continue;
+      const Vec3 from = result.proxy - items[j].position;
+      const Vec3& force = b.forces[j];
+      REQUIRE(force.norm() <= items[j].strength + kForce);
+      if (from.norm() > 1e-9) {
+        REQUIRE((force + items[j].strength * from.normalized()).norm() <= 1e-5);
+      }
+      if (load > kForce) REQUIRE(std::abs(q.dot(items[j].position - anchor)) <= kRounding);
+      work += force.dot(went);
+    }
+    // They make no energy; where the plane yields, by its distance from the grip at most.
+    const bool yields = load >= strength - kForce;
+    REQUIRE(work <= 1e-15 + (yields ? 0.6 * std::abs(height) : 0.0));
+
+    const SolveResult plain = solveProxy(probe, kStiffness, items, grip);
+    REQUIRE((result.offset - plain.offset).norm() <= result.error_bound + plain.error_bound);
+    const SolveResult again = b.solve(probe, grip);
+    REQUIRE((again.offset - result.offset).norm() <= kRounding);
+    slipped += slip.norm() > 1e-9 ? 1 : 0;
+    yielded += yields ? 1 : 0;
+    free += load <= 0.0 ? 1 : 0;
+  }
+  CHECK(slipped > cases / 10);
+  CHECK(yielded > cases / 10);
+  CHECK(free > cases / 10);
+}
+
+TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]") {
+  Random random(65);
+  const long cases = test::cases(300);
+  for (long i = 0; i < cases; ++i) {
+    const Vec3 q = random.direction();
+    const double mu = random.uniform(0.1, 1.5);
+    const Vec3 way = random.inCube(2e-6);
+    Vec3 probe = random.inCube(3e-3);
+    // As a plane read at a proxy's new place on a round surface: micrometres from the old proxy.
+    const double height = random.uniform(-2e-5, 0.0);
+    const auto offset = [&] {
+      Balance b;
+      REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, -height * q, q, 2.0}));
+      REQUIRE(b.set.tryAddFriction(Vec3::Zero(), mu));
+      REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.3}));
+      return b.solve(probe).offset;
+    };
+    Vec3 last = offset();
+    for (int tick = 0; tick < 1000; ++tick) {
+      probe += way;
+      const Vec3 now = offset();
+      CAPTURE(i, tick, mu, height);
+      REQUIRE((now - last).norm() <= (1.0 + mu) * way.norm());
+      last = now;
+    }
+  }
+}
+
 TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[modes][friction]") {
   Random random(62);
   const long cases = test::cases(20000);

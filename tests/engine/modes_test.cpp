@@ -585,12 +585,13 @@ TEST_CASE("scene and hand that move together feel as at rest", "[modes][moving]"
   for (std::size_t i = 0; i < allModes().size(); ++i) {
     const std::vector<Named> still = allModes();
     CAPTURE(still[i].name);
-    Scene scene = *sceneOf({still[i].mode, still[1].mode});
-    Scene moving = *movingScene({still[i].mode, still[1].mode}, motion);
+    // A moving volume's path is cut otherwise, and of two surfaces that are one it is micrometres
+    // that decide which bears a load, and its friction: a rough one has a front beside it.
     const bool rough = still[i].mode.friction.highest() > 0.0;
-    if (rough) {
-      scene.solver.tolerance = moving.solver.tolerance = 1e-9;
-    }
+    const ModeSpec& beside = still[rough ? 5 : 1].mode;
+    Scene scene = *sceneOf({still[i].mode, beside});
+    Scene moving = *movingScene({still[i].mode, beside}, motion);
+    if (rough) scene.solver.tolerance = moving.solver.tolerance = 1e-9;
     const ClosedPath path(random, 400);
     Reader reader;
     Reader other_reader;

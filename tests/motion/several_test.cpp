@@ -441,7 +441,8 @@ TEST_CASE("at the cap the rest of the way waits, and never is one long step", "[
   CHECK(std::abs(probed.off(r.proxy / kVoxel, 0.0)) < 1e-3);
 }
 
-TEST_CASE("a tick that has used up its iterations reads no more, and the rest waits", "[motion]") {
+TEST_CASE("a tick that has used up its iterations reads no more, and the rest waits",
+          "[motion][budget]") {
   const SurfaceMotion motion = sphereMotion("level set", 40, 2.56);
   ModeSpec ball = isosurface("ball", 8.0);
   ball.friction = 0.2;
@@ -449,10 +450,14 @@ TEST_CASE("a tick that has used up its iterations reads no more, and the rest wa
   drag.kind = ModeKind::kViscosity;
   drag.of = "ball";
   drag.strength = 0.2;
+  ModeSpec guide;
+  guide.kind = ModeKind::kGuide;
+  guide.guide.position = 2.0 * kVoxel * motion.outside;
+  guide.strength = 0.01;
   const auto readingsWith = [&](int most) {
     StepParams step;
     step.max_iterations = most;
-    const auto scene = sceneOf({ball, drag}, {{"ball", motion.field}}, {}, step);
+    const auto scene = sceneOf({ball, drag, guide}, {{"ball", motion.field}}, {}, step);
     Reader reader;
     ProxyState state({1e3, 1e12});
     Probed probed(std::get<0>(motion.field));

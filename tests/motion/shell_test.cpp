@@ -5,6 +5,7 @@
 #include <functional>
 #include <iostream>
 #include <numbers>
+#include <numeric>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -152,13 +153,20 @@ TEST_CASE("whoever presses hard enough comes through, however rough and thin the
   // its strength: once 61 of 144 such settings stuck, with up to 16 times the strength.
   constexpr double kStrength = 1.0;  // [N]
   constexpr int kSide = 24;
-  test::Random random(8);
   const long count = test::cases(6);
+  std::uint64_t setting = 0;
   for (const double grain : {1.0, 2.0, 4.0}) {      // voxels
     for (const double bias : {0.0, 0.3}) {          // half or two thirds are free
       for (const double step : {0.06, 0.3, 1.0}) {  // voxels a tick
         double hardest = 0.0;
-        for (long i = 0; i < count; ++i) {
+        ++setting;
+        std::vector<std::uint64_t> seeds(static_cast<std::size_t>(count));
+        std::iota(seeds.begin(), seeds.end(), 1000 * setting);
+        // Pulled through more than a voxel: these held up to 1.12 of the strength for a tick.
+        if (setting == 2) seeds.push_back(2337);
+        if (setting == 3) seeds.insert(seeds.end(), {3116, 3148});
+        for (const std::uint64_t seed : seeds) {
+          test::Random random(seed);
           SurfaceMotion rough;
           rough.field = scalarGrid(kSide, roughness(kSide, grain, bias, random));
           for (int press = 0; press < 10; ++press) {
@@ -175,8 +183,8 @@ TEST_CASE("whoever presses hard enough comes through, however rough and thin the
           }
         }
         CAPTURE(grain, bias, step, hardest);
-        // A hundredth of a voxel of the spring's 2.56.
-        CHECK(hardest <= 1.05 * kStrength);
+        // A hundredth of a voxel, of the spring's 2.56.
+        CHECK(hardest <= 1.01 * kStrength);
         CHECK(hardest > (count < 6 ? 0.2 : 0.9) * kStrength);
       }
     }
