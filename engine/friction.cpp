@@ -469,112 +469,194 @@ class Compliant {
   int solves_ = 0;
 };
 
-/// One plane, the friction on it, and drags: points where that friction grips. Pressed on the plane
-/// they hold the proxy at the grip's foot, along the plane, and then the load does not depend on
-/// the slip. With the spring's end, from that foot, N behind the plane and T along it, in newtons:
+/// One plane, the friction on it, and drags: points where that friction grips, the old proxy. All
+/// is in metres, forces divided by k. N is how far the spring's end is behind the plane, T how far
+/// along it from the grip, r the distance from the grip, u that along the plane.
 ///
-///     n = clamp(N, 0, s),   f_t = min(T, mu n),   the drags (N - n, T - f_t), s_d at most,
+/// A plane that bears N and all drags as well has the proxy on it. Where it has moved in front of
+/// the grip, by micrometres, drags would press on it, friction slip at two loads, and the balance
+/// have two answers or three. There the proxy is dragged along the plane only, from the grip's
+/// foot:
 ///
-/// and the proxy goes as far as the rest of the spring pulls it. Anchored at a grip that the plane
-/// has moved away from, a drag presses on the plane and friction slips at two loads.
+///     n = max(0, N),   friction min(T, mu n),   drags the rest, s_d at most.
+///
+/// In front of its plane a grip holds where it is; on the plane
+///
+///     u + mu n + s_d u/r = T,   n = N - s_d h/r,   h the grip's height,
+///
+/// whose left side grows with u. Without drags the first line holds for any height, with n <= s.
 class OnePlane {
  public:
-  OnePlane(const Vec3& probe, double stiffness, PrimitiveSet& set) noexcept
-      : probe_(probe), stiffness_(stiffness), set_(set), link_(set.links()[0]) {}
+  OnePlane(const Vec3& probe, double stiffness, const PrimitiveSet& set) noexcept
+      : stiffness_(stiffness),
+        link_(set.links()[0]),
+        plane_(set.items()[link_.plane]),
+        grip_(set.items()[link_.line].position),
+        from_(grip_ - probe),
+        q_(plane_.direction.normalized()),
+        height_(q_.dot(grip_ - plane_.position)),
+        most_(plane_.strength / stiffness) {
+    spring_ = -from_;
+    for (const Primitive& p : set.items()) {
+      const double strength = p.strength / stiffness;
+      size_ += strength;
+      if (p.kind == PrimitiveKind::kForce) spring_ += strength * p.direction.normalized();
+      if (p.kind == PrimitiveKind::kPoint) drags_ += strength;
+    }
+  }
 
-  /// True where the set is such a plane, its friction and drags.
-  [[nodiscard]] bool fits() const noexcept {
-    const auto items = set_.items();
-    const auto fits = [&](const Primitive& p) {
+  /// True where a set is such a plane, its friction and drags.
+  [[nodiscard]] static bool fits(const PrimitiveSet& set) noexcept {
+    if (set.links().size() != 1) return false;
+    const FrictionLink& link = set.links()[0];
+    const auto items = set.items();
+    const auto among = [&](const Primitive& p) {
       switch (p.kind) {
         case PrimitiveKind::kForce:
           return true;
         case PrimitiveKind::kPoint:
-          return p.position == items[link_.line].position || p.strength == 0.0;
+          return p.position == items[link.line].position || p.strength == 0.0;
         case PrimitiveKind::kLine:
-          return &p == &items[link_.line] || p.strength == 0.0;
+          return &p == &items[link.line] || p.strength == 0.0;
         case PrimitiveKind::kPlane:
-          return &p == &items[link_.plane] || p.strength == 0.0;
+          return &p == &items[link.plane] || p.strength == 0.0;
       }
       return false;
     };
-    return set_.links().size() == 1 && std::all_of(items.begin(), items.end(), [&](const auto& p) {
-             return isValid(p) && fits(p);
-           });
+    return std::all_of(items.begin(), items.end(),
+                       [&](const auto& p) { return isValid(p) && among(p); });
   }
 
-  /// The balance; `forces` as solveProxy fills them. Not finite where numbers overflow.
-  SolveResult solve(std::span<Vec3> forces) noexcept {
-    const auto items = set_.items();
-    const Primitive& plane = items[link_.plane];
-    const Vec3 grip = items[link_.line].position;
-    const Vec3 q = plane.direction.normalized();
-    const double most = plane.strength / stiffness_;
-    Vec3 pushed = Vec3::Zero();
-    double drags = 0.0;
-    double size = most;
-    for (const Primitive& p : items) {
-      if (p.kind == PrimitiveKind::kForce) pushed += p.strength / stiffness_ * unitOf(p);
-      if (p.kind == PrimitiveKind::kPoint) drags += p.strength / stiffness_;
-      if (p.kind != PrimitiveKind::kLine) size += p.strength / stiffness_;
+  /// Finds the balance; false where the plane might give way to drags.
+  bool solve() noexcept {
+    const double into = -(q_.dot(spring_) + height_);
+    if (height_ > 0.0) {
+      moved_ = pulled(spring_);
+      if (q_.dot(moved_) + height_ >= 0.0) {
+        share(spring_ - moved_);
+        return true;
+      }
+      if (drags_ > 0.0) return into <= most_ && solveInFront(into);
     }
-    const Vec3 from = grip - probe_;
-    const Vec3 spring = pushed - from;  // its end, from the grip
-    const double height = q.dot(grip - plane.position);
-    // In front of its plane a grip holds where it is, as long as the proxy stays there too.
-    const bool free = height > 0.0 && q.dot(pulled(spring, drags)) + height >= 0.0;
-    const Vec3 foot = free ? Vec3(Vec3::Zero()) : Vec3(-height * q);
-    const Vec3 left = spring - foot;
-    const double into = free ? 0.0 : -q.dot(left);
-    const double load = std::clamp(into, 0.0, most);
-    const Vec3 along = across(q, left);
-    const double way = along.norm();
-    const double grips = std::min(way, link_.coefficient * load);
-    const Vec3 to = way > 0.0 ? Vec3(along / way) : Vec3(Vec3::Zero());
-    const Vec3 rest = left + load * q - grips * to;
-    const Vec3 moved = pulled(rest, drags);
+    if (drags_ > 0.0 && std::max(into, 0.0) + drags_ > most_) return false;
+    foot_ = -height_ * q_;
+    load_ = std::clamp(into, 0.0, most_);
+    const Vec3 left = spring_ - foot_;
+    along_ = across(q_, left);
+    const double way = along_.norm();
+    const double grips = std::min(way, link_.coefficient * load_);
+    if (way > 0.0) friction_ = (grips / way) * along_;
+    const Vec3 rest = left + load_ * q_ - friction_;
+    moved_ = foot_ + pulled(rest);
+    share(rest - (moved_ - foot_));
+    return true;
+  }
 
+  /// The answer, of which `forces` are as solveProxy fills them; what holds is left in the set.
+  SolveResult tell(const Vec3& probe, PrimitiveSet& set, std::span<Vec3> forces) const noexcept {
     SolveResult result;
-    result.offset = from + foot + moved;
-    result.proxy = probe_ + result.offset;
-    result.error_bound = 8.0 * std::numeric_limits<double>::epsilon() *
-                         (from.lpNorm<Eigen::Infinity>() + foot.lpNorm<Eigen::Infinity>() + size);
-    set_.setStrength(link_, link_.coefficient * load * stiffness_);
-    set_.setPosition(link_.line, grip + foot);
-    // What holds a proxy that does not slip is shared in proportion to the strengths.
-    double held = grips;
-    if (moved.isZero(0.0) && drags > 0.0) {
-      const double sliding = link_.coefficient * load;
-      const double pressing = rest.dot(q);
-      const double room = std::sqrt(std::max(0.0, drags * drags - pressing * pressing));
-      held = std::max(way - room, way * sliding / (sliding + drags));
-    }
-    const Vec3 dragged = drags > 0.0 ? Vec3((rest - moved + (grips - held) * to) / drags) : rest;
-    for (std::size_t i = 0; i < items.size(); ++i) {
-      const Primitive& p = items[i];
+    result.offset = from_ + moved_;
+    result.proxy = probe + result.offset;
+    // Rounding: of positions, from the probe, from the plane and where drags are put; of sums.
+    const double reach = from_.lpNorm<Eigen::Infinity>() +
+                         (grip_ - plane_.position).lpNorm<Eigen::Infinity>() + size_ +
+                         (foot_.isZero(0.0) ? 0.0 : grip_.lpNorm<Eigen::Infinity>());
+    result.error_bound = 8.0 * std::numeric_limits<double>::epsilon() * reach;
+    result.iterations = solves_;
+    if (solves_ > 0) result.solver = SolverKind::kPair;
+    for (std::size_t i = 0; i < set.size(); ++i) {
+      const Primitive& p = set.items()[i];
       forces[i].setZero();
-      if (p.kind == PrimitiveKind::kForce) forces[i] = p.strength * unitOf(p);
+      if (p.kind == PrimitiveKind::kForce) forces[i] = p.strength * p.direction.normalized();
       if (p.kind != PrimitiveKind::kPoint || p.strength == 0.0) continue;
-      forces[i] = -p.strength * dragged;
-      set_.setPosition(i, grip + foot);
+      forces[i] = -p.strength * dragged_;
+      set.setPosition(i, grip_ + foot_);
     }
-    forces[link_.plane] = stiffness_ * load * q;
-    forces[link_.line] = -stiffness_ * held * to;
+    forces[link_.plane] = stiffness_ * load_ * q_;
+    forces[link_.line] = -stiffness_ * friction_;
+    set.setStrength(link_, link_.coefficient * load_ * stiffness_);
+    set.setPosition(link_.line, grip_ + foot_);
     return result;
   }
 
  private:
-  static Vec3 unitOf(const Primitive& p) noexcept { return p.direction.normalized(); }
-  /// How far a pull of `spring` takes a proxy that drags hold [m].
-  static Vec3 pulled(const Vec3& spring, double drags) noexcept {
-    const double length = spring.norm();
-    return length > drags ? Vec3((1.0 - drags / length) * spring) : Vec3(Vec3::Zero());
+  /// How far a pull takes a proxy that drags hold.
+  [[nodiscard]] Vec3 pulled(const Vec3& pull) const noexcept {
+    const double length = pull.norm();
+    return length > drags_ ? Vec3((1.0 - drags_ / length) * pull) : Vec3(Vec3::Zero());
   }
 
-  const Vec3& probe_;
+  /// What drags bear, `pull`, if friction holds all it can. Where the proxy has not moved the two
+  /// share it in proportion to their strengths.
+  void share(Vec3 pull) noexcept {
+    if (!(drags_ > 0.0)) return;
+    const double sliding = link_.coefficient * load_;
+    const double way = along_.norm();
+    if (moved_ == foot_ && sliding > 0.0 && way > 0.0) {
+      const double pressing = pull.dot(q_);
+      const double room = std::sqrt(std::max(0.0, drags_ * drags_ - pressing * pressing));
+      const double held = std::max(way - room, way * sliding / (sliding + drags_));
+      pull += friction_;
+      friction_ = (held / way) * along_;
+      pull -= friction_;
+    }
+    dragged_ = pull / drags_;
+  }
+
+  /// The proxy on a plane behind its grip, by Newton between bounds.
+  bool solveInFront(double into) noexcept {
+    constexpr int kMost = 60;
+    const double mu = link_.coefficient;
+    along_ = across(q_, spring_);
+    const double way = along_.norm();
+    double low = std::max(0.0, way - mu * into - drags_);
+    double high = way;
+    double u = low;
+    double r = std::max(height_, std::hypot(u, height_));
+    if (mu * (into - drags_) < way) {
+      while (solves_ < kMost) {
+        ++solves_;
+        const double left = u + mu * (into - drags_ * height_ / r) + drags_ * u / r - way;
+        (left > 0.0 ? high : low) = u;
+        const double slope = 1.0 + drags_ * height_ * (height_ + mu * u) / (r * r * r);
+        double next = u - left / slope;
+        if (!(next >= low && next <= high)) next = 0.5 * (low + high);
+        // As near as rounding of the left side lets it, and as the direction from the grip needs.
+        const double least = std::numeric_limits<double>::epsilon() * (r + way / slope);
+        const bool there = std::abs(next - u) <= 4.0 * least;
+        u = next;
+        r = std::hypot(u, height_);
+        if (there) break;
+      }
+    } else {
+      u = 0.0;
+      r = height_;
+    }
+    load_ = std::max(0.0, into - drags_ * height_ / r);
+    if (way > 0.0) friction_ = (std::min(way, mu * load_) / way) * along_;
+    moved_ = (way > 0.0 ? Vec3((u / way) * along_) : Vec3(Vec3::Zero())) - height_ * q_;
+    dragged_ = moved_ / r;
+    return true;
+  }
+
   double stiffness_;
-  PrimitiveSet& set_;
   const FrictionLink& link_;
+  const Primitive& plane_;
+  Vec3 grip_;
+  Vec3 from_;  ///< From the probe to the grip.
+  Vec3 q_;
+  double height_;  ///< Of the grip.
+  double most_;    ///< The plane's strength.
+  double drags_ = 0.0;
+  double size_ = 0.0;  ///< All strengths.
+  Vec3 spring_;        ///< Its end with directed forces, from the grip, as all that follow.
+  Vec3 foot_ = Vec3::Zero();
+  Vec3 along_ = Vec3::Zero();
+  Vec3 friction_ = Vec3::Zero();
+  Vec3 dragged_ = Vec3::Zero();
+  Vec3 moved_ = Vec3::Zero();
+  double load_ = 0.0;
+  int solves_ = 0;
 };
 
 /// What each primitive does to the proxy [N]; directed forces are not among them.
@@ -664,13 +746,22 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   }
   for (const FrictionLink& link : links) set.setStrength(link, 0.0);
   // Bad input is told by solveProxy; what follows takes it as good.
-  const bool good = proxy.allFinite() && probe.allFinite() && stiffness > 0.0;
-  if (OnePlane one(probe, stiffness, set); good && one.fits()) {
-    const SolveResult result = one.solve(forces);
-    start.forget();
-    warm.forget();
-    warm.motion = result.proxy - proxy;
-    if (std::isfinite(result.error_bound) && result.offset.allFinite()) return result;
+  const bool good =
+      proxy.allFinite() && probe.allFinite() && stiffness > 0.0 && std::isfinite(stiffness);
+  if (good && OnePlane::fits(set)) {
+    OnePlane one(probe, stiffness, set);
+    if (one.solve()) {
+      const SolveResult result = one.tell(probe, set, forces);
+      start.forget();
+      warm.forget();
+      warm.motion = result.proxy - proxy;
+      const auto told = forces.first(set.size());
+      const bool finite =
+          result.offset.allFinite() && std::isfinite(result.error_bound) &&
+          std::isfinite(items[links[0].line].strength) &&
+          std::all_of(told.begin(), told.end(), [](const Vec3& f) { return f.allFinite(); });
+      if (finite) return result;
+    }
   }
   if (!good) {
     start.forget();

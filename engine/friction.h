@@ -82,7 +82,7 @@ struct FrictionStart {
 /// strengths: it certifies the place that the loads balance. Where no balance is found each
 /// friction holds as it did in the last tick or in the last trial, whichever is more: nothing slips
 /// because a search failed. However the load is found, the balance is one of primitives anchored at
-/// the old proxy and makes no energy, but for what error_bound can hide.
+/// the old proxy, or at its foot as below, and makes no energy, but for what error_bound can hide.
 ///
 /// @param forces  At least as many as primitives; filled as solveProxy does; where
 ///                several kinks share a load, sum |f|^2/s is least in a balance that begins
@@ -93,9 +93,10 @@ struct FrictionStart {
 ///                kIterationLimit says that a law was not met. Where frictions press each other's
 ///                planes error_bound can exceed the tolerance of a law that is met.
 ///
-/// One plane, the friction on it, and points where that friction grips (drags) have a closed form,
-/// and one answer: pressed on the plane they hold the proxy at the grip's foot. Then `set` has that
-/// foot as their position.
+/// One plane, the friction on it, and points where that friction grips (drags) have one answer, in
+/// closed form or by a scalar equation, where the plane bears the spring and all drags. Where it
+/// has moved in front of the grip they hold the proxy at the grip's foot on it, and `set` has that
+/// as their position.
 ///
 /// RT: no allocation. Cost: one solveProxy without links, a closed form for one plane and drags;
 /// else some 10 to 20 3x3 solves, at most SolverParams::max_iterations and those of

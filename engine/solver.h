@@ -23,7 +23,8 @@ enum class SolveStatus : std::uint8_t {
 /// Which method gave the answer.
 enum class SolverKind : std::uint8_t {
   kClosedForm,  ///< Orthogonal primitives, among them any one alone, and directed forces.
-  kPair,        ///< A plane and one other primitive: a scalar equation.
+  kPair,        ///< A plane and one other primitive, or its friction and drags: a scalar
+                ///< equation.
   kGeneral,     ///< Several primitives: pivots between planes; else Newton on 3x3 systems,
                 ///< warm or by the method of multipliers.
 };

@@ -21,7 +21,8 @@ enum class StepStatus : std::uint8_t {
                   ///< much, walls or frictions that take turns. The rest waits where something
                   ///< holds the proxy; where nothing does the proxy is at the hand, and a surface
                   ///< farther off than the fields' firstFall looks can have been passed unfelt, as
-                  ///< by a volume that moved so far. Raise max_substeps or the rate if it happens often.
+                  ///< by a volume that moved so far. Raise max_substeps or the rate if it happens
+                  ///< often.
   kIterationLimit,  ///< A balance stopped early; error_bound says how far off it can be.
   kDropped,         ///< More primitives than kMaxPrimitives: some were left out. Use fewer modes;
                     ///< 341 of the richest, a wall with friction and a drag, fit.
