@@ -16,8 +16,6 @@ constexpr double kWriteTime = 0.020;  ///< [s]: a write that takes longer is blo
 
 constexpr double kClock = 1.2;  ///< Longest time between two ticks that are not late, in periods.
 
-/// The limits of a device in a loop of this rate [Hz]. At a hand a force is ramped in over at least
-/// kEngage, whatever the device's maker says.
 ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   ForceLimits limits = info.limits;
   if (info.hand && !(limits.engage >= kEngage)) limits.engage = kEngage;
@@ -35,18 +33,25 @@ ForceLimits limitsAt(const DeviceInfo& info, double rate) noexcept {
   return limits;
 }
 
-ForceLimits checkedLimits(const DeviceInfo& info, double heartbeat, double rate) {
-  const auto require = [&](bool good, const char* what, double value,
-                           const char* remedy = "give a positive number") {
-    if (good) return;
-    throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
-  };
+void require(const DeviceInfo& info, bool good, const char* what, double value,
+             const char* remedy = "give a positive number") {
+  if (good) return;
+  throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
+}
+
+bool noLess(double x) noexcept {
+  return x >= 0.0 && std::isfinite(x);
+}
+
+}  // namespace
+
+ForceLimits limitsInLoop(const DeviceInfo& info, double rate) {
+  const auto require = [&](auto&&... words) { palpate::require(info, words...); };
   const auto positive = [](double x) { return x > 0.0 && std::isfinite(x); };
   require(positive(info.watch.stale), "the age of a stale position", info.watch.stale);
   require(positive(info.watch.max_speed), "the highest speed", info.watch.max_speed);
   require(positive(info.watch.late), "what is late", info.watch.late);
-  const auto no_less = [](double x) { return x >= 0.0 && std::isfinite(x); };
-  require(no_less(info.output_rate), "the rate of its forces", info.output_rate,
+  require(noLess(info.output_rate), "the rate of its forces", info.output_rate,
           "give Hz, or 0 for any");
   const ForceLimits limits = limitsAt(info, rate);
   require(positive(limits.peak), "the peak force", limits.peak);
@@ -66,7 +71,7 @@ ForceLimits checkedLimits(const DeviceInfo& info, double heartbeat, double rate)
                                                       {"the amplifiers' lag", arm.lag},
                                                       {"the tank's longest period", arm.period},
                                                       {"the tank's refill", limits.tank.refill}};
-    for (const auto& [what, x] : numbers) require(no_less(x), what, x, "give zero or more");
+    for (const auto& [what, x] : numbers) require(noLess(x), what, x, "give zero or more");
     require(arm.doubt <= arm.delay, "the delay's doubt", arm.doubt,
             "give at most the delay: no force comes before its reading");
     require(arm.jitter <= arm.doubt, "the positions' jitter", arm.jitter,
@@ -81,11 +86,8 @@ ForceLimits checkedLimits(const DeviceInfo& info, double heartbeat, double rate)
     require(arm.period == 0.0 || arm.period * rate >= 1.0, "the longest time between ticks",
             arm.period, "give at least 1/rate, or 0 for the loop's own");
   }
-  require(heartbeat >= 0.0 && std::isfinite(heartbeat), "the heartbeat", heartbeat);
   return limits;
 }
-
-}  // namespace
 
 HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heartbeat,
                        const LoopWatch& watch)
@@ -95,7 +97,9 @@ HapticLoop::HapticLoop(Device& device, double rate, TickSink* sink, double heart
       heartbeat_(heartbeat),
       watch_by_(watch),
       watch_(device.info().watch),
-      state_(checkedLimits(device.info(), heartbeat, rate)) {}
+      hand_(limitsInLoop(device.info(), rate)) {
+  require(device.info(), noLess(heartbeat), "the heartbeat", heartbeat);
+}
 
 void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft() = std::move(scene);
@@ -131,46 +135,42 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   return hand.fault;
 }
 
+Fault HapticLoop::withheld(double took, const TickTime& time) const noexcept {
+  // After a tick that hung, in a device, a user's mode or a stopped process, others have taken the
+  // force off meanwhile.
+  if (!device_.info().hand) return Fault::kNone;
+  return time.real && took > late_ ? Fault::kLate : ordered();
+}
+
 void HapticLoop::tick(const TickTime& time) noexcept {
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
+  TickInput& in = told_.input;
+  in = {};
+  in.dt = time.dt;
   if (clear_.exchange(false, std::memory_order_acquire)) {
     stops_seen_ = stops_cleared_;
     cuts_seen_ = cuts_cleared_;
     watch_.forget();
     deaf_ = false;
-    state_.clearFault();
+    in.cleared = true;
   }
 
   const auto begin = std::chrono::steady_clock::now();
-  HandState hand = device_.read();
+  HandState& hand = in.hand;
+  hand = device_.read();
   deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
           hand.fault == Fault::kMiscounted;
-  const Fault wrong = whatIsWrong(hand, time);
-  if (wrong != Fault::kNone) state_.cut(wrong);
-  if (hand.ready && !ready_) state_.engage();
-  ready_ = hand.ready;
+  in.wrong = whatIsWrong(hand, time);
 
   const auto start = std::chrono::steady_clock::now();
-  told_.report = {};
-  if (scene != nullptr) {
-    told_.report = hapticStep(*scene, reader_, hand, state_, time.dt);
-  } else {
-    state_.release();
-  }
+  told_.report = hand_.step(scene, in);
   const auto end = std::chrono::steady_clock::now();
   if (rehearsal_) rehearsal_->look(hand, told_.report);
-  // After a tick that hung, in a device, a user's mode or a stopped process, the force that it
-  // computed is not sent: others have taken the force off meanwhile.
-  const double took = std::chrono::duration<double>(end - begin).count();
-  const Fault order = time.real && took > late_ ? Fault::kLate : ordered();
-  if (device_.info().hand && order != Fault::kNone) {
-    state_.cut(order);
-    state_.release();
-    told_.report.force.setZero();
-    told_.report.status = StepStatus::kFault;
-  }
-  send(told_.report.force, time.real);
+  in.order = withheld(std::chrono::duration<double>(end - begin).count(), time);
+  hand_.withhold(in, told_.report);
+  send(told_.report.force, time.real, in);
+  hand_.sent(in);
 
   ++told_.tick;
   told_.time = time.now;
@@ -179,28 +179,29 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   told_.wake_ns = time.wake_ns;
   told_.missed = time.missed;
   told_.late_ticks += time.missed ? 1 : 0;
-  told_.fault = state_.fault();
+  told_.fault = hand_.state().fault();
   told_.scene = scene == nullptr ? 0 : scene->id;
   telemetry_.draft() = told_;
   telemetry_.publish();
-  if (sink_ != nullptr) sink_->take(told_, state_);
+  if (sink_ != nullptr) sink_->take(told_, hand_.state());
 }
 
 bool HapticLoop::rehearse(double dt, double lead) noexcept {
   const Scene* scene = scenes_.current().get();
   const bool soon_enough = 4e-9 * static_cast<double>(told_.tick_ns) <= lead;
-  return rehearsal_ && scene != nullptr && soon_enough && rehearsal_->run(*scene, state_, dt);
+  return rehearsal_ && scene != nullptr && soon_enough &&
+         rehearsal_->run(*scene, hand_.state(), dt);
 }
 
 /// Sends the force as it left the gate; where there is no scene the force is zero.
-void HapticLoop::send(const Vec3& force, bool timed) noexcept {
+void HapticLoop::send(const Vec3& force, bool timed, TickInput& in) noexcept {
   const auto start = std::chrono::steady_clock::now();
-  device_.carry(ready_ && state_.fault() == Fault::kNone);
+  device_.carry(hand_.mayPull());
   device_.write(force);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
-  state_.weaken(device_.given());
+  in.given = device_.given();
   if (timed && device_.info().hand && took.count() > kWriteTime) {
-    state_.cut(Fault::kWrite);
+    in.unsent = Fault::kWrite;
     deaf_ = true;
   }
   // A device that takes no writes is left to the guardian, which has another access to it.

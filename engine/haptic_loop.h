@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "palpate/engine/device.h"
+#include "palpate/engine/hand_tick.h"
 #include "palpate/engine/mailbox.h"
 #include "palpate/engine/rehearsal.h"
 #include "palpate/engine/safety.h"
@@ -64,6 +65,10 @@ struct TickTime {
   bool real = false;         ///< By a real clock: the time that a tick and a write take counts.
 };
 
+/// The limits of a device in a loop of this rate [Hz]. At a hand a force is ramped in over at least
+/// kEngage, whatever the device's maker says. Throws DeviceError where one is not a usable number.
+[[nodiscard]] ForceLimits limitsInLoop(const DeviceInfo& info, double rate);
+
 /// A proxy, a reader and the gate of one device, over the newest scene.
 ///
 /// Two threads use it, each its own functions: the haptic thread and the scene thread. Stop orders
@@ -108,7 +113,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// RT: no allocation, no lock, no system call but the device's own.
   void tick(const TickTime& time) noexcept PALPATE_NONBLOCKING;
   /// Before the first rehearse(): allocates what it needs.
-  void prepareRehearsal() { rehearsal_ = std::make_unique<Rehearsal>(state_.limits()); }
+  void prepareRehearsal() { rehearsal_ = std::make_unique<Rehearsal>(hand_.state().limits()); }
   /// Rehearses the tick that comes in `lead` [s], about `dt` after the last one (rehearsal.h). Not
   /// where the last tick took more than a quarter of `lead`: this one would come too late.
   /// Nothing is sent, told or remembered. True if there was a rehearsal.
@@ -119,9 +124,11 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
+  /// Why a force is not sent whose tick took so long [s].
+  [[nodiscard]] Fault withheld(double took, const TickTime& time) const noexcept;
   /// kStopped where somebody ordered a stop, kLate where the guardian has cut, else kNone.
   [[nodiscard]] Fault ordered() const noexcept;
-  void send(const Vec3& force, bool timed) noexcept;
+  void send(const Vec3& force, bool timed, TickInput& in) noexcept;
 
   Device& device_;
   TickSink* sink_;
@@ -137,14 +144,12 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::atomic<std::uint32_t> beats_{0};
 
   HandWatch watch_;
-  Reader reader_;
-  ProxyState state_;
+  HandTick hand_;
   std::unique_ptr<Rehearsal> rehearsal_;  ///< Null: ticks are not rehearsed.
   Telemetry told_;
   std::uint32_t stops_seen_ = 0;  ///< The count of LoopWatch::stops that is taken back.
   std::uint32_t cuts_seen_ = 0;   ///< The count of LoopWatch::cuts that is taken back.
   bool deaf_ = false;             ///< The device takes no writes: it is left to the guardian.
-  bool ready_ = true;             ///< The hand of the last tick was ready.
 
   Pulse beat_;
   Pulse guard_;

@@ -3,12 +3,12 @@
 
 #include <cstdint>
 
-#include "palpate/engine/step.h"
+#include "palpate/engine/hand_tick.h"
 #include "palpate/engine/types.h"
 
 namespace palpate {
 
-/// One row of a trace. `report` is that of the same tick.
+/// One row of a trace. `input` and `report` are those of the same tick.
 struct Telemetry {
   std::int64_t tick = 0;        ///< Number of the tick, from 1; 0: there has been none.
   double time = 0.0;            ///< Time since the start [s].
@@ -19,6 +19,7 @@ struct Telemetry {
   std::int64_t late_ticks = 0;  ///< Number of missed ticks so far.
   Fault fault = Fault::kNone;   ///< Why the force is cut; kNone: it is not.
   std::uint64_t scene = 0;      ///< Scene::id; 0: none.
+  TickInput input;              ///< What the tick was given.
   StepReport report;            ///< What the tick did; as initialised where there is no scene.
 };
 

@@ -1,0 +1,28 @@
+#include "palpate/engine/hand_tick.h"
+
+namespace palpate {
+
+StepReport HandTick::step(const Scene* scene, const TickInput& in) noexcept {
+  if (in.cleared) state_.clearFault();
+  if (in.wrong != Fault::kNone) state_.cut(in.wrong);
+  if (in.hand.ready && !ready_) state_.engage();
+  ready_ = in.hand.ready;
+  if (scene != nullptr) return hapticStep(*scene, reader_, in.hand, state_, in.dt);
+  state_.release();
+  return {};
+}
+
+void HandTick::withhold(const TickInput& in, StepReport& report) noexcept {
+  if (in.order == Fault::kNone) return;
+  state_.cut(in.order);
+  state_.release();
+  report.force.setZero();
+  report.status = StepStatus::kFault;
+}
+
+void HandTick::sent(const TickInput& in) noexcept {
+  state_.weaken(in.given);
+  if (in.unsent != Fault::kNone) state_.cut(in.unsent);
+}
+
+}  // namespace palpate
