@@ -8,6 +8,7 @@
 #include "palpate/devices/csv.h"
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/path_device.h"
+#include "palpate/devices/replay_device.h"
 #include "palpate/engine/error.h"
 
 namespace palpate {
@@ -74,9 +75,10 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name == "simulated") return openSimulated(options);
   if (name == "mouse") return openMouse(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
+  if (name.rfind("replay:", 0) == 0) return openReplay(name.substr(7));
   if (parseArmName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
-                    "use simulated, path:FILE.csv or hid:PROFILE");
+                    "use simulated, path:FILE.csv, replay:FILE or hid:PROFILE");
 }
 
 }  // namespace palpate

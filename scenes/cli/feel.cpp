@@ -14,10 +14,12 @@
 #include "palpate/devices/guardian.h"
 #include "palpate/devices/open_device.h"
 #include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
 #include "palpate/engine/version.h"
 #include "palpate/scenes/cli/again.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/finder.h"
+#include "palpate/scenes/cli/recorded.h"
 #include "palpate/scenes/cli/room.h"
 #include "palpate/scenes/cli/session.h"
 #include "palpate/scenes/cli/touch.h"
@@ -29,6 +31,10 @@ namespace {
 
 constexpr double kDefaultSeconds = 10.0;
 constexpr double kMostSeconds = 1e6;
+
+bool isReplay(const std::string& device) {
+  return device.rfind("replay:", 0) == 0;
+}
 
 DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const HandTarget& target,
                             Window* window) {
@@ -118,10 +124,10 @@ Legible timeWords(const OrderedJson& summary) {
                   : sentence("asleep until each tick"));
 }
 
-/// The trace of one hand of several: T.csv, T.2.csv, ...
-std::string traceOf(const FeelOptions& options, std::size_t hand) {
-  if (options.trace.empty() || hand == 0) return options.trace;
-  std::filesystem::path place(options.trace);
+/// The file of one hand of several: T.csv, T.2.csv, ...
+std::string placeOf(const std::string& asked, std::size_t hand) {
+  if (asked.empty() || hand == 0) return asked;
+  std::filesystem::path place(asked);
   const std::string end = place.extension().string();
   place.replace_extension();
   return place.string() + "." + std::to_string(hand + 1) + end;
@@ -130,11 +136,15 @@ std::string traceOf(const FeelOptions& options, std::size_t hand) {
 /// No two outputs may go to one place, and none to what is read.
 void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
   std::vector<std::string> places{options.summary, options.picture, options.still};
-  for (std::size_t i = 0; i < options.devices.size(); ++i) places.push_back(traceOf(options, i));
+  for (std::size_t i = 0; i < options.devices.size(); ++i) {
+    places.push_back(placeOf(options.trace, i));
+    places.push_back(placeOf(options.record, i));
+  }
   if (options.json) places.emplace_back("-");
   std::vector<std::filesystem::path> inputs = inputsOf(options.scene, spec);
   for (const std::string& device : options.devices) {
     if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
+    if (isReplay(device)) inputs.emplace_back(fileOfReplay(device.substr(7)));
   }
   checkOutputsApart(places, inputs);
 }
@@ -174,8 +184,41 @@ void checkOptions(const FeelOptions& options) {
   if (options.refill > 0.0 && !options.passive) {
     throw Error("--refill", "nothing is held back that it would let through", "add --passive");
   }
+  if (options.record == "-") {
+    throw Error("--record", "a recording is no text", "give a file");
+  }
+  const auto replayed = static_cast<std::size_t>(
+      std::count_if(options.devices.begin(), options.devices.end(), isReplay));
+  if (replayed > 0 && (options.realtime || replayed < options.devices.size())) {
+    throw Error("--device", "recorded hands feel in their own time, and nobody beside them",
+                options.realtime ? "leave out --realtime" : "give replay:FILE alone");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
+  }
+}
+
+/// Begins a recording.
+void record(Hand& hand, const std::string& place, double rate) {
+  checkReplaceable(place);
+  RecordedSetting setting{hand.device->info(), rate, {}};
+  // Of a hand that was recorded the limits are what they were in its loop.
+  const bool again = dynamic_cast<const ReplayDevice*>(hand.device.get()) != nullptr;
+  if (!again) setting.device.limits = limitsInLoop(hand.device->info(), rate);
+  setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machine()}});
+  hand.recorder = std::make_unique<Recorder>(place, setting);
+  hand.log.recorder = hand.recorder.get();
+}
+
+/// Ends it, and says what is not in it.
+void endRecording(Hand& hand) {
+  if (!hand.recorder) return;
+  hand.recorder->end();
+  if (hand.recorder->lost() > 0) {
+    complain(
+        fmt::format("feel: --record: {} ticks came too fast to be written: use a lower rate or "
+                    "a faster place",
+                    hand.recorder->lost()));
   }
 }
 
@@ -200,7 +243,9 @@ OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneS
   return summary;
 }
 
-void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary) {
+/// `scene`: the file of the scene, as explain takes it.
+void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summary,
+          const std::string& scene) {
   say("run       {} s at {} Hz {}, device {}, {} ticks\n{}",
       rounded(summary["seconds"].get<double>()), rounded(options.rate),
       options.realtime ? "on time" : "in virtual time", hand.device->info().name,
@@ -215,7 +260,7 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   const bool again = !most["at"].is_null();
   say("most      {} N after {} s, most of it by {}{}\n", rounded(most["force"].get<double>()),
       rounded(most["time"].get<double>()), most["mode"].get<std::string>(), again ? ": why:" : "");
-  if (again) say("{}\n", sentence(explainLine(options.scene, {place("at"), place("push")})));
+  if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
 }
 
 int feel(const FeelOptions& options) {
@@ -230,7 +275,8 @@ int feel(const FeelOptions& options) {
 
   // Everything that can be refused is refused before anything runs.
   const auto written = writtenAt(options.scene);
-  SceneSpec spec = openScene(options.scene, showProgress("loading"));
+  ToFeel to_feel = sceneToFeel(options.scene);
+  SceneSpec& spec = to_feel.spec;
   checkOutputs(options, spec);
   for (const std::string& note : spec.notes) complain(note);
   SceneCache cache;
@@ -258,7 +304,7 @@ int feel(const FeelOptions& options) {
   Hands hands;
   for (std::size_t h = 0; h < devices.size(); ++h) {
     hands.push_back(std::make_unique<Hand>(std::move(devices[h]), *built.scene, options,
-                                           traceOf(options, h),
+                                           placeOf(options.trace, h),
                                            picture && h == 0 ? &*picture : nullptr));
   }
 
@@ -271,11 +317,20 @@ int feel(const FeelOptions& options) {
     if (options.still.empty()) window->open(options.scene, options.watch, only);
   }
 
-  Run run{options, hands, built.scene, spec, written, cache};
+  if (!options.record.empty()) {
+    const std::string scene = recordedScene(to_feel.file, to_feel.text, spec, {});
+    for (std::size_t h = 0; h < hands.size(); ++h) {
+      record(*hands[h], placeOf(options.record, h), options.rate);
+      hands[h]->recorder->expect({built.scene->id, scene});
+    }
+  }
+
+  Run run{options, hands, built.scene, spec, written, cache, to_feel};
   if (window) run.window = &*window;
-  run.whole_path = !options.seconds &&
-                   std::all_of(options.devices.begin(), options.devices.end(),
-                               [](const std::string& d) { return d.rfind("path:", 0) == 0; });
+  run.whole_path = !options.seconds && std::all_of(options.devices.begin(), options.devices.end(),
+                                                   [](const std::string& d) {
+                                                     return d.rfind("path:", 0) == 0 || isReplay(d);
+                                                   });
   // A window ends the run when it is closed.
   const bool endless = run.whole_path || (options.realtime && window && !options.seconds);
   run.ticks = endless ? std::numeric_limits<std::int64_t>::max()
@@ -284,9 +339,14 @@ int feel(const FeelOptions& options) {
   if (options.realtime) {
     guardian->catchSignals(&interrupted);
     runOnTime(run, *guardian);
+  } else if (isReplay(options.devices[0])) {
+    runAgain(run, isRecording(options.scene)
+                      ? scenesOf(Recording(options.scene), built.scene, cache)
+                      : ScenesById());
   } else {
     runInVirtualTime(run);
   }
+  for (const auto& hand : hands) endRecording(*hand);
   // What was felt is written; who interrupts that as well ends what is drawn.
   const bool cut_short = interrupted != 0;
   interrupted = 0;
@@ -310,7 +370,7 @@ int feel(const FeelOptions& options) {
           search["rays"].get<int>(), search["met"].get<int>(), search["visits"].get<int>(),
           rounded(search["ms"].get<double>()));
     }
-    for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h]);
+    for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h], to_feel.file);
   }
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);
@@ -347,12 +407,15 @@ int feel(const FeelOptions& options) {
 void addFeel(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("feel", "Feels a scene and says what was felt, and how well");
   auto options = std::make_shared<FeelOptions>();
-  verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_option("SCENE", options->scene,
+                   "A scene file, a .vdb, a folder of .vdb, or a recording")
+      ->required();
   verb->add_option("--device", options->devices,
-                   "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), or "
-                   "hid[:PROFILE[@SERIAL]] (palpate devices); again for another hand")
+                   "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), "
+                   "replay:FILE[@SECONDS] (of --record), or hid[:PROFILE[@SERIAL]] (palpate "
+                   "devices); again for another hand")
       ->take_all()
-      ->type_name("D:{simulated,path:,hid,hid:}");
+      ->type_name("D:{simulated,path:,replay:,hid,hid:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -364,6 +427,8 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "But what primitives that do work add (a moving volume pushes), at most [W]; "
                    "with --passive (default 0)");
   verb->add_flag("--watch", options->watch, "Take the scene file anew when it changes");
+  verb->add_option("--record", options->record,
+                   "All that each tick was given and came to: replay:FILE feels it again");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->picture,

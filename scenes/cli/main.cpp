@@ -38,6 +38,8 @@ void addExplain(CLI::App& app, Body& body);
 void addPress(CLI::App& app, Body& body);
 void addFeel(CLI::App& app, Body& body);
 void addView(CLI::App& app, Body& body);
+void addCompare(CLI::App& app, Body& body);
+void addConvert(CLI::App& app, Body& body);
 void addPlot(CLI::App& app, Body& body);
 void addStability(CLI::App& app, Body& body);
 void addDevices(CLI::App& app, Body& body);
@@ -46,9 +48,10 @@ void addCompletion(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,  addImport,    addScene,   addMake,   addShatter,   addSample,
-                            addSolve, addCheck,     addExplain, addPress,  addFeel,      addView,
-                            addPlot,  addStability, addDevices, addSchema, addCompletion};
+constexpr std::array kVerbs{addInfo,      addImport,  addScene,   addMake,      addShatter,
+                            addSample,    addSolve,   addCheck,   addExplain,   addPress,
+                            addFeel,      addView,    addCompare, addConvert,   addPlot,
+                            addStability, addDevices, addSchema,  addCompletion};
 
 }  // namespace
 }  // namespace palpate::cli

@@ -1,10 +1,12 @@
 #include "palpate/scenes/cli/session.h"
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 
 #include <fmt/format.h>
 
+#include "palpate/engine/hand_tick.h"
 #include "palpate/engine/haptic_thread.h"
 #include "palpate/scenes/cli/keys.h"
 #include "palpate/scenes/cli/watcher.h"
@@ -33,6 +35,13 @@ class OnTime {
   /// False once it has nothing more to do.
   bool look() {
     hand_.drain();
+    if (hand_.recorder && !told_unwritten_) {
+      if (const std::string why = hand_.recorder->trouble(); !why.empty()) {
+        told_unwritten_ = true;
+        complain(fmt::format("{}: --record: {}: the hand feels on, and what was written is whole",
+                             name_, why));
+      }
+    }
     const Telemetry& now = thread_->latest();
     if (now.fault != told_ && now.fault != Fault::kNone) {
       complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
@@ -91,8 +100,18 @@ class OnTime {
   std::uint32_t plugging_ = 1;
   Fault told_ = Fault::kNone;
   bool told_still_ = false;
+  bool told_unwritten_ = false;
   std::optional<HapticThread> thread_;
 };
+
+/// Tells the recordings of a scene that is about to become the hands'.
+void record(const Run& run, const Scene& scene, const Watcher& watcher) {
+  const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
+  if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
+  const std::string& read = watcher.text().empty() ? run.from.text : watcher.text();
+  const std::string text = recordedScene(run.from.file, read, watcher.spec(), watcher.dials());
+  for (const auto& hand : run.hands) hand->recorder->expect({scene.id, text});
+}
 
 }  // namespace
 
@@ -112,12 +131,46 @@ void runInVirtualTime(const Run& run) {
     for (std::size_t h = 0; h < loops.size(); ++h) {
       Hand& hand = *run.hands[h];
       if (hand.device->ended()) continue;
+      if (hand.recorder) hand.recorder->wait();
       loops[h]->tick(time);
       hand.drain();
       feeling = true;
     }
     if (progress && !run.whole_path) {
       progress(static_cast<double>(i) / static_cast<double>(run.ticks));
+    }
+  }
+}
+
+void runAgain(const Run& run, const ScenesById& scenes) {
+  const auto progress = showProgress("feeling again");
+  for (const auto& hand : run.hands) {
+    const auto& device = dynamic_cast<const ReplayDevice&>(*hand->device);
+    const Recording& recording = device.recording();
+    HandTick tick(recording.setting().device.limits);
+    const std::int64_t end =
+        device.begin() + std::min(recording.size() - device.begin(), run.ticks);
+    std::uint64_t id = 0;
+    const Scene* scene = nullptr;
+    for (std::int64_t i = device.begin(); i < end && interrupted == 0; ++i) {
+      Telemetry told = telemetryOf(recording.tick(i));
+      if (told.scene != id) {
+        id = told.scene;
+        const auto found = scenes.find(id);
+        scene = id == 0 ? nullptr : found == scenes.end() ? run.scene.get() : found->second.get();
+        if (scene != nullptr) hand->log.expect(*scene, {});
+      }
+      if (hand->recorder) hand->recorder->wait();
+      const auto begin = std::chrono::steady_clock::now();
+      told.report = tick.step(scene, told.input);
+      told.tick_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now() - begin).count();
+      tick.withhold(told.input, told.report);
+      tick.sent(told.input);
+      told.fault = tick.state().fault();
+      told.scene = scene == nullptr ? 0 : scene->id;
+      hand->log.take(told, tick.state());
+      hand->drain();
+      if (progress) progress(static_cast<double>(i - device.begin()) / static_cast<double>(end));
     }
   }
 }
@@ -153,6 +206,7 @@ void runOnTime(const Run& run, Guardian& guardian) {
     }
     if (!watcher || looks % kWatch != 0) continue;
     if (const auto built = watcher->look()) {
+      record(run, *built->scene, *watcher);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }
   }

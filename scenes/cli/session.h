@@ -13,12 +13,15 @@
 #include <fmt/format.h>
 
 #include "palpate/devices/guardian.h"
+#include "palpate/devices/recorder.h"
+#include "palpate/devices/replay_device.h"
 #include "palpate/engine/device.h"
 #include "palpate/engine/scene.h"
 #include "palpate/engine/telemetry.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/felt.h"
 #include "palpate/scenes/cli/picture.h"
+#include "palpate/scenes/cli/recorded.h"
 #include "palpate/scenes/cli/trace.h"
 #include "palpate/scenes/cli/window.h"
 #include "palpate/scenes/live.h"
@@ -38,6 +41,7 @@ struct FeelOptions {
   double refill = 0.0;
   bool window = false;
   std::string still;  ///< A picture by the window's program.
+  std::string record;
   std::string trace;
   std::string summary;
   std::string picture;
@@ -55,6 +59,7 @@ class Log final : public TickSink {
   void take(const Telemetry& tick, const ProxyState& state) noexcept override {
     felt.add(tick, state);
     if (live != nullptr) live->take(tick, state);
+    if (recorder != nullptr) recorder->take(tick);
     if (ring_ && !ring_->try_enqueue(tick)) ++lost_;
   }
   /// On the thread that writes.
@@ -73,7 +78,8 @@ class Log final : public TickSink {
   }
 
   Felt felt;
-  LiveWriter* live = nullptr;  ///< Of a window.
+  LiveWriter* live = nullptr;    ///< Of a window.
+  Recorder* recorder = nullptr;  ///< Null: nothing is recorded.
 
  private:
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
@@ -86,6 +92,7 @@ class Log final : public TickSink {
 struct Hand {
   Log log;  // first: its ring has cache lines of its own
   std::unique_ptr<Device> device;
+  std::unique_ptr<Recorder> recorder;
   Trace trace;
   Picture* picture = nullptr;  ///< The first one's.
   OrderedJson granted;
@@ -113,6 +120,7 @@ struct Run {
   const SceneSpec& spec;                                   ///< What the scene was built of.
   std::optional<std::filesystem::file_time_type> written;  ///< The scene's file.
   SceneCache& cache;
+  const ToFeel& from;      ///< What that is.
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
   Window* window = nullptr;
@@ -125,6 +133,9 @@ struct Run {
 
 /// As fast as it goes; the same every time.
 void runInVirtualTime(const Run& run);
+/// Hands that were recorded, each bit of it: all of them ReplayDevices. `scenes`: what their ticks
+/// are felt in, by the ids that they were recorded with; where it has none, `run.scene`.
+void runAgain(const Run& run, const ScenesById& scenes);
 /// With a clock, in a thread each.
 void runOnTime(const Run& run, Guardian& guardian);
 

@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/recorded.h"
 #include "palpate/scenes/cli/say.h"
 #include "palpate/scenes/scene_file.h"
 
@@ -55,6 +56,7 @@ std::optional<BuiltScene> Watcher::look() {
       if (read_) {
         spec_ = std::move(made.spec);
         ids_ = std::move(made.ids);
+        text_ = std::move(made.text);
         sayAside("feel: {} has changed: it is felt now\n", file_);
       }
       return std::move(made.built);
@@ -76,8 +78,9 @@ std::optional<BuiltScene> Watcher::look() {
   tried_ = wanted_;
   trying_ = request_;
   made_ = std::async(std::launch::async, [this, read = read_, dials = tried_] {
-    Made made{spec_, ids_, {}};
+    Made made{spec_, ids_, {}, {}};
     if (read) {
+      made.text = textOfScene(file_);
       made.spec = openScene(file_, {});
       (void)fitToAll(made.spec, devices_);
       made.ids = idsOf(made.spec, spec_, ids_);

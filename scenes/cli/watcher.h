@@ -44,6 +44,10 @@ class Watcher {
   std::optional<BuiltScene> look();
   /// Of the modes of the scene that was looked at last, by their numbers.
   [[nodiscard]] std::vector<LiveDial> dials() const { return inOrder(felt_, ids_); }
+  /// The scene that was looked at last, without dials.
+  [[nodiscard]] const SceneSpec& spec() const noexcept { return spec_; }
+  /// Its file's text (textOfScene), if that was read by look(); empty: it is the first scene's.
+  [[nodiscard]] const std::string& text() const noexcept { return text_; }
   /// The last request that was refused; its dials are as they were before.
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }
 
@@ -53,12 +57,14 @@ class Watcher {
     SceneSpec spec;
     ModeIds ids;
     BuiltScene built;
+    std::string text;
   };
   [[nodiscard]] bool changed();
 
   SceneSpec spec_;
   ModeIds ids_;
   std::string file_;
+  std::string text_;
   bool files_;
   std::vector<const Device*> devices_;
   SceneCache& cache_;

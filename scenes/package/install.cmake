@@ -82,7 +82,8 @@ endif()
 
 # The libraries that there are: of the engine alone those that need Eigen only.
 set(libraries "")
-foreach(library analytic devices engine guardian hid json openvdb options samplers scenes)
+foreach(library analytic devices engine guardian hid json openvdb options record
+        samplers scenes)
   if(TARGET palpate_${library})
     set_target_properties(palpate_${library} PROPERTIES EXPORT_NAME ${library})
     list(APPEND libraries palpate_${library})

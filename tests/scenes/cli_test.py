@@ -60,7 +60,7 @@ class Case(unittest.TestCase):
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "view", "plot", "stability", "devices", "schema", "completion", "help"):
+                     "view", "compare", "convert", "plot", "stability", "devices", "schema", "completion", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")

@@ -1,0 +1,121 @@
+#include "palpate/devices/recorder.h"
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <fcntl.h>
+#include <readerwriterqueue.h>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate {
+
+/// Never grows: try_enqueue takes no memory.
+struct Recorder::Ring : moodycamel::ReaderWriterQueue<RecordedTick> {
+  using ReaderWriterQueue::ReaderWriterQueue;
+};
+
+Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
+    : file_(std::move(file)), ring_(std::make_unique<Ring>(kRoom)) {
+  descriptor_ = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (descriptor_ < 0) {
+    throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
+                "check the path");
+  }
+  rows_.reserve(kRoom);
+  write(recordingHeader(setting));
+  if (const std::string why = trouble(); !why.empty()) {
+    ::close(descriptor_);
+    throw Error(file_.string(), why, "free some space, or give another place");
+  }
+  thread_ = std::thread([this] { run(); });
+}
+
+Recorder::~Recorder() {
+  end();
+}
+
+void Recorder::take(const Telemetry& tick) noexcept {
+  if (off_.load(std::memory_order_relaxed)) return;
+  if (!ring_->try_enqueue(recordedTick(tick))) lost_.fetch_add(1, std::memory_order_relaxed);
+}
+
+void Recorder::expect(RecordedScene scene) {
+  const std::lock_guard lock(mutex_);
+  scenes_.push_back(std::move(scene));
+}
+
+void Recorder::wait() const {
+  while (!off_ && ring_->size_approx() > kRoom / 2) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+std::string Recorder::trouble() const {
+  const std::lock_guard lock(mutex_);
+  return trouble_;
+}
+
+void Recorder::end() {
+  if (!thread_.joinable()) return;
+  ends_ = true;
+  thread_.join();
+  ::close(descriptor_);
+}
+
+void Recorder::run() {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::duration<double> kLook(0.5 * kWritten);
+  auto synced = Clock::now();
+  for (bool last = false; !last;) {
+    last = ends_;
+    writeNew();
+    const auto now = Clock::now();
+    if (last || now - synced >= std::chrono::duration<double>(kSynced)) {
+      ::fdatasync(descriptor_);
+      synced = now;
+    }
+    // What waits is written at once where time is not real.
+    if (!last && ring_->size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
+  }
+}
+
+void Recorder::writeNew() {
+  rows_.clear();
+  RecordedTick row;
+  while (rows_.size() < rows_.capacity() && ring_->try_dequeue(row)) rows_.push_back(row);
+  // A scene is told before it is published: that of each of these ticks is among them.
+  std::vector<RecordedScene> scenes;
+  {
+    const std::lock_guard lock(mutex_);
+    scenes.swap(scenes_);
+  }
+  for (const RecordedScene& scene : scenes) write(recordingChunk(scene));
+  if (!rows_.empty()) write(recordingChunk(rows_));
+}
+
+void Recorder::write(const std::string& chunk) {
+  if (off_) return;
+  std::size_t at = 0;
+  while (at < chunk.size()) {
+    const ssize_t wrote = ::write(descriptor_, chunk.data() + at, chunk.size() - at);
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote <= 0) {
+      const std::string why = std::strerror(wrote < 0 ? errno : ENOSPC);
+      // No piece of a chunk is left behind the last whole one.
+      if (::ftruncate(descriptor_, static_cast<off_t>(whole_)) != 0) errno = 0;
+      const std::lock_guard lock(mutex_);
+      trouble_ = fmt::format("it cannot be written on ({})", why);
+      off_ = true;
+      return;
+    }
+    at += static_cast<std::size_t>(wrote);
+  }
+  whole_ += chunk.size();
+}
+
+}  // namespace palpate

@@ -1,0 +1,519 @@
+#include "palpate/devices/recording.h"
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <cstring>
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <system_error>
+#include <unistd.h>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include "palpate/devices/crc32c.h"
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+using OrderedJson = nlohmann::ordered_json;
+
+static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
+
+constexpr int kVersion = 1;
+constexpr std::int64_t kChunk = -1;  // RecordedTick::tick of a chunk's mark,
+constexpr std::int64_t kText = -2;   // and of a piece of text.
+constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
+constexpr char kBegins[] = "{\"palpate_recording\":";
+
+enum class ChunkKind : std::uint64_t { kTicks, kScene };
+
+/// The record before each chunk.
+struct ChunkMark {
+  std::int64_t tick;          ///< kChunk.
+  std::array<char, 8> magic;  ///< kMagic.
+  std::uint64_t kind;         ///< A ChunkKind.
+  std::uint64_t count;        ///< Records that follow.
+  std::int64_t first;         ///< Of ticks: the first one's number.
+  std::uint64_t scene;        ///< Of a scene: its id,
+  std::uint64_t bytes;        ///< and how long its text is.
+  std::uint64_t crc;          ///< CRC-32C of this record with 0 here, and of those that follow.
+  std::array<char, sizeof(RecordedTick) - 64> zero;
+};
+static_assert(sizeof(ChunkMark) == sizeof(RecordedTick));
+
+/// A piece of a text.
+struct TextPiece {
+  std::int64_t tick;  ///< kText.
+  std::array<char, sizeof(RecordedTick) - 8> text;
+};
+static_assert(sizeof(TextPiece) == sizeof(RecordedTick));
+
+template <class T>
+std::span<const std::byte> bytesOf(const T& value) noexcept {
+  return std::as_bytes(std::span(&value, 1));
+}
+
+std::string asText(std::span<const std::byte> bytes) {
+  std::string text(bytes.size(), '\0');
+  std::memcpy(text.data(), bytes.data(), bytes.size());
+  return text;
+}
+
+std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
+  mark.tick = kChunk;
+  mark.magic = kMagic;
+  mark.count = records.size() / sizeof(RecordedTick);
+  mark.crc = crc32c(records, crc32c(bytesOf(mark)));
+  return asText(bytesOf(mark)) + asText(records);
+}
+
+#define PALPATE_FIELD(name, type, count, unit, output)             \
+  RecordedField {                                                  \
+#name, type, count, offsetof(RecordedTick, name), unit, output \
+  }
+constexpr std::array kFields{
+    PALPATE_FIELD(tick, "<i8", 1, "", false),
+    PALPATE_FIELD(scene, "<u8", 1, "", false),
+    PALPATE_FIELD(tick_ns, "<i8", 1, "ns", false),
+    PALPATE_FIELD(wake_ns, "<i8", 1, "ns", false),
+    PALPATE_FIELD(late_ticks, "<i8", 1, "", false),
+    PALPATE_FIELD(time, "<f8", 1, "s", false),
+    PALPATE_FIELD(dt, "<f8", 1, "s", false),
+    PALPATE_FIELD(hand, "<f8", 3, "m", false),
+    PALPATE_FIELD(velocity, "<f8", 3, "m/s", false),
+    PALPATE_FIELD(drives, "<f8", 9, "", false),
+    PALPATE_FIELD(age, "<f8", 1, "s", false),
+    PALPATE_FIELD(still, "<f8", 1, "s", false),
+    PALPATE_FIELD(max_speed, "<f8", 1, "m/s", false),
+    PALPATE_FIELD(given, "<f8", 1, "", false),
+    PALPATE_FIELD(force, "<f8", 3, "N", true),
+    PALPATE_FIELD(wanted, "<f8", 3, "N", true),
+    PALPATE_FIELD(proxy, "<f8", 3, "m", true),
+    PALPATE_FIELD(waiting, "<f8", 3, "m", true),
+    PALPATE_FIELD(stiffness, "<f8", 1, "N/m", true),
+    PALPATE_FIELD(error_bound, "<f8", 1, "m", true),
+    PALPATE_FIELD(injected, "<f8", 1, "J", true),
+    PALPATE_FIELD(missing, "<f8", 1, "N", true),
+    PALPATE_FIELD(moving, "<f8", 1, "", true),
+    PALPATE_FIELD(share, "<f8", 1, "", true),
+    PALPATE_FIELD(energy, "<f8", 1, "J", true),
+    PALPATE_FIELD(iterations, "<i4", 1, "", true),
+    PALPATE_FIELD(substeps, "<i4", 1, "", true),
+    PALPATE_FIELD(samples, "<i4", 1, "", true),
+    PALPATE_FIELD(traced, "<i4", 1, "", true),
+    PALPATE_FIELD(walked, "<i4", 1, "", true),
+    PALPATE_FIELD(primitives, "<i4", 1, "", true),
+    PALPATE_FIELD(parts, "<i4", 1, "", true),
+    PALPATE_FIELD(left_out, "<i4", 1, "", true),
+    PALPATE_FIELD(fresh, "u1", 1, "", false),
+    PALPATE_FIELD(ready, "u1", 1, "", false),
+    PALPATE_FIELD(reported, "u1", 1, "", false),
+    PALPATE_FIELD(too_fast, "u1", 1, "", false),
+    PALPATE_FIELD(cleared, "u1", 1, "", false),
+    PALPATE_FIELD(wrong, "u1", 1, "", false),
+    PALPATE_FIELD(order, "u1", 1, "", false),
+    PALPATE_FIELD(unsent, "u1", 1, "", false),
+    PALPATE_FIELD(solver, "u1", 1, "", true),
+    PALPATE_FIELD(status, "u1", 1, "", true),
+    PALPATE_FIELD(limited, "u1", 1, "", true),
+    PALPATE_FIELD(missed, "u1", 1, "", false),
+    PALPATE_FIELD(fault, "u1", 1, "", true),
+    PALPATE_FIELD(zero, "u1", 3, "", false),
+};
+#undef PALPATE_FIELD
+
+constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
+  return field.count * (field.type[0] == 'u' ? 1 : static_cast<std::size_t>(field.type[2] - '0'));
+}
+/// No byte of a record is untold, and none told twice.
+constexpr bool whole() noexcept {
+  std::size_t at = 0;
+  for (const RecordedField& field : kFields) {
+    if (field.offset != at) return false;
+    at += sizeOf(field);
+  }
+  return at == sizeof(RecordedTick);
+}
+static_assert(whole());
+
+std::array<double, 3> three(const Vec3& v) noexcept {
+  return {v.x(), v.y(), v.z()};
+}
+Vec3 vector(const std::array<double, 3>& v) noexcept {
+  return {v[0], v[1], v[2]};
+}
+Fault faultOf(std::uint8_t value) noexcept {
+  return value < kFaults ? static_cast<Fault>(value) : Fault::kNotFinite;
+}
+std::uint8_t byteOf(Fault fault) noexcept {
+  return static_cast<std::uint8_t>(fault);
+}
+
+OrderedJson jsonOf(const ForceLimits& l) {
+  const ArmDissipation& arm = l.tank.arm;
+  return {{"peak", l.peak},
+          {"slew", l.slew},
+          {"continuous", l.continuous},
+          {"heating", l.heating},
+          {"friction", l.friction},
+          {"engage", l.engage},
+          {"tank",
+           {{"use", static_cast<int>(l.tank.use)},
+            {"soft", l.tank.soft},
+            {"refill", l.tank.refill},
+            {"viscous", arm.viscous},
+            {"coulomb", arm.coulomb},
+            {"step", arm.step},
+            {"delay", arm.delay},
+            {"doubt", arm.doubt},
+            {"jitter", arm.jitter},
+            {"lag", arm.lag},
+            {"period", arm.period}}}};
+}
+
+ForceLimits limitsOf(const OrderedJson& json) {
+  ForceLimits l;
+  const auto read = [](const OrderedJson& from, const char* key, double& to) {
+    to = from.at(key).get<double>();
+  };
+  read(json, "peak", l.peak);
+  read(json, "slew", l.slew);
+  read(json, "continuous", l.continuous);
+  read(json, "heating", l.heating);
+  read(json, "friction", l.friction);
+  read(json, "engage", l.engage);
+  const OrderedJson& tank = json.at("tank");
+  l.tank.use = static_cast<TankUse>(tank.at("use").get<int>());
+  read(tank, "soft", l.tank.soft);
+  read(tank, "refill", l.tank.refill);
+  ArmDissipation& arm = l.tank.arm;
+  read(tank, "viscous", arm.viscous);
+  read(tank, "coulomb", arm.coulomb);
+  read(tank, "step", arm.step);
+  read(tank, "delay", arm.delay);
+  read(tank, "doubt", arm.doubt);
+  read(tank, "jitter", arm.jitter);
+  read(tank, "lag", arm.lag);
+  read(tank, "period", arm.period);
+  return l;
+}
+
+OrderedJson jsonOf(const DeviceInfo& d) {
+  return {{"name", d.name},
+          {"source", d.source},
+          {"hand", d.hand},
+          {"max_stiffness", d.max_stiffness},
+          {"max_damping", d.max_damping},
+          {"workspace_radius", d.workspace_radius},
+          {"mass", d.mass},
+          {"output_rate", d.output_rate},
+          {"stale", d.watch.stale},
+          {"max_speed", d.watch.max_speed},
+          {"late", d.watch.late},
+          {"limits", jsonOf(d.limits)}};
+}
+
+DeviceInfo deviceOf(const OrderedJson& json) {
+  DeviceInfo d;
+  d.name = json.at("name").get<std::string>();
+  d.source = json.at("source").get<std::string>();
+  d.hand = json.at("hand").get<bool>();
+  d.max_stiffness = json.at("max_stiffness").get<double>();
+  d.max_damping = json.at("max_damping").get<double>();
+  d.workspace_radius = json.at("workspace_radius").get<double>();
+  d.mass = json.at("mass").get<double>();
+  d.output_rate = json.at("output_rate").get<double>();
+  d.watch = {json.at("stale").get<double>(), json.at("max_speed").get<double>(),
+             json.at("late").get<double>()};
+  d.limits = limitsOf(json.at("limits"));
+  return d;
+}
+
+/// A file as a span of memory.
+std::span<const std::byte> mapped(const std::filesystem::path& file) {
+  const auto fail = [&](const std::string& why) {
+    throw Error(file.string(), why, "give a file of palpate feel --record");
+  };
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) fail(fmt::format("it cannot be read ({})", std::strerror(errno)));
+  struct stat facts {};
+  const bool regular = ::fstat(descriptor, &facts) == 0 && S_ISREG(facts.st_mode);
+  const auto size = static_cast<std::size_t>(facts.st_size);
+  void* at = nullptr;
+  if (regular && size > 0) at = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, descriptor, 0);
+  ::close(descriptor);
+  if (!regular) fail("it is no file");
+  if (at == MAP_FAILED) fail(fmt::format("it cannot be read ({})", std::strerror(errno)));
+  return {static_cast<const std::byte*>(at), size};
+}
+
+void unmap(std::span<const std::byte> bytes) noexcept {
+  if (!bytes.empty())
+    ::munmap(const_cast<std::byte*>(bytes.data()),
+             bytes.size());  // NOLINT(cppcoreguidelines-pro-type-const-cast)
+}
+
+template <class T>
+T at(std::span<const std::byte> bytes, std::size_t offset) noexcept {
+  T value;
+  std::memcpy(&value, bytes.data() + offset, sizeof(T));
+  return value;
+}
+
+/// The header's line, without its end; throws Error where it is none.
+std::string headerLine(std::span<const std::byte> bytes, const std::string& file) {
+  const auto* begin = reinterpret_cast<const char*>(bytes.data());
+  const std::size_t start = sizeof(kBegins) - 1;
+  const void* end = nullptr;
+  if (bytes.size() > start && std::memcmp(begin, kBegins, start) == 0) {
+    end = std::memchr(begin, '\n', bytes.size());
+  }
+  if (end == nullptr) {
+    throw Error(file, "it is no recording", "give a file of palpate feel --record");
+  }
+  return {begin, static_cast<const char*>(end)};
+}
+
+}  // namespace
+
+RecordedTick recordedTick(const Telemetry& tick) noexcept {
+  const TickInput& in = tick.input;
+  const HandState& h = in.hand;
+  const StepReport& r = tick.report;
+  const auto flag = [](bool value) { return static_cast<std::uint8_t>(value ? 1 : 0); };
+  RecordedTick out{};
+  out.tick = tick.tick;
+  out.scene = tick.scene;
+  out.tick_ns = tick.tick_ns;
+  out.wake_ns = tick.wake_ns;
+  out.late_ticks = tick.late_ticks;
+  out.time = tick.time;
+  out.dt = in.dt;
+  out.hand = three(h.position);
+  out.velocity = three(h.velocity);
+  std::copy_n(h.drives.data(), 9, out.drives.begin());
+  out.age = h.age;
+  out.still = h.still;
+  out.max_speed = h.max_speed;
+  out.given = in.given;
+  out.force = three(r.force);
+  out.wanted = three(r.wanted);
+  out.proxy = three(r.proxy);
+  out.waiting = three(r.waiting);
+  out.stiffness = r.stiffness;
+  out.error_bound = r.error_bound;
+  out.injected = r.injected;
+  out.missing = r.missing;
+  out.moving = r.moving;
+  out.share = r.share;
+  out.energy = r.energy;
+  out.iterations = r.iterations;
+  out.substeps = r.substeps;
+  out.samples = r.samples;
+  out.traced = r.traced;
+  out.walked = r.walked;
+  out.primitives = r.primitives;
+  out.parts = r.parts;
+  out.left_out = r.left_out;
+  out.fresh = flag(h.fresh);
+  out.ready = flag(h.ready);
+  out.reported = byteOf(h.fault);
+  out.too_fast = flag(h.too_fast);
+  out.cleared = flag(in.cleared);
+  out.wrong = byteOf(in.wrong);
+  out.order = byteOf(in.order);
+  out.unsent = byteOf(in.unsent);
+  out.solver = static_cast<std::uint8_t>(r.solver);
+  out.status = static_cast<std::uint8_t>(r.status);
+  out.limited = flag(r.limited);
+  out.missed = flag(tick.missed);
+  out.fault = byteOf(tick.fault);
+  return out;
+}
+
+Telemetry telemetryOf(const RecordedTick& tick) noexcept {
+  Telemetry out;
+  TickInput& in = out.input;
+  HandState& h = in.hand;
+  StepReport& r = out.report;
+  out.tick = tick.tick;
+  out.scene = tick.scene;
+  out.tick_ns = tick.tick_ns;
+  out.wake_ns = tick.wake_ns;
+  out.late_ticks = tick.late_ticks;
+  out.time = tick.time;
+  in.dt = tick.dt;
+  out.probe = h.position = vector(tick.hand);
+  h.velocity = vector(tick.velocity);
+  std::copy_n(tick.drives.begin(), 9, h.drives.data());
+  h.age = tick.age;
+  h.still = tick.still;
+  h.max_speed = tick.max_speed;
+  in.given = tick.given;
+  r.force = vector(tick.force);
+  r.wanted = vector(tick.wanted);
+  r.proxy = vector(tick.proxy);
+  r.waiting = vector(tick.waiting);
+  r.stiffness = tick.stiffness;
+  r.error_bound = tick.error_bound;
+  r.injected = tick.injected;
+  r.missing = tick.missing;
+  r.moving = tick.moving;
+  r.share = tick.share;
+  r.energy = tick.energy;
+  r.iterations = tick.iterations;
+  r.substeps = tick.substeps;
+  r.samples = tick.samples;
+  r.traced = tick.traced;
+  r.walked = tick.walked;
+  r.primitives = tick.primitives;
+  r.parts = tick.parts;
+  r.left_out = tick.left_out;
+  h.fresh = tick.fresh != 0;
+  h.ready = tick.ready != 0;
+  h.fault = faultOf(tick.reported);
+  h.too_fast = tick.too_fast != 0;
+  in.cleared = tick.cleared != 0;
+  in.wrong = faultOf(tick.wrong);
+  in.order = faultOf(tick.order);
+  in.unsent = faultOf(tick.unsent);
+  r.solver = static_cast<SolverKind>(std::min<std::uint8_t>(tick.solver, 2));
+  r.status = static_cast<StepStatus>(std::min<std::uint8_t>(tick.status, kStepStatuses - 1));
+  r.limited = tick.limited != 0;
+  out.missed = tick.missed != 0;
+  out.fault = faultOf(tick.fault);
+  return out;
+}
+
+std::span<const RecordedField> recordedFields() noexcept {
+  return kFields;
+}
+
+std::string recordingHeader(const RecordedSetting& setting) {
+  OrderedJson json;
+  json["palpate_recording"] = kVersion;
+  json["offset"] = 0;  // below
+  json["record"] = sizeof(RecordedTick);
+  OrderedJson units;
+  for (const RecordedField& field : kFields) {
+    OrderedJson entry{field.name, field.type};
+    if (field.count > 1) entry.push_back(field.count);
+    json["dtype"].push_back(entry);
+    if (field.unit[0] != '\0') units[field.name] = field.unit;
+  }
+  json["units"] = units;
+  json["rate"] = setting.rate;
+  json["device"] = jsonOf(setting.device);
+  json["about"] = OrderedJson::parse(setting.about.empty() ? "{}" : setting.about);
+  // Room for the number itself, whatever it is.
+  const auto line = [&] {
+    return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
+  };
+  constexpr std::size_t kDigits = 20;
+  const std::size_t records = (line().size() + kDigits) / sizeof(RecordedTick) + 1;
+  json["offset"] = records * sizeof(RecordedTick);
+  std::string text = line();
+  text.resize(records * sizeof(RecordedTick), ' ');
+  text.back() = '\n';
+  return text;
+}
+
+std::string recordingChunk(std::span<const RecordedTick> ticks) {
+  ChunkMark mark{};
+  mark.kind = static_cast<std::uint64_t>(ChunkKind::kTicks);
+  mark.first = ticks.front().tick;
+  return chunkOf(mark, std::as_bytes(ticks));
+}
+
+std::string recordingChunk(const RecordedScene& scene) {
+  ChunkMark mark{};
+  mark.kind = static_cast<std::uint64_t>(ChunkKind::kScene);
+  mark.scene = scene.id;
+  mark.bytes = scene.text.size();
+  std::vector<TextPiece> pieces;
+  constexpr std::size_t kPiece = sizeof(TextPiece::text);
+  for (std::size_t from = 0; from < scene.text.size(); from += kPiece) {
+    TextPiece& piece = pieces.emplace_back();
+    piece.tick = kText;
+    piece.text = {};
+    scene.text.copy(piece.text.data(), kPiece, from);
+  }
+  return chunkOf(mark, std::as_bytes(std::span(pieces)));
+}
+
+bool isRecording(const std::filesystem::path& file) noexcept {
+  std::array<char, sizeof(kBegins) - 1> begin{};
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (descriptor < 0) return false;
+  const auto read = ::read(descriptor, begin.data(), begin.size());
+  ::close(descriptor);
+  return read == static_cast<ssize_t>(begin.size()) &&
+         std::memcmp(begin.data(), kBegins, begin.size()) == 0;
+}
+
+Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
+  const std::string name = file.string();
+  std::size_t offset = 0;
+  try {
+    const OrderedJson json = OrderedJson::parse(headerLine(bytes_, name));
+    const OrderedJson written = OrderedJson::parse(recordingHeader({}));
+    if (json.at("palpate_recording") != kVersion || json.at("dtype") != written.at("dtype")) {
+      throw Error(name, "it is a recording of another version of palpate",
+                  "convert it with that version");
+    }
+    offset = json.at("offset").get<std::size_t>();
+    setting_.rate = json.at("rate").get<double>();
+    setting_.device = deviceOf(json.at("device"));
+    setting_.about = json.at("about").dump();
+  } catch (const nlohmann::json::exception& error) {
+    unmap(bytes_);
+    throw Error(name, fmt::format("its header is damaged ({})", error.what()),
+                "give a file of palpate feel --record");
+  } catch (const Error&) {
+    unmap(bytes_);
+    throw;
+  }
+  constexpr std::size_t kRecord = sizeof(RecordedTick);
+  while (offset < bytes_.size() && bytes_.size() - offset >= kRecord) {
+    ChunkMark mark = at<ChunkMark>(bytes_, offset);
+    const std::size_t room = (bytes_.size() - offset) / kRecord - 1;
+    if (mark.tick != kChunk || mark.magic != kMagic || mark.count > room) break;
+    const auto records = bytes_.subspan(offset + kRecord, mark.count * kRecord);
+    const std::uint64_t crc = mark.crc;
+    mark.crc = 0;
+    if (crc32c(records, crc32c(bytesOf(mark))) != crc) break;
+    if (mark.kind == static_cast<std::uint64_t>(ChunkKind::kTicks)) {
+      chunks_.push_back({size_, offset + kRecord});
+      size_ += static_cast<std::int64_t>(mark.count);
+    } else if (mark.kind == static_cast<std::uint64_t>(ChunkKind::kScene)) {
+      RecordedScene& scene = scenes_.emplace_back();
+      scene.id = mark.scene;
+      for (std::size_t i = 0; i < mark.count; ++i) {
+        const auto piece = at<TextPiece>(records, i * kRecord);
+        scene.text.append(piece.text.data(), piece.text.size());
+      }
+      scene.text.resize(std::min<std::size_t>(scene.text.size(), mark.bytes));
+    }
+    offset += kRecord * (1 + mark.count);
+  }
+  torn_ = bytes_.size() - std::min(offset, bytes_.size());
+  if (size_ > 0) lost_ = tick(size_ - 1).tick - size_;  // they count from 1
+}
+
+Recording::~Recording() {
+  unmap(bytes_);
+}
+
+RecordedTick Recording::tick(std::int64_t i) const noexcept {
+  const auto after = std::upper_bound(chunks_.begin(), chunks_.end(), i,
+                                      [](std::int64_t a, const Chunk& c) { return a < c.first; });
+  const Chunk& chunk = *(after - 1);
+  return at<RecordedTick>(
+      bytes_, chunk.at + static_cast<std::size_t>(i - chunk.first) * sizeof(RecordedTick));
+}
+
+}  // namespace palpate

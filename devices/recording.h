@@ -1,0 +1,150 @@
+/// A recording: all that a hand's ticks were given and came to, in a file that a killed program
+/// leaves readable.
+///
+/// The file is a row of records of one size, kept little-endian. A header: one line of JSON, filled
+/// up with blanks, that says what is in a record (`dtype`, as numpy has it), in which units, and of
+/// which program, device and machine it is. Then chunks, each a record of its own (ChunkMark) and
+/// what it announces: rows, or a scene as text. What is no row has a `tick` below zero. Files only
+/// grow; of one that was torn off all up to the last whole chunk counts.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "palpate/engine/device.h"
+#include "palpate/engine/telemetry.h"
+
+namespace palpate {
+
+/// One tick. Every byte of it is told.
+struct RecordedTick {
+  std::int64_t tick;                 ///< Telemetry::tick.
+  std::uint64_t scene;               ///< Telemetry::scene.
+  std::int64_t tick_ns;              ///< Time that the tick took [ns].
+  std::int64_t wake_ns;              ///< How late it began [ns].
+  std::int64_t late_ticks;           ///< Missed ticks so far.
+  double time;                       ///< Since the start [s].
+  double dt;                         ///< TickInput::dt [s].
+  std::array<double, 3> hand;        ///< HandState::position [m].
+  std::array<double, 3> velocity;    ///< HandState::velocity [m/s].
+  std::array<double, 9> drives;      ///< HandState::drives, by columns.
+  double age;                        ///< HandState::age [s].
+  double still;                      ///< HandState::still [s].
+  double max_speed;                  ///< HandState::max_speed [m/s].
+  double given;                      ///< TickInput::given.
+  std::array<double, 3> force;       ///< StepReport::force [N].
+  std::array<double, 3> wanted;      ///< StepReport::wanted [N].
+  std::array<double, 3> proxy;       ///< StepReport::proxy [m].
+  std::array<double, 3> waiting;     ///< StepReport::waiting [m].
+  double stiffness;                  ///< StepReport::stiffness [N/m].
+  double error_bound;                ///< StepReport::error_bound [m].
+  double injected;                   ///< StepReport::injected [J].
+  double missing;                    ///< StepReport::missing [N].
+  double moving;                     ///< StepReport::moving.
+  double share;                      ///< StepReport::share.
+  double energy;                     ///< StepReport::energy [J].
+  std::int32_t iterations;           ///< StepReport's, as all of the next seven.
+  std::int32_t substeps;             ///< Readings.
+  std::int32_t samples;              ///< Field reads.
+  std::int32_t traced;               ///< Reads along streams.
+  std::int32_t walked;               ///< Cells.
+  std::int32_t primitives;           ///< Of the last balance.
+  std::int32_t parts;                ///< That were near.
+  std::int32_t left_out;             ///< That were near and had no room.
+  std::uint8_t fresh;                ///< HandState::fresh.
+  std::uint8_t ready;                ///< HandState::ready.
+  std::uint8_t reported;             ///< HandState::fault.
+  std::uint8_t too_fast;             ///< HandState::too_fast.
+  std::uint8_t cleared;              ///< TickInput::cleared.
+  std::uint8_t wrong;                ///< TickInput::wrong.
+  std::uint8_t order;                ///< TickInput::order.
+  std::uint8_t unsent;               ///< TickInput::unsent.
+  std::uint8_t solver;               ///< StepReport::solver.
+  std::uint8_t status;               ///< StepReport::status.
+  std::uint8_t limited;              ///< StepReport::limited.
+  std::uint8_t missed;               ///< Telemetry::missed.
+  std::uint8_t fault;                ///< Telemetry::fault.
+  std::array<std::uint8_t, 3> zero;  ///< Zeros.
+};
+
+/// RT: no allocation.
+[[nodiscard]] RecordedTick recordedTick(const Telemetry& tick) noexcept PALPATE_NONBLOCKING;
+/// The same tick again, all of it.
+[[nodiscard]] Telemetry telemetryOf(const RecordedTick& tick) noexcept;
+
+/// Where a field of a recorded tick is, and what it is.
+struct RecordedField {
+  const char* name;    ///< As RecordedTick has it.
+  const char* type;    ///< numpy's: <f8, <i8, <u8, <i4, u1.
+  std::size_t count;   ///< Numbers in it.
+  std::size_t offset;  ///< [bytes]
+  const char* unit;    ///< Empty: a number without one.
+  bool output;         ///< Decided by the inputs and the scenes.
+};
+/// All of them, in order and without a gap.
+[[nodiscard]] std::span<const RecordedField> recordedFields() noexcept;
+
+/// A scene that became the hand's.
+struct RecordedScene {
+  std::uint64_t id = 0;  ///< RecordedTick::scene.
+  std::string text;      ///< JSON: what it was made of; scenes/recorded.h.
+};
+
+/// What a recording is told in its header; numbers are exact.
+struct RecordedSetting {
+  DeviceInfo device;     ///< Of the hand; its `limits` as the loop had them.
+  double rate = 1000.0;  ///< [Hz]
+  std::string about;     ///< JSON object: program, machine and whatever else; opaque here.
+};
+
+/// A recording's file in memory, mapped; what is torn off at its end is left out.
+class Recording {
+ public:
+  /// Throws Error: it cannot be read, or is no recording of this version.
+  explicit Recording(const std::filesystem::path& file);
+  Recording(const Recording&) = delete;
+  Recording& operator=(const Recording&) = delete;
+  ~Recording();
+
+  [[nodiscard]] const RecordedSetting& setting() const noexcept { return setting_; }
+  [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Ticks.
+  /// The i-th tick, i < size(). Cost: a search among chunks.
+  [[nodiscard]] RecordedTick tick(std::int64_t i) const noexcept;
+  /// In the order in which they became the hand's.
+  [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
+  /// Bytes behind the last whole chunk.
+  [[nodiscard]] std::size_t torn() const noexcept { return torn_; }
+  /// Ticks that did not get into the file: the numbers of those that did leave them out.
+  [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+
+ private:
+  struct Chunk {
+    std::int64_t first = 0;  ///< Index of its first tick.
+    std::size_t at = 0;      ///< Of that in the file [bytes].
+  };
+
+  std::span<const std::byte> bytes_;
+  RecordedSetting setting_;
+  std::vector<Chunk> chunks_;
+  std::vector<RecordedScene> scenes_;
+  std::int64_t size_ = 0;
+  std::size_t torn_ = 0;
+  std::int64_t lost_ = 0;
+};
+
+/// True where a file begins as recordings do.
+[[nodiscard]] bool isRecording(const std::filesystem::path& file) noexcept;
+
+/// The pieces of a file, for whoever writes one: the header,
+[[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
+/// a chunk of ticks (not empty),
+[[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
+/// and one with a scene.
+[[nodiscard]] std::string recordingChunk(const RecordedScene& scene);
+
+}  // namespace palpate

@@ -1,0 +1,202 @@
+/// palpate compare: do two recordings feel alike?
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/recording.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/step_report.h"
+#include "palpate/scenes/cli/again.h"
+#include "palpate/scenes/cli/common.h"
+
+namespace palpate::cli {
+namespace {
+
+struct CompareOptions {
+  std::string a;
+  std::string b;
+  bool json = false;
+};
+
+std::size_t bytesOf(const RecordedField& field, std::size_t next) {
+  return next - field.offset;
+}
+
+/// A field in which two ticks differ, inputs before outputs.
+const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
+  const auto fields = recordedFields();
+  const auto* x = reinterpret_cast<const char*>(&a);
+  const auto* y = reinterpret_cast<const char*>(&b);
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const RecordedField& field = fields[i];
+    if (field.output != outputs) continue;
+    const std::size_t next = i + 1 < fields.size() ? fields[i + 1].offset : sizeof(RecordedTick);
+    if (std::memcmp(x + field.offset, y + field.offset, bytesOf(field, next)) != 0) return &field;
+  }
+  return nullptr;
+}
+
+/// What a tick was given: neither how long it took nor how late it began, nor which number its
+/// scene has.
+RecordedTick given(RecordedTick tick) {
+  tick.scene = 0;
+  tick.tick_ns = tick.wake_ns = tick.late_ticks = 0;
+  tick.missed = 0;
+  return tick;
+}
+
+Vec3 vector(const std::array<double, 3>& v) {
+  return {v[0], v[1], v[2]};
+}
+
+/// The largest of something, and the tick that it was in.
+struct Largest {
+  double value = 0.0;
+  std::optional<RecordedTick> tick;
+
+  void add(double x, const RecordedTick& in) {
+    if (tick && !(x > value)) return;
+    value = x;
+    tick = in;
+  }
+  [[nodiscard]] OrderedJson json() const {
+    if (!tick || !(value > 0.0)) return nullptr;
+    return {{"by", value},
+            {"tick", tick->tick},
+            {"time", tick->time},
+            {"hand", toJson(vector(tick->hand))},
+            {"proxy", toJson(vector(tick->proxy))}};
+  }
+};
+
+struct Difference {
+  std::int64_t ticks = 0;                  ///< That were compared.
+  std::int64_t differing = 0;              ///< In what they came to.
+  std::optional<RecordedTick> other_hand;  ///< The first that was given something else,
+  const char* given = "";                  ///< and what.
+  std::optional<RecordedTick> first;       ///< The first that came to something else,
+  const char* field = "";                  ///< and in what.
+  Largest force;                           ///< [N]
+  Largest proxy;                           ///< [m]
+  std::map<std::string, std::array<std::int64_t, 2>> statuses;
+
+  [[nodiscard]] bool alike() const { return differing == 0 && !other_hand; }
+};
+
+Difference compare(const Recording& a, const Recording& b) {
+  Difference d;
+  d.ticks = std::min(a.size(), b.size());
+  for (std::int64_t i = 0; i < d.ticks; ++i) {
+    const RecordedTick x = a.tick(i);
+    const RecordedTick y = b.tick(i);
+    if (!d.other_hand) {
+      if (const RecordedField* field = differing(given(x), given(y), false)) {
+        d.other_hand = x;
+        d.given = field->name;
+      }
+    }
+    const RecordedField* field = differing(x, y, true);
+    ++d.statuses[wordFor(telemetryOf(x).report.status)][0];
+    ++d.statuses[wordFor(telemetryOf(y).report.status)][1];
+    if (field == nullptr) continue;
+    ++d.differing;
+    if (!d.first) {
+      d.first = x;
+      d.field = field->name;
+    }
+    d.force.add((vector(x.force) - vector(y.force)).norm(), x);
+    d.proxy.add((vector(x.proxy) - vector(y.proxy)).norm(), x);
+  }
+  return d;
+}
+
+OrderedJson jsonOf(const Difference& d, const Recording& a, const Recording& b) {
+  const auto moment = [](const std::optional<RecordedTick>& tick, const char* field) {
+    if (!tick) return OrderedJson();
+    return OrderedJson{{"tick", tick->tick}, {"time", tick->time}, {"field", field}};
+  };
+  OrderedJson json;
+  json["identical"] = d.alike() && a.size() == b.size();
+  json["ticks"] = {a.size(), b.size()};
+  json["lost"] = {a.lost(), b.lost()};
+  json["torn"] = {a.torn(), b.torn()};
+  json["compared"] = d.ticks;
+  json["differing"] = d.differing;
+  json["given_otherwise"] = moment(d.other_hand, d.given);
+  json["first"] = moment(d.first, d.field);
+  json["force"] = d.force.json();
+  json["proxy"] = d.proxy.json();
+  json["statuses"] = OrderedJson::object();
+  for (const auto& [word, counts] : d.statuses) json["statuses"][word] = counts;
+  return json;
+}
+
+void tell(const CompareOptions& options, const Difference& d, const Recording& a,
+          const Recording& b) {
+  const auto about = [](const char* what, const std::string& file, const Recording& r) {
+    say("{}         {}: {} ticks{}{}\n", what, file, r.size(),
+        r.lost() > 0 ? sentence(fmt::format(", {} lost", r.lost())) : sentence(""),
+        r.torn() > 0 ? sentence(fmt::format(", torn off behind them ({} bytes)", r.torn()))
+                     : sentence(""));
+  };
+  about("A", options.a, a);
+  about("B", options.b, b);
+  if (d.other_hand) {
+    say("given     other things from tick {} on ({} s): {}\n", d.other_hand->tick,
+        rounded(d.other_hand->time), d.given);
+  }
+  if (d.differing == 0) {
+    say("felt      the same to the last bit, {} ticks\n", d.ticks);
+    return;
+  }
+  say("felt      otherwise in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
+      d.first->tick, rounded(d.first->time), d.field);
+  say("force     by {} N at most, proxy by {} mm\n", rounded(d.force.value),
+      rounded(1e3 * d.proxy.value));
+  for (const auto& [word, counts] : d.statuses) {
+    if (counts[0] != counts[1]) say("status    {}: {}, {} ticks\n", word, counts[0], counts[1]);
+  }
+  if (d.force.tick && d.force.value > 0.0) {
+    const RecordedTick& most = *d.force.tick;
+    say("most      in tick {} ({} s), hand at {}, proxy at {}: {} N and as B {} N more or less\n",
+        most.tick, rounded(most.time), placeWords(vector(most.hand)),
+        placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), rounded(d.force.value));
+  }
+}
+
+int compareThem(const CompareOptions& options) {
+  const Recording a(options.a);
+  const Recording b(options.b);
+  const Difference d = compare(a, b);
+  if (options.json) {
+    sayJson(jsonOf(d, a, b));
+  } else {
+    tell(options, d, a, b);
+  }
+  return d.alike() && a.size() == b.size() ? kDone : kEndedEarly;
+}
+
+}  // namespace
+
+void addCompare(CLI::App& app, std::function<int()>& body) {
+  CLI::App* verb = app.add_subcommand(
+      "compare", "Says whether two recordings feel alike, and if not, where and by how much");
+  auto options = std::make_shared<CompareOptions>();
+  verb->add_option("A", options->a, "A recording (palpate feel --record)")->required();
+  verb->add_option("B", options->b, "Another")->required();
+  verb->add_flag("--json", options->json, "Print it as JSON");
+  verb->footer(
+      "Exit status: 0 where they are the same to the last bit, 1 where they differ\n\n"
+      "Example:\n  palpate feel head.json --device replay:a.rec --record b.rec\n"
+      "  palpate compare a.rec b.rec");
+  verb->callback([=, &body] { body = [=] { return compareThem(*options); }; });
+}
+
+}  // namespace palpate::cli

@@ -1,0 +1,41 @@
+/// Scenes in recordings: what they were made of, and the same again.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "palpate/devices/recording.h"
+#include "palpate/scenes/build_scene.h"
+#include "palpate/scenes/live.h"
+
+namespace palpate::cli {
+
+/// A scene that is to be felt, and what a recording keeps of it.
+struct ToFeel {
+  SceneSpec spec;
+  std::string file;  ///< Of the scene.
+  std::string text;  ///< As it was read; empty for a .vdb, or a folder.
+};
+/// Opens a scene (openScene), or the first one of a recording; says which of a recording's files
+/// are not what they were. Throws Error.
+[[nodiscard]] ToFeel sceneToFeel(const std::string& scene);
+
+/// The text of a scene's file, as ToFeel has it.
+[[nodiscard]] std::string textOfScene(const std::string& file);
+
+/// A scene as a recording keeps it (JSON): its file, its text, how its modes' dials were turned,
+/// and of each volume's file the size and the checksum. Reads those files once.
+[[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
+                                        const SceneSpec& spec, const std::vector<LiveDial>& dials);
+
+/// Scenes by the ids that a recording's ticks have.
+using ScenesById = std::map<std::uint64_t, std::shared_ptr<const Scene>>;
+/// All scenes of a recording, fitted to the device that it is of; the first is `first`, built
+/// already. Throws Error.
+[[nodiscard]] ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,
+                                  SceneCache& cache);
+
+}  // namespace palpate::cli

@@ -1,0 +1,393 @@
+/// Recordings: what is written is read, what is torn off is left out, and what was felt is felt
+/// again to the last bit.
+#include "palpate/devices/recording.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <sys/resource.h>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/devices/crc32c.h"
+#include "palpate/devices/recorder.h"
+#include "palpate/devices/replay_device.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/scenes.h"
+
+using namespace palpate;
+using Catch::Contains;
+using palpate::test::ballField;
+using palpate::test::ballSpec;
+using palpate::test::CountScope;
+using palpate::test::Random;
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// A place of its own, which goes with it.
+struct Folder {
+  fs::path path = fs::temp_directory_path() / ("palpate-recording-" + std::to_string(::getpid()));
+  Folder() { fs::create_directories(path); }
+  ~Folder() { fs::remove_all(path); }
+  [[nodiscard]] fs::path file(const char* name) const { return path / name; }
+};
+
+/// A tick whose every number is another one.
+Telemetry anyTick(std::int64_t number, Random& random) {
+  RecordedTick tick{};
+  const auto bits = [&] { return static_cast<std::uint8_t>(random.integer(2)); };
+  const auto fault = [&] { return static_cast<std::uint8_t>(random.integer(kFaults)); };
+  for (const RecordedField& field : recordedFields()) {
+    for (std::size_t i = 0; i < field.count; ++i) {
+      auto* at = reinterpret_cast<char*>(&tick) + field.offset;
+      const double real = random.uniform(-1.0, 1.0);
+      const auto whole = static_cast<std::int64_t>(random.integer(1 << 30));
+      const auto half = static_cast<std::int32_t>(whole);
+      switch (field.type[2]) {
+        case '8':
+          if (field.type[1] == 'f') std::memcpy(at + 8 * i, &real, 8);
+          if (field.type[1] != 'f') std::memcpy(at + 8 * i, &whole, 8);
+          break;
+        case '4':
+          std::memcpy(at + 4 * i, &half, 4);
+          break;
+        default:
+          break;
+      }
+    }
+  }
+  tick.tick = number;
+  for (std::uint8_t* flag : {&tick.fresh, &tick.ready, &tick.too_fast, &tick.cleared, &tick.limited,
+                             &tick.missed, &tick.solver}) {
+    *flag = bits();
+  }
+  for (std::uint8_t* why : {&tick.reported, &tick.wrong, &tick.order, &tick.unsent, &tick.fault}) {
+    *why = fault();
+  }
+  tick.status = static_cast<std::uint8_t>(random.integer(kStepStatuses));
+  return telemetryOf(tick);
+}
+
+bool same(const RecordedTick& a, const RecordedTick& b) {
+  return std::memcmp(&a, &b, sizeof(RecordedTick)) == 0;
+}
+
+void put(const fs::path& file, const std::string& content) {
+  std::ofstream(file, std::ios::binary) << content;
+}
+
+RecordedSetting setting() {
+  RecordedSetting s;
+  s.device.name = "an arm";
+  s.device.limits = {3.3, 2000.0, 0.8, 12.0, 0.1, 0.5, {}};
+  s.device.limits.tank.use = TankUse::kObserve;
+  s.device.limits.tank.arm = {0.1, 0.2, 3e-5, 1e-3, 5e-4, 1e-4, 2e-3, 1.2e-3};
+  s.rate = 1234.5;
+  s.about = R"({"version": "0"})";
+  return s;
+}
+
+}  // namespace
+
+TEST_CASE("the checksum is CRC-32C", "[record]") {
+  const auto of = [](const std::string& text) {
+    return crc32c(std::as_bytes(std::span(text.data(), text.size())));
+  };
+  CHECK(of("123456789") == 0xE3069283U);  // RFC 3720, B.4
+  CHECK(of(std::string(32, '\0')) == 0x8A9136AAU);
+  CHECK(of(std::string(32, '\xFF')) == 0x62A8AB43U);
+  const std::string text = "the proxy follows the probe, and the probe the hand";
+  for (std::size_t cut = 0; cut <= text.size(); ++cut) {
+    const auto bytes = std::as_bytes(std::span(text.data(), text.size()));
+    CHECK(crc32c(bytes.subspan(cut), crc32c(bytes.first(cut))) == of(text));
+  }
+}
+
+TEST_CASE("what is recorded is read again: ticks, scenes and setting", "[record]") {
+  const Folder folder;
+  Random random(91);
+  const fs::path file = folder.file("a.rec");
+  std::vector<RecordedTick> ticks;
+  {
+    Recorder recorder(file, setting());
+    recorder.expect({7, "{\"a scene\": 1}"});
+    for (std::int64_t i = 1; i <= 10000; ++i) {
+      if (i == 5000) recorder.expect({8, std::string(5000, 'x')});
+      const Telemetry tick = anyTick(i, random);
+      ticks.push_back(recordedTick(tick));
+      recorder.take(tick);
+      if (i % 1000 == 0) recorder.wait();
+    }
+    recorder.end();
+    CHECK(recorder.lost() == 0);
+    CHECK(recorder.trouble().empty());
+  }
+  CHECK(isRecording(file));
+  const Recording recording(file);
+  REQUIRE(recording.size() == 10000);
+  CHECK(recording.torn() == 0);
+  CHECK(recording.lost() == 0);
+  for (std::int64_t i = 0; i < recording.size(); ++i) {
+    REQUIRE(same(recording.tick(i), ticks[static_cast<std::size_t>(i)]));
+    REQUIRE(same(recordedTick(telemetryOf(recording.tick(i))), recording.tick(i)));
+  }
+  REQUIRE(recording.scenes().size() == 2);
+  CHECK(recording.scenes()[0].id == 7);
+  CHECK(recording.scenes()[0].text == "{\"a scene\": 1}");
+  CHECK(recording.scenes()[1].text == std::string(5000, 'x'));
+  CHECK(recording.setting().rate == 1234.5);
+  CHECK(recordingHeader(recording.setting()) == recordingHeader(setting()));
+}
+
+TEST_CASE("of a file that was torn off or damaged all up to there is read", "[record]") {
+  const Folder folder;
+  Random random(92);
+  std::string whole = recordingHeader(setting());
+  const std::size_t header = whole.size();
+  const std::string scene = recordingChunk(RecordedScene{1, "a scene"});
+  std::vector<RecordedTick> ticks(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    ticks[i] = recordedTick(anyTick(static_cast<std::int64_t>(i) + 1, random));
+  }
+  const std::string chunk = recordingChunk(ticks);
+  whole += scene + chunk + chunk;
+  const fs::path file = folder.file("torn.rec");
+  const auto ticksOf = [&](const std::string& content) {
+    put(file, content);
+    return Recording(file).size();
+  };
+  CHECK(ticksOf(whole) == 6);
+  // Wherever it ends.
+  const std::size_t first = header + scene.size() + chunk.size();
+  for (std::size_t end = header; end <= whole.size(); end += 7) {
+    const std::int64_t expected = end == whole.size() ? 6 : end >= first ? 3 : 0;
+    REQUIRE(ticksOf(whole.substr(0, end)) == expected);
+  }
+  put(file, whole.substr(0, whole.size() - 1));
+  CHECK(Recording(file).torn() == chunk.size() - 1);
+  // Whichever bit is wrong.
+  for (long i = 0; i < test::cases(400); ++i) {
+    std::string damaged = whole;
+    const auto at =
+        header + static_cast<std::size_t>(random.integer(static_cast<int>(whole.size() - header)));
+    damaged[at] = static_cast<char>(damaged[at] ^ (1 << random.integer(8)));
+    CAPTURE(at);
+    const std::int64_t expected = at >= first ? 3 : 0;
+    REQUIRE(ticksOf(damaged) == expected);
+  }
+  for (std::size_t end = 0; end < header; end += 41) {
+    CAPTURE(end);
+    REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
+  }
+  CHECK_THROWS_WITH(ticksOf("t,x,y,z\n"), Contains("it is no recording"));
+  CHECK_THROWS_WITH(Recording(folder.file("none.rec")), Contains("it cannot be read"));
+  CHECK_THROWS_WITH(Recording(folder.path), Contains("it is no file"));
+  std::string other = whole;
+  other.replace(other.find("[\"time\""), 7, "[\"tame\"");
+  CHECK_THROWS_WITH(ticksOf(other), Contains("another version"));
+}
+
+TEST_CASE("a disk that is full ends the recording, and what was written is whole",
+          "[record][fault]") {
+  const Folder folder;
+  const fs::path file = folder.file("full.rec");
+  CHECK_THROWS_WITH(Recorder("/dev/full", setting()), Contains("No space left"));
+  CHECK_THROWS_WITH(Recorder(folder.path, setting()), Contains("it cannot be written"));
+  // As a full disk: no file may be longer than this.
+  struct rlimit before {};
+  REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  struct rlimit less = before;
+  less.rlim_cur = 200000;
+  REQUIRE(::setrlimit(RLIMIT_FSIZE, &less) == 0);
+  Random random(93);
+  std::string trouble;
+  {
+    Recorder recorder(file, setting());
+    for (std::int64_t i = 1; i <= 20000; ++i) {
+      recorder.take(anyTick(i, random));
+      if (i % 50 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      if (!recorder.trouble().empty()) break;
+    }
+    recorder.end();
+    trouble = recorder.trouble();
+  }
+  REQUIRE(::setrlimit(RLIMIT_FSIZE, &before) == 0);
+  std::signal(SIGXFSZ, handler);
+  CHECK_THAT(trouble, Contains("it cannot be written on (File too large)"));
+  const Recording recording(file);
+  CHECK(recording.torn() == 0);
+  CHECK(recording.size() > 0);
+  CHECK(fs::file_size(file) <= 200000);
+}
+
+TEST_CASE("a tick is kept without memory, locks or waiting", "[record][realtime]") {
+  const Folder folder;
+  Recorder recorder(folder.file("many.rec"), setting());
+  Random random(94);
+  const Telemetry tick = anyTick(1, random);
+  const CountScope scope;
+  for (int i = 0; i < 1000; ++i) recorder.take(tick);
+  const test::Counts counts = CountScope::counts();
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+}
+
+namespace {
+
+/// A hand with everything that can happen to one.
+class TroubledDevice final : public Device {
+ public:
+  explicit TroubledDevice(std::uint64_t seed) : random_(seed) {
+    info_.name = "troubled";
+    info_.limits = {3.0, 1500.0, 1.0, 3.0, 0.1, 0.05, {}};
+    info_.limits.tank.use = TankUse::kAct;
+    info_.limits.tank.arm = {0.2, 0.1, 1e-5, 1e-3, 2e-4, 1e-4, 0.0, 0.0};
+  }
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return info_; }
+  [[nodiscard]] HandState read() noexcept override {
+    const double t = 1e-3 * static_cast<double>(++ticks_);
+    HandState hand;
+    hand.position = 0.034 * Vec3(std::sin(2.0 * t), std::cos(1.7 * t), std::sin(0.9 * t + 1.0));
+    hand.drives = Mat3::Identity() - 0.1 * hand.position * hand.position.transpose();
+    const auto now_and_then = [&](int each) { return random_.integer(each) == 0; };
+    if (now_and_then(3)) {
+      hand.position = last_;
+      hand.fresh = false;
+      hand.age = 1e-3;
+    }
+    last_ = hand.position;
+    if (now_and_then(3000)) hand.ready = false;
+    if (now_and_then(4000)) hand.position.x() = std::numeric_limits<double>::quiet_NaN();
+    if (now_and_then(4000)) hand.position.y() += 0.1;
+    if (now_and_then(4000)) hand.age = 1.0;
+    if (now_and_then(4000)) hand.fault = Fault::kTemperature;
+    hand.still = now_and_then(50) ? 2.0 : 0.0;
+    given_ = now_and_then(10) ? random_.uniform() : 1.0;
+    return hand;
+  }
+  void write(const Vec3& /*force*/) noexcept override {}
+  [[nodiscard]] double given() const noexcept override { return given_; }
+
+ private:
+  Random random_;
+  DeviceInfo info_;
+  std::int64_t ticks_ = 0;
+  Vec3 last_ = Vec3::Zero();
+  double given_ = 1.0;
+};
+
+/// Keeps all of it in memory.
+struct Kept final : TickSink {
+  std::vector<RecordedTick> ticks;
+  explicit Kept(std::size_t room) { ticks.reserve(room); }
+  void take(const Telemetry& tick, const ProxyState& /*state*/) noexcept override {
+    ticks.push_back(recordedTick(tick));
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[record][replay]") {
+  const auto ticks = static_cast<std::size_t>(test::cases(200000));
+  Random random(95);
+  TroubledDevice device(96);
+  Kept kept(ticks);
+  HapticLoop loop(device, 1000.0, &kept);
+  // Scenes that differ in numbers, in shape, and none at all at first.
+  std::vector<std::shared_ptr<const Scene>> scenes;
+  for (int i = 0; i < 6; ++i) {
+    GraphSpec spec = ballSpec(0.5 + i);
+    spec.modes[0].friction = 0.1 * i;
+    spec.modes[0].viscosity = i % 2 == 0 ? 0.2 : 0.0;
+    if (i >= 3) spec.modes.push_back(spec.modes[0]);
+    scenes.push_back(makeScene(spec, {{"ball", ballField()}}, {400.0 + 50.0 * i, 0.5}));
+  }
+  std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
+  for (const auto& scene : scenes) by_id[scene->id] = scene.get();
+  TickTime time;
+  for (std::size_t i = 0; i < ticks; ++i) {
+    time.dt = 1e-3;
+    time.late = 0.0;
+    if (random.integer(3000) == 0) time.late = random.uniform(0.0, 0.01);
+    if (random.integer(100) == 0) time.dt = random.uniform(0.0, 3e-3);
+    time.now += time.dt;
+    if (random.integer(1500) == 0) {
+      loop.publish(scenes[static_cast<std::size_t>(random.integer(6))]);
+    }
+    if (random.integer(4000) == 0) loop.cut();
+    if (random.integer(60) == 0) loop.clear();
+    loop.tick(time);
+  }
+  REQUIRE(kept.ticks.size() == ticks);
+
+  HandTick again(limitsInLoop(device.info(), 1000.0));
+  std::array<std::int64_t, kFaults> faults{};
+  double felt = 0.0;
+  for (const RecordedTick& tick : kept.ticks) {
+    Telemetry told = telemetryOf(tick);
+    told.report = again.step(by_id.at(told.scene), told.input);
+    again.withhold(told.input, told.report);
+    again.sent(told.input);
+    told.fault = again.state().fault();
+    CAPTURE(tick.tick);
+    REQUIRE(same(recordedTick(told), tick));
+    ++faults[tick.fault];
+    felt = std::max(felt, told.report.force.norm());
+  }
+  if (ticks < 200000) return;
+  // There was something to be the same.
+  CHECK(felt > 1.0);
+  for (const Fault fault : {Fault::kNone, Fault::kNotFinite, Fault::kLate, Fault::kStale,
+                            Fault::kJump, Fault::kTemperature, Fault::kStopped}) {
+    CAPTURE(wordFor(fault));
+    CHECK(faults[static_cast<std::size_t>(fault)] > 0);
+  }
+}
+
+TEST_CASE("a replayed hand is where it was, from any time on", "[replay]") {
+  const Folder folder;
+  const fs::path file = folder.file("hand.rec");
+  Random random(97);
+  {
+    Recorder recorder(file, setting());
+    for (std::int64_t i = 1; i <= 1000; ++i) {
+      Telemetry tick = anyTick(i, random);
+      tick.time = 1e-3 * static_cast<double>(i - 1);
+      recorder.take(tick);
+    }
+  }
+  const auto device = openReplay(file.string() + "@0.4995");
+  CHECK(device->begin() == 500);
+  CHECK(device->info().name == "an arm");
+  const Recording recording(file);
+  for (std::int64_t i = 500; i < 1000; ++i) {
+    REQUIRE_FALSE(device->ended());
+    const RecordedTick tick = recording.tick(i);
+    REQUIRE(device->read().position == telemetryOf(tick).probe);
+    device->write(Vec3::Zero());
+    REQUIRE(device->given() == tick.given);
+  }
+  CHECK(device->ended());
+  CHECK_THROWS_WITH(openReplay(file.string() + "@2"), Contains("it ends at 0.999 s"));
+  CHECK_THROWS_WITH(openReplay(file.string() + "@soon"), Contains("is no time"));
+  CHECK_THROWS_WITH(openReplay("none.rec"), Contains("it cannot be read"));
+}

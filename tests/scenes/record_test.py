@@ -1,0 +1,228 @@
+#!/usr/bin/env python3
+"""Recordings as users meet them: record_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host the
+tests that depend on how the machine schedules, without it all others."""
+import json
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from refusals import refusal  # noqa: E402
+
+BIN = Path(sys.argv[1])
+VOLUMES = sys.argv[2]
+PALPATE = str(BIN / "palpate")
+ROOT = Path(__file__).resolve().parents[2]
+
+SCENE = {
+    "palpate": 1,
+    "coupling": {"stiffness": 500, "damping": 0.5},
+    "volumes": {"ball": {"file": "ball.vdb", "grid": "ball", "place": {"fit": 0.1}}},
+    "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "below",
+               "strength": 3, "friction": 0.3, "viscosity": 0.1}],
+}
+
+
+def run(*words, status=0):
+    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300)
+    if done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def rows_of(file):
+    """As docs/recording.md reads them."""
+    text = (ROOT / "docs/recording.md").read_text(encoding="utf-8")
+    lines = re.search(r"```python\n(.*?)```", text, re.DOTALL).group(1)
+    names = {}
+    exec(lines.replace("monday.rec", str(file)), names)  # pylint: disable=exec-used
+    return names["head"], names["rows"]
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        holder = tempfile.TemporaryDirectory()
+        self.addCleanup(holder.cleanup)
+        self.dir = Path(holder.name)
+        subprocess.run([VOLUMES, str(self.dir)], check=True)
+        self.scene = self.write(SCENE)
+
+    def write(self, scene, name="ball.json"):
+        file = self.dir / name
+        file.write_text(json.dumps(scene), encoding="utf-8")
+        return file
+
+    def compare(self, a, b, status=0):
+        return json.loads(run("compare", self.dir / a, self.dir / b, "--json", status=status).stdout)
+
+
+class Recorded(Case):
+    def record(self, name, *words, status=0):
+        run("feel", *words, "--record", self.dir / name, status=status)
+        return self.dir / name
+
+    def test_it_feels_the_same_again(self):
+        a = self.record("a.rec", self.scene, "--seconds", 4)
+        for scene in (self.scene, a):
+            self.record("b.rec", scene, "--device", f"replay:{a}")
+            told = self.compare("a.rec", "b.rec")
+            self.assertTrue(told["identical"])
+            self.assertEqual(told["ticks"], [4000, 4000])
+        self.assertIn("the same to the last bit, 4000 ticks", run("compare", a, a).stdout)
+        # Traces and summaries of it are those of the run, but for times.
+        told = [json.loads(run("feel", self.scene, "--json", *words).stdout)
+                for words in (("--seconds", 4), ("--device", f"replay:{a}"))]
+        for key in ("force_max", "samples", "status", "net_energy"):
+            self.assertEqual(told[0].get(key), told[1].get(key), key)
+
+    def test_an_edit_is_told_by_where_and_how_much(self):
+        a = self.record("a.rec", self.scene, "--seconds", 4)
+        other = json.loads(json.dumps(SCENE))
+        other["modes"][0]["strength"] = 2.9
+        self.record("b.rec", self.write(other, "other.json"), "--device", f"replay:{a}")
+        told = self.compare("a.rec", "b.rec", status=1)
+        self.assertFalse(told["identical"])
+        self.assertGreater(told["first"]["tick"], 1)
+        self.assertIsNone(told["given_otherwise"])
+        self.assertAlmostEqual(told["force"]["by"], 0.1, delta=0.05)
+        words = run("compare", a, self.dir / "b.rec", status=1).stdout
+        self.assertIn(f"first in tick {told['first']['tick']} ", words)
+        self.assertIn("most      in tick", words)
+        # Another hand is told as such.
+        self.record("c.rec", self.scene, "--seconds", 4, "--rate", 900)
+        told = self.compare("a.rec", "c.rec", status=1)
+        self.assertEqual(told["given_otherwise"]["tick"], 1)
+        self.assertEqual(told["given_otherwise"]["field"], "dt")
+
+    def test_from_a_time_on(self):
+        path = self.dir / "path.csv"
+        path.write_text("t,x,y,z\n0,0,0,0.06\n1,0,0,0.04\n2,0.01,0,0.04\n", encoding="utf-8")
+        a = self.record("a.rec", self.scene, "--device", f"path:{path}", "--seconds", 2)
+        self.record("b.rec", self.scene, "--device", f"replay:{a}@0.25")
+        _, rows = rows_of(self.dir / "b.rec")
+        self.assertEqual(list(rows["tick"]), list(range(251, 2001)))
+
+    def test_a_path_is_recorded_as_well(self):
+        path = self.dir / "path.csv"
+        path.write_text("t,x,y,z\n0,0,0,0.06\n0.5,0,0,0.045\n1,0.01,0,0.045\n", encoding="utf-8")
+        self.record("a.rec", self.scene, "--device", f"path:{path}")
+        self.record("b.rec", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}")
+        self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+
+    def test_two_hands_have_a_recording_each(self):
+        self.record("a.rec", self.scene, "--seconds", 1, "--device", "simulated", "--device",
+                    "simulated")
+        for name in ("a.rec", "a.2.rec"):
+            self.assertEqual(len(rows_of(self.dir / name)[1]), 1000)
+
+    def test_numpy_and_csv_read_it(self):
+        a = self.record("a.rec", self.scene, "--seconds", 1)
+        head, rows = rows_of(a)
+        self.assertEqual(head["rate"], 1000)
+        self.assertEqual(head["units"]["force"], "N")
+        self.assertEqual(list(rows["tick"]), list(range(1, 1001)))
+        run("convert", a, self.dir / "a.csv")
+        lines = (self.dir / "a.csv").read_text(encoding="utf-8").splitlines()
+        names = lines[0].split(",")
+        self.assertEqual(len(lines), 1001)
+        for i in (0, 499, 999):
+            values = dict(zip(names, lines[1 + i].split(",")))
+            for axis, name in enumerate("xyz"):
+                self.assertEqual(float(values[f"force_{name}"]), rows["force"][i][axis])
+            self.assertEqual(int(values["iterations"]), rows["iterations"][i])
+
+    def test_files_that_have_changed_are_told(self):
+        a = self.record("a.rec", self.scene, "--seconds", 0.1)
+        with open(self.dir / "ball.vdb", "r+b") as file:
+            file.seek(-1, os.SEEK_END)
+            last = file.read(1)
+            file.seek(-1, os.SEEK_END)
+            file.write(bytes([last[0] ^ 1]))
+        done = subprocess.run([PALPATE, "feel", a, "--device", f"replay:{a}"], capture_output=True,
+                              text=True, check=False)
+        self.assertIn("ball.vdb: it is not the file that was recorded", done.stderr)
+
+    def test_what_cannot_be_is_refused_in_a_line(self):
+        a = self.record("a.rec", self.scene, "--seconds", 0.1)
+
+        def refused(*words, says):
+            call = lambda: subprocess.run([PALPATE, *map(str, words)], capture_output=True,
+                                          text=True, check=False)
+            done, line = refusal(self, self.dir, call)
+            self.assertEqual(done.returncode, 2)
+            self.assertIn(says, line)
+
+        replay = f"replay:{a}"
+        refused("feel", self.scene, "--device", replay, "--realtime", says="leave out --realtime")
+        refused("feel", self.scene, "--device", replay, "--device", "simulated", says="alone")
+        refused("feel", self.scene, "--device", f"{replay}@9", says="it ends at 0.099 s")
+        refused("feel", self.scene, "--device", f"{replay}@x", says="is no time")
+        refused("feel", self.scene, "--device", f"replay:{self.scene}", says="it is no recording")
+        refused("feel", self.scene, "--device", "replay:none.rec", says="it cannot be read")
+        refused("feel", self.scene, "--record", "-", says="a recording is no text")
+        refused("feel", self.scene, "--record", self.scene, says="ball.json")
+        refused("feel", self.scene, "--record", self.dir, says="it is a folder")
+        refused("feel", self.scene, "--device", replay, "--record", a, says="a.rec")
+        refused("feel", a, "--record", a, says="a.rec")
+        refused("feel", self.scene, "--record", "/dev/full", says="it is a pipe or a device")
+        refused("compare", a, self.scene, says="it is no recording")
+        refused("convert", a, a, says="a.rec")
+        self.assertGreater(len(rows_of(a)[1]), 0)
+
+
+class OnTime(Case):
+    """With a clock."""
+
+    def feel(self, name, seconds, **more):
+        return subprocess.Popen([PALPATE, "feel", str(self.scene), "--realtime", "--seconds",
+                                 str(seconds), "--record", str(self.dir / name), *more.get("words", ())],
+                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def test_an_edited_scene_is_edited_again(self):
+        feeling = self.feel("a.rec", 4, words=["--watch"])
+        for strength in (2, 1):
+            time.sleep(1.2)
+            edited = json.loads(json.dumps(SCENE))
+            edited["modes"][0]["strength"] = strength
+            self.write(edited)
+        feeling.communicate(timeout=60)
+        _, rows = rows_of(self.dir / "a.rec")
+        self.assertEqual(len(set(rows["scene"]) - {0}), 3)
+        run("feel", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}", "--record",
+            self.dir / "b.rec")
+        self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+
+    def test_a_killed_program_loses_next_to_nothing(self):
+        kills = int(os.environ.get("PALPATE_KILLS", "5"))
+        chance = random.Random(12)
+        worst = 0.0
+        for kill in range(kills):
+            feeling = self.feel("a.rec", 60)
+            file = self.dir / "a.rec"
+            while not file.exists() or file.stat().st_size < 100000:
+                self.assertIsNone(feeling.poll())
+                time.sleep(0.01)
+            time.sleep(chance.uniform(0.0, 1.0))
+            # What the loop had taken by then: the file as it grows, and the clock.
+            begun = time.monotonic() - len(rows_of(file)[1]) / 1000.0
+            feeling.send_signal(signal.SIGKILL)
+            killed = time.monotonic() - begun
+            feeling.communicate()
+            told = self.compare("a.rec", "a.rec")
+            self.assertEqual(told["torn"], [0, 0])
+            worst = max(worst, killed - told["ticks"][0] / 1000.0)
+            self.assertLess(worst, 1.0, f"kill {kill}")
+        print(f"{kills} kills: at most {worst:.3f} s lost")
+
+
+if __name__ == "__main__":
+    which = OnTime if "--host" in sys.argv else Recorded
+    suite = unittest.defaultTestLoader.loadTestsFromTestCase(which)
+    sys.exit(0 if unittest.TextTestRunner().run(suite).wasSuccessful() else 1)
