@@ -252,9 +252,9 @@ std::span<const std::byte> mapped(const std::filesystem::path& file) {
 }
 
 void unmap(std::span<const std::byte> bytes) noexcept {
-  if (!bytes.empty())
-    ::munmap(const_cast<std::byte*>(bytes.data()),
-             bytes.size());  // NOLINT(cppcoreguidelines-pro-type-const-cast)
+  if (bytes.empty()) return;
+  void* at = const_cast<std::byte*>(bytes.data());  // NOLINT(cppcoreguidelines-pro-type-const-cast)
+  ::munmap(at, bytes.size());
 }
 
 template <class T>

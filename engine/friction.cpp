@@ -751,7 +751,7 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   if (good && OnePlane::fits(set)) {
     OnePlane one(probe, stiffness, set);
     if (one.solve()) {
-      const SolveResult result = one.tell(probe, set, forces);
+      SolveResult result = one.tell(probe, set, forces);
       start.forget();
       warm.forget();
       warm.motion = result.proxy - proxy;
