@@ -2,6 +2,7 @@
 
 #include <cerrno>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
 #include <fcntl.h>
 #include <readerwriterqueue.h>
@@ -21,15 +22,21 @@ struct Recorder::Ring : moodycamel::ReaderWriterQueue<RecordedTick> {
 
 Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
     : file_(std::move(file)), ring_(std::make_unique<Ring>(kRoom)) {
-  descriptor_ = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  const std::string begun = fmt::format("{}.{}.begun", file_.string(), ::getpid());
+  descriptor_ = ::open(begun.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) {
     throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
                 "check the path");
   }
   rows_.reserve(kRoom);
   write(recordingHeader(setting));
-  if (const std::string why = trouble(); !why.empty()) {
+  std::string why = trouble();
+  if (why.empty() && std::rename(begun.c_str(), file_.c_str()) != 0) {
+    why = fmt::format("it cannot be written ({})", std::strerror(errno));
+  }
+  if (!why.empty()) {
     ::close(descriptor_);
+    ::unlink(begun.c_str());
     throw Error(file_.string(), why, "free some space, or give another place");
   }
   thread_ = std::thread([this] { run(); });

@@ -24,7 +24,8 @@ class Recorder {
                                             ///< it, so soon,
   static constexpr double kSynced = 1.0;    ///< and on the disk so soon.
 
-  /// Creates the file, or empties it. Throws Error where it cannot be written.
+  /// Begins the file beside its place, and puts it there once it has its header: what stands there
+  /// before is a recording until this one is. Throws Error where it cannot be written.
   Recorder(std::filesystem::path file, const RecordedSetting& setting);
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;

@@ -95,11 +95,11 @@ class Compliant {
     if (!known_) dropKept();
   }
 
-  /// Finds loads and frictions; false where no way led to them.
+  /// Finds loads and frictions, without compliance; false where no way led to them.
   bool solve() noexcept {
-    if (known_ && fromLast()) return true;
+    if (known_ && fromLast() && harden()) return true;
     dropKept();
-    return fromSoft(most_ / 2) || fromSticking();
+    return (fromSoft(most_ / 2) || fromSticking()) && harden();
   }
 
   /// The loads by which kinks about x, less than c apart, share what balances the spring there. The
@@ -114,38 +114,6 @@ class Compliant {
 
   /// Begins at x, with nothing kept.
   void beginAt(const Vec3& x) noexcept { goTo(x, hard_); }
-
-  /// Takes the compliance out, by the method of multipliers: what a kink bears it keeps, and the
-  /// place goes onto the kinks, the faster the less c. A friction keeps its pull where it slips,
-  /// too: a proxy that comes to rest is at its threshold, and would take turns. Where that does not
-  /// come to an end, as frictions that press each other's planes may not let it, c alone shrinks.
-  void harden() noexcept {
-    constexpr int kRounds = 8;
-    const Vec3 soft = x_;
-    double c = hard_;
-    for (int round = 0; round < kRounds; ++round) {
-      const Vec3 before = x_;
-      for (RoughPlane& p : planes()) {
-        p.kept_load = p.load;
-        p.kept_pull = p.pull;
-      }
-      for (Pull& p : pulls()) p.kept_pull = p.holds ? p.pull : Vec3(Vec3::Zero());
-      if (!newton(c, kMostHard, kMostHard, enoughAt(c))) break;
-      if ((x_ - before).norm() <= kThere * length_) return;
-      c = std::max(kLeastKept * hard_, 0.1 * c);
-    }
-    dropKept();
-    goTo(soft, hard_);
-    c = hard_;
-    for (const double share : {0.1, 0.01, 1e-3}) {
-      const Vec3 before = x_;
-      if (!newton(share * hard_, kMostHard, kMostHard, enoughAt(share * hard_))) {
-        goTo(before, c);
-        return;
-      }
-      c = share * hard_;
-    }
-  }
 
   /// The friction of a plane [N].
   [[nodiscard]] static double frictionOf(const RoughPlane& p) noexcept {
@@ -178,6 +146,7 @@ class Compliant {
   }
 
   void dropKept() noexcept {
+    least_ = kUnbounded;
     for (RoughPlane& p : planes()) {
       p.kept_load = 0.0;
       p.kept_pull.setZero();
@@ -450,6 +419,41 @@ class Compliant {
       if (good) return true;
     }
     return false;
+  }
+
+  /// Takes the compliance out, by the method of multipliers: what a kink bears it keeps, and the
+  /// place goes onto the kinks, the faster the less c. A friction keeps its pull where it slips,
+  /// too: a proxy that comes to rest is at its threshold, and would take turns. Where that does not
+  /// come to an end, as frictions that press each other's planes may not let it, c alone shrinks.
+  /// False where the place was found by what the last tick had kept, and none is near it without.
+  bool harden() noexcept {
+    constexpr int kRounds = 8;
+    const Vec3 soft = x_;
+    double c = hard_;
+    for (int round = 0; round < kRounds; ++round) {
+      const Vec3 before = x_;
+      for (RoughPlane& p : planes()) {
+        p.kept_load = p.load;
+        p.kept_pull = p.pull;
+      }
+      for (Pull& p : pulls()) p.kept_pull = p.holds ? p.pull : Vec3(Vec3::Zero());
+      if (!newton(c, kMostHard, kMostHard, enoughAt(c))) break;
+      if ((x_ - before).norm() <= kThere * length_) return true;
+      c = std::max(kLeastKept * hard_, 0.1 * c);
+    }
+    dropKept();
+    goTo(soft, hard_);
+    if (!newton(hard_, kMostHard, kPatience, enough_)) return false;
+    c = hard_;
+    for (const double share : {0.1, 0.01, 1e-3}) {
+      const Vec3 before = x_;
+      if (!newton(share * hard_, kMostHard, kMostHard, enoughAt(share * hard_))) {
+        goTo(before, c);
+        break;
+      }
+      c = share * hard_;
+    }
+    return true;
   }
 
   double stiffness_;
@@ -769,11 +773,7 @@ SolveResult solveWithFriction(const Vec3& probe, double stiffness, PrimitiveSet&
   }
   Compliant search(probe, stiffness, set, proxy, params.max_iterations, start);
   const bool found = search.solve();
-  if (found) {
-    search.harden();
-  } else {
-    search.goToBest();
-  }
+  if (!found) search.goToBest();
   const bool remembered = start.count == links.size();
   for (const RoughPlane& p : search.planes()) {
     if (p.line == p.plane) continue;

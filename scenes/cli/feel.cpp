@@ -263,7 +263,7 @@ void tell(const FeelOptions& options, const Hand& hand, const OrderedJson& summa
   if (again) say("{}\n", sentence(explainLine(scene, {place("at"), place("push")})));
 }
 
-int feel(const FeelOptions& options) {
+int feel(FeelOptions options) {
   checkOptions(options);
   // Before there is much memory, and before there are threads.
   std::optional<Guardian> guardian;
@@ -290,6 +290,9 @@ int feel(const FeelOptions& options) {
   for (const std::string& name : options.devices) {
     devices.push_back(openDevice(
         name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
+  }
+  if (isReplay(options.devices[0])) {
+    options.rate = dynamic_cast<const ReplayDevice&>(*devices[0]).recording().setting().rate;
   }
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());

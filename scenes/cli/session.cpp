@@ -170,7 +170,10 @@ void runAgain(const Run& run, const ScenesById& scenes) {
       told.scene = scene == nullptr ? 0 : scene->id;
       hand->log.take(told, tick.state());
       hand->drain();
-      if (progress) progress(static_cast<double>(i - device.begin()) / static_cast<double>(end));
+      if (progress) {
+        const double all = static_cast<double>(end - device.begin());
+        progress(static_cast<double>(i - device.begin()) / all);
+      }
     }
   }
 }

@@ -116,6 +116,11 @@ class Recorded(Case):
         self.record("b.rec", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
 
+    def test_its_rate_is_its_own(self):
+        a = self.record("a.rec", self.scene, "--seconds", 1, "--rate", 4000)
+        told = json.loads(run("feel", a, "--device", f"replay:{a}", "--json").stdout)
+        self.assertEqual((told["rate_asked"], told["ticks"], told["seconds"]), (4000, 4000, 1))
+
     def test_two_hands_have_a_recording_each(self):
         self.record("a.rec", self.scene, "--seconds", 1, "--device", "simulated", "--device",
                     "simulated")
@@ -203,9 +208,10 @@ class OnTime(Case):
         kills = int(os.environ.get("PALPATE_KILLS", "5"))
         chance = random.Random(12)
         worst = 0.0
+        file = self.dir / "a.rec"
         for kill in range(kills):
+            file.unlink(missing_ok=True)
             feeling = self.feel("a.rec", 60)
-            file = self.dir / "a.rec"
             while not file.exists() or file.stat().st_size < 100000:
                 self.assertIsNone(feeling.poll())
                 time.sleep(0.01)
