@@ -81,7 +81,10 @@ void feel(const BuiltScene& built, const Options& options, bool recorded, Times&
   const std::filesystem::path file = std::filesystem::temp_directory_path() / "palpate_bench.rec";
   Noting device(explore(built.bounds, options.seconds), options.rate);
   std::optional<Recorder> recorder;
-  if (recorded) recorder.emplace(file, RecordedSetting{device.info(), options.rate, {}});
+  if (recorded) {
+    recorder.emplace(file, RecordedSetting{device.info(), options.rate, {}});
+    recorder->begin();
+  }
   Kept kept(device, recorder ? &*recorder : nullptr,
             static_cast<std::size_t>(options.seconds * options.rate));
   LoopParams params;

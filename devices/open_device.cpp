@@ -46,6 +46,13 @@ std::unique_ptr<Device> openPath(const std::string& file, const DeviceOptions& o
                                       options.rate);
 }
 
+std::unique_ptr<Device> openRecorded(const std::string& name, const DeviceOptions& options) {
+  auto device = openReplay(name);
+  const std::string words = device->recording().incomplete();
+  if (options.say && !words.empty()) options.say(fileOfReplay(name) + ": " + words);
+  return device;
+}
+
 std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
   if (!options.realtime) {
     throw DeviceError("--device", "an arm lives in real time", "add --realtime");
@@ -75,7 +82,7 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name == "simulated") return openSimulated(options);
   if (name == "mouse") return openMouse(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
-  if (name.rfind("replay:", 0) == 0) return openReplay(name.substr(7));
+  if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
   if (parseArmName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
                     "use simulated, path:FILE.csv, replay:FILE or hid:PROFILE");

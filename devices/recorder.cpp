@@ -22,23 +22,27 @@ struct Recorder::Ring : moodycamel::ReaderWriterQueue<RecordedTick> {
 
 Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
     : file_(std::move(file)), ring_(std::make_unique<Ring>(kRoom)) {
-  const std::string begun = fmt::format("{}.{}.begun", file_.string(), ::getpid());
-  descriptor_ = ::open(begun.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+  beside_ = fmt::format("{}.{}.begun", file_.string(), ::getpid());
+  descriptor_ = ::open(beside_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
   if (descriptor_ < 0) {
     throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
                 "check the path");
   }
   rows_.reserve(kRoom);
   write(recordingHeader(setting));
-  std::string why = trouble();
-  if (why.empty() && std::rename(begun.c_str(), file_.c_str()) != 0) {
-    why = fmt::format("it cannot be written ({})", std::strerror(errno));
-  }
-  if (!why.empty()) {
+  if (!trouble_.empty()) {
     ::close(descriptor_);
-    ::unlink(begun.c_str());
-    throw Error(file_.string(), why, "free some space, or give another place");
+    ::unlink(beside_.c_str());
+    throw Error(file_.string(), trouble_, "free some space, or give another place");
   }
+}
+
+void Recorder::begin() {
+  if (std::rename(beside_.c_str(), file_.c_str()) != 0) {
+    throw Error(file_.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
+                "check the path");
+  }
+  beside_.clear();
   thread_ = std::thread([this] { run(); });
 }
 
@@ -67,11 +71,21 @@ std::string Recorder::trouble() const {
   return trouble_;
 }
 
+void Recorder::fail(const std::string& why) {
+  const std::lock_guard lock(mutex_);
+  if (trouble_.empty()) trouble_ = fmt::format("it cannot be written on ({})", why);
+  off_ = true;
+}
+
 void Recorder::end() {
-  if (!thread_.joinable()) return;
-  ends_ = true;
-  thread_.join();
-  ::close(descriptor_);
+  if (descriptor_ < 0) return;
+  if (thread_.joinable()) {
+    ends_ = true;
+    thread_.join();
+  }
+  if (::close(descriptor_) != 0) fail(std::strerror(errno));
+  descriptor_ = -1;
+  if (!beside_.empty()) ::unlink(beside_.c_str());
 }
 
 void Recorder::run() {
@@ -80,10 +94,14 @@ void Recorder::run() {
   auto synced = Clock::now();
   for (bool last = false; !last;) {
     last = ends_;
-    writeNew();
+    try {
+      writeNew();
+    } catch (const std::bad_alloc&) {
+      fail("there is not enough memory");
+    }
     const auto now = Clock::now();
     if (last || now - synced >= std::chrono::duration<double>(kSynced)) {
-      ::fdatasync(descriptor_);
+      if (::fdatasync(descriptor_) != 0 && errno != EINVAL) fail(std::strerror(errno));
       synced = now;
     }
     // What waits is written at once where time is not real.
@@ -115,9 +133,7 @@ void Recorder::write(const std::string& chunk) {
       const std::string why = std::strerror(wrote < 0 ? errno : ENOSPC);
       // No piece of a chunk is left behind the last whole one.
       if (::ftruncate(descriptor_, static_cast<off_t>(whole_)) != 0) errno = 0;
-      const std::lock_guard lock(mutex_);
-      trouble_ = fmt::format("it cannot be written on ({})", why);
-      off_ = true;
+      fail(why);
       return;
     }
     at += static_cast<std::size_t>(wrote);

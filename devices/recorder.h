@@ -24,12 +24,15 @@ class Recorder {
                                             ///< it, so soon,
   static constexpr double kSynced = 1.0;    ///< and on the disk so soon.
 
-  /// Begins the file beside its place, and puts it there once it has its header: what stands there
-  /// before is a recording until this one is. Throws Error where it cannot be written.
+  /// Makes the file beside its place, with its header. Throws Error where it cannot be written.
   Recorder(std::filesystem::path file, const RecordedSetting& setting);
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
   ~Recorder();
+
+  /// Before the first tick: puts the file in its place, over what stands there. A recorder that
+  /// never begins leaves that as it is. Throws Error where it cannot be put there.
+  void begin();
 
   // For the haptic thread.
   /// Keeps a tick; where there is no room it is lost, and counted. RT: no allocation, no lock, no
@@ -54,10 +57,12 @@ class Recorder {
   void run();
   void writeNew();
   void write(const std::string& chunk);
+  void fail(const std::string& why);
 
   static constexpr std::size_t kRoom = 65536;  // 6 s at 10 kHz: as long as a disk may think
 
   std::filesystem::path file_;
+  std::filesystem::path beside_;  ///< Where it is until begin(); then empty.
   int descriptor_ = -1;
   std::uint64_t whole_ = 0;  ///< Bytes up to the last whole chunk.
   std::unique_ptr<Ring> ring_;

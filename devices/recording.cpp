@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <fcntl.h>
 #include <sys/mman.h>
@@ -15,6 +16,7 @@
 
 #include "palpate/devices/crc32c.h"
 #include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
 
 namespace palpate {
 namespace {
@@ -187,7 +189,7 @@ ForceLimits limitsOf(const OrderedJson& json) {
   read(json, "friction", l.friction);
   read(json, "engage", l.engage);
   const OrderedJson& tank = json.at("tank");
-  l.tank.use = static_cast<TankUse>(tank.at("use").get<int>());
+  l.tank.use = static_cast<TankUse>(std::clamp(tank.at("use").get<int>(), 0, 2));
   read(tank, "soft", l.tank.soft);
   read(tank, "refill", l.tank.refill);
   ArmDissipation& arm = l.tank.arm;
@@ -233,12 +235,21 @@ DeviceInfo deviceOf(const OrderedJson& json) {
   return d;
 }
 
+/// A header's JSON: no deeper than one that is written.
+OrderedJson parsed(const std::string& line) {
+  constexpr int kDeepest = 16;
+  return OrderedJson::parse(line, [](int depth, auto, OrderedJson&) {
+    if (depth > kDeepest) throw Error("a recording", "its header is damaged", "record again");
+    return true;
+  });
+}
+
 /// A file as a span of memory.
 std::span<const std::byte> mapped(const std::filesystem::path& file) {
   const auto fail = [&](const std::string& why) {
     throw Error(file.string(), why, "give a file of palpate feel --record");
   };
-  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
   if (descriptor < 0) fail(fmt::format("it cannot be read ({})", std::strerror(errno)));
   struct stat facts {};
   const bool regular = ::fstat(descriptor, &facts) == 0 && S_ISREG(facts.st_mode);
@@ -459,7 +470,8 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
   const std::string name = file.string();
   std::size_t offset = 0;
   try {
-    const OrderedJson json = OrderedJson::parse(headerLine(bytes_, name));
+    const std::string line = headerLine(bytes_, name);
+    const OrderedJson json = parsed(line);
     const OrderedJson written = OrderedJson::parse(recordingHeader({}));
     if (json.at("palpate_recording") != kVersion || json.at("dtype") != written.at("dtype")) {
       throw Error(name, "it is a recording of another version of palpate",
@@ -469,6 +481,10 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
     setting_.rate = json.at("rate").get<double>();
     setting_.device = deviceOf(json.at("device"));
     setting_.about = json.at("about").dump();
+    if (offset != line.size() + 1 || !(setting_.rate > 0.0) || !std::isfinite(setting_.rate)) {
+      throw Error(name, "its header is damaged", "give a file of palpate feel --record");
+    }
+    static_cast<void>(limitsInLoop(setting_.device, setting_.rate));
   } catch (const nlohmann::json::exception& error) {
     unmap(bytes_);
     throw Error(name, fmt::format("its header is damaged ({})", error.what()),
@@ -501,11 +517,24 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
     offset += kRecord * (1 + mark.count);
   }
   torn_ = bytes_.size() - std::min(offset, bytes_.size());
-  if (size_ > 0) lost_ = tick(size_ - 1).tick - size_;  // they count from 1
+  if (size_ > 0) lost_ = tick(size_ - 1).tick - tick(0).tick + 1 - size_;
 }
 
 Recording::~Recording() {
   unmap(bytes_);
+}
+
+std::string Recording::incomplete() const {
+  std::string words;
+  if (torn_ > 0) {
+    words = fmt::format("it is torn off or damaged behind its {} ticks: {} bytes are left out",
+                        size_, torn_);
+  }
+  if (lost_ > 0) {
+    words += fmt::format("{}{} ticks are not in it, as there was no room for them",
+                         words.empty() ? "" : "; ", lost_);
+  }
+  return words;
 }
 
 RecordedTick Recording::tick(std::int64_t i) const noexcept {

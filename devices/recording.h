@@ -119,8 +119,10 @@ class Recording {
   [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
   /// Bytes behind the last whole chunk.
   [[nodiscard]] std::size_t torn() const noexcept { return torn_; }
-  /// Ticks that did not get into the file: the numbers of those that did leave them out.
+  /// Ticks between its first and its last that did not get into the file.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
+  /// What is missing, in words; empty: nothing is.
+  [[nodiscard]] std::string incomplete() const;
 
  private:
   struct Chunk {

@@ -62,7 +62,7 @@ struct Largest {
   std::optional<RecordedTick> tick;
 
   void add(double x, const RecordedTick& in) {
-    if (tick && !(x > value)) return;
+    if (!std::isfinite(x) || (tick && !(x > value))) return;
     value = x;
     tick = in;
   }
@@ -77,7 +77,9 @@ struct Largest {
 };
 
 struct Difference {
-  std::int64_t ticks = 0;                  ///< That were compared.
+  std::int64_t ticks = 0;   ///< That both have.
+  std::int64_t only_a = 0;  ///< That the other has not.
+  std::int64_t only_b = 0;
   std::int64_t differing = 0;              ///< In what they came to.
   std::optional<RecordedTick> other_hand;  ///< The first that was given something else,
   const char* given = "";                  ///< and what.
@@ -87,15 +89,20 @@ struct Difference {
   Largest proxy;                           ///< [m]
   std::map<std::string, std::array<std::int64_t, 2>> statuses;
 
-  [[nodiscard]] bool alike() const { return differing == 0 && !other_hand; }
+  [[nodiscard]] bool alike() const {
+    return ticks > 0 && differing == 0 && !other_hand && only_a == 0 && only_b == 0;
+  }
 };
 
 Difference compare(const Recording& a, const Recording& b) {
   Difference d;
-  d.ticks = std::min(a.size(), b.size());
-  for (std::int64_t i = 0; i < d.ticks; ++i) {
+  std::int64_t j = 0;
+  for (std::int64_t i = 0; i < a.size(); ++i) {
     const RecordedTick x = a.tick(i);
-    const RecordedTick y = b.tick(i);
+    while (j < b.size() && b.tick(j).tick < x.tick) ++j;
+    if (j == b.size() || b.tick(j).tick != x.tick) continue;
+    const RecordedTick y = b.tick(j++);
+    ++d.ticks;
     if (!d.other_hand) {
       if (const RecordedField* field = differing(given(x), given(y), false)) {
         d.other_hand = x;
@@ -114,6 +121,8 @@ Difference compare(const Recording& a, const Recording& b) {
     d.force.add((vector(x.force) - vector(y.force)).norm(), x);
     d.proxy.add((vector(x.proxy) - vector(y.proxy)).norm(), x);
   }
+  d.only_a = a.size() - d.ticks;
+  d.only_b = b.size() - d.ticks;
   return d;
 }
 
@@ -123,11 +132,12 @@ OrderedJson jsonOf(const Difference& d, const Recording& a, const Recording& b) 
     return OrderedJson{{"tick", tick->tick}, {"time", tick->time}, {"field", field}};
   };
   OrderedJson json;
-  json["identical"] = d.alike() && a.size() == b.size();
+  json["identical"] = d.alike();
   json["ticks"] = {a.size(), b.size()};
   json["lost"] = {a.lost(), b.lost()};
   json["torn"] = {a.torn(), b.torn()};
   json["compared"] = d.ticks;
+  json["alone"] = {d.only_a, d.only_b};
   json["differing"] = d.differing;
   json["given_otherwise"] = moment(d.other_hand, d.given);
   json["first"] = moment(d.first, d.field);
@@ -141,13 +151,23 @@ OrderedJson jsonOf(const Difference& d, const Recording& a, const Recording& b) 
 void tell(const CompareOptions& options, const Difference& d, const Recording& a,
           const Recording& b) {
   const auto about = [](const char* what, const std::string& file, const Recording& r) {
-    say("{}         {}: {} ticks{}{}\n", what, file, r.size(),
-        r.lost() > 0 ? sentence(fmt::format(", {} lost", r.lost())) : sentence(""),
-        r.torn() > 0 ? sentence(fmt::format(", torn off behind them ({} bytes)", r.torn()))
-                     : sentence(""));
+    const std::string missing = r.incomplete();
+    const std::string ticks = r.size() == 0
+                                  ? "no ticks"
+                                  : fmt::format("{} ticks, {} to {}", r.size(), r.tick(0).tick,
+                                                r.tick(r.size() - 1).tick);
+    say("{}         {}: {}{}\n", what, file, sentence(ticks),
+        sentence(missing.empty() ? missing : "; " + missing));
   };
   about("A", options.a, a);
   about("B", options.b, b);
+  if (d.only_a > 0 || d.only_b > 0) {
+    say("alone     {} ticks are in A only, {} in B only\n", d.only_a, d.only_b);
+  }
+  if (d.ticks == 0) {
+    say("felt      no tick is in both\n");
+    return;
+  }
   if (d.other_hand) {
     say("given     other things from tick {} on ({} s): {}\n", d.other_hand->tick,
         rounded(d.other_hand->time), d.given);
@@ -180,7 +200,7 @@ int compareThem(const CompareOptions& options) {
   } else {
     tell(options, d, a, b);
   }
-  return d.alike() && a.size() == b.size() ? kDone : kEndedEarly;
+  return d.alike() ? kDone : kEndedEarly;
 }
 
 }  // namespace

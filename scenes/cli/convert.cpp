@@ -46,6 +46,9 @@ std::string valueOf(const RecordedTick& tick, const RecordedField& field, std::s
 int convert(const ConvertOptions& options) {
   checkOutputsApart({options.out}, {options.in});
   const Recording recording(options.in);
+  if (const std::string words = recording.incomplete(); !words.empty()) {
+    complain(options.in + ": " + words);
+  }
   WholeFile out(options.out);
   const auto line = [&](const auto& cell) {
     std::string text;

@@ -134,14 +134,15 @@ std::string placeOf(const std::string& asked, std::size_t hand) {
 }
 
 /// No two outputs may go to one place, and none to what is read.
-void checkOutputs(const FeelOptions& options, const SceneSpec& spec) {
+void checkOutputs(const FeelOptions& options, const ToFeel& scene) {
   std::vector<std::string> places{options.summary, options.picture, options.still};
   for (std::size_t i = 0; i < options.devices.size(); ++i) {
     places.push_back(placeOf(options.trace, i));
     places.push_back(placeOf(options.record, i));
   }
   if (options.json) places.emplace_back("-");
-  std::vector<std::filesystem::path> inputs = inputsOf(options.scene, spec);
+  std::vector<std::filesystem::path> inputs = inputsOf(options.scene, scene.spec);
+  inputs.insert(inputs.end(), scene.files.begin(), scene.files.end());
   for (const std::string& device : options.devices) {
     if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
     if (isReplay(device)) inputs.emplace_back(fileOfReplay(device.substr(7)));
@@ -193,13 +194,33 @@ void checkOptions(const FeelOptions& options) {
     throw Error("--device", "recorded hands feel in their own time, and nobody beside them",
                 options.realtime ? "leave out --realtime" : "give replay:FILE alone");
   }
+  if (options.passive && replayed > 0) {
+    throw Error("--passive", "a recorded hand has what its tank gave", "leave it out");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
 }
 
-/// Begins a recording.
-void record(Hand& hand, const std::string& place, double rate) {
+/// The rate of hands that were recorded; throws Error where they had several, or another is asked.
+double rateOfReplays(const std::vector<std::unique_ptr<Device>>& devices,
+                     const FeelOptions& options) {
+  const auto rate_of = [](const std::unique_ptr<Device>& device) {
+    return dynamic_cast<const ReplayDevice&>(*device).recording().setting().rate;
+  };
+  const double rate = rate_of(devices[0]);
+  const auto other = [&](const auto& device) { return rate_of(device) != rate; };
+  if (std::any_of(devices.begin(), devices.end(), other)) {
+    throw Error("--device", "the recordings are of several rates", "replay them one by one");
+  }
+  if (options.rate != FeelOptions{}.rate && options.rate != rate) {
+    throw Error("--rate", fmt::format("the hand was recorded at {} Hz", rate), "leave it out");
+  }
+  return rate;
+}
+
+/// Makes ready to record a hand, from this scene on.
+void record(Hand& hand, const std::string& place, double rate, RecordedScene first) {
   checkReplaceable(place);
   RecordedSetting setting{hand.device->info(), rate, {}};
   // Of a hand that was recorded the limits are what they were in its loop.
@@ -208,18 +229,23 @@ void record(Hand& hand, const std::string& place, double rate) {
   setting.about = dump({{"version", kVersion}, {"commit", commit()}, {"machine", machine()}});
   hand.recorder = std::make_unique<Recorder>(place, setting);
   hand.log.recorder = hand.recorder.get();
+  hand.recorder->expect(std::move(first));
 }
 
-/// Ends it, and says what is not in it.
-void endRecording(Hand& hand) {
-  if (!hand.recorder) return;
+/// Ends it, and says what is not in it: false where something is not.
+bool endRecording(const Run& run, std::size_t h) {
+  Hand& hand = *run.hands[h];
+  if (!hand.recorder) return true;
   hand.recorder->end();
-  if (hand.recorder->lost() > 0) {
+  const std::int64_t lost = hand.recorder->lost();
+  if (lost > 0) {
     complain(
-        fmt::format("feel: --record: {} ticks came too fast to be written: use a lower rate or "
-                    "a faster place",
-                    hand.recorder->lost()));
+        fmt::format("{}: --record: {} ticks came too fast to be written: use a lower rate or a "
+                    "faster place",
+                    run.nameOf(h), lost));
   }
+  hand.tellUnwritten(run.nameOf(h));
+  return lost == 0 && hand.recorder->trouble().empty();
 }
 
 OrderedJson summaryOf(const FeelOptions& options, const Hand& hand, const SceneSpec& spec,
@@ -277,7 +303,7 @@ int feel(FeelOptions options) {
   const auto written = writtenAt(options.scene);
   ToFeel to_feel = sceneToFeel(options.scene);
   SceneSpec& spec = to_feel.spec;
-  checkOutputs(options, spec);
+  checkOutputs(options, to_feel);
   for (const std::string& note : spec.notes) complain(note);
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
@@ -291,9 +317,8 @@ int feel(FeelOptions options) {
     devices.push_back(openDevice(
         name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
   }
-  if (isReplay(options.devices[0])) {
-    options.rate = dynamic_cast<const ReplayDevice&>(*devices[0]).recording().setting().rate;
-  }
+  const bool replayed = isReplay(options.devices[0]);
+  if (replayed) options.rate = rateOfReplays(devices, options);
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());
   for (const auto& device : devices) rendered.push_back(device.get());
@@ -323,11 +348,21 @@ int feel(FeelOptions options) {
   if (!options.record.empty()) {
     const std::string scene = recordedScene(to_feel.file, to_feel.text, spec, {});
     for (std::size_t h = 0; h < hands.size(); ++h) {
-      record(*hands[h], placeOf(options.record, h), options.rate);
-      hands[h]->recorder->expect({built.scene->id, scene});
+      record(*hands[h], placeOf(options.record, h), options.rate, {built.scene->id, scene});
     }
   }
 
+  // A recording's ticks are of its own scenes where it is SCENE itself.
+  ScenesById scenes;
+  if (replayed && isRecording(options.scene)) {
+    const auto& device = dynamic_cast<const ReplayDevice&>(*hands[0]->device);
+    if (isSamePlace(options.scene, fileOfReplay(options.devices[0].substr(7)))) {
+      scenes = scenesOf(device.recording(), built.scene, cache);
+    }
+  }
+  for (const auto& hand : hands) {
+    if (hand->recorder) hand->recorder->begin();
+  }
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
   if (window) run.window = &*window;
   run.whole_path = !options.seconds && std::all_of(options.devices.begin(), options.devices.end(),
@@ -342,14 +377,13 @@ int feel(FeelOptions options) {
   if (options.realtime) {
     guardian->catchSignals(&interrupted);
     runOnTime(run, *guardian);
-  } else if (isReplay(options.devices[0])) {
-    runAgain(run, isRecording(options.scene)
-                      ? scenesOf(Recording(options.scene), built.scene, cache)
-                      : ScenesById());
+  } else if (replayed) {
+    runAgain(run, scenes);
   } else {
     runInVirtualTime(run);
   }
-  for (const auto& hand : hands) endRecording(*hand);
+  bool kept = true;
+  for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
   // What was felt is written; who interrupts that as well ends what is drawn.
   const bool cut_short = interrupted != 0;
   interrupted = 0;
@@ -394,7 +428,7 @@ int feel(FeelOptions options) {
   }
   if (cut_short || interrupted != 0) return kInterrupted;
   int status = nothing && !options.window ? kNothingFelt : kDone;
-  if (lost) status = kEndedEarly;
+  if (lost || !kept) status = kEndedEarly;
   for (std::size_t h = 0; h < hands.size(); ++h) {
     const Fault fault = hands[h]->log.felt.fault();
     if (fault == Fault::kNone) continue;

@@ -69,18 +69,33 @@ ToFeel toFeel(const RecordedScene& scene) {
   return out;
 }
 
+/// Adds the files that a scene is made of. Text that is none adds nothing: toFeel tells.
+void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
+  const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
+  if (!json.is_object() || !json.contains("file") || !json["file"].is_string()) return;
+  files.emplace_back(json["file"].get<std::string>());
+  if (!json.contains("volumes") || !json["volumes"].is_array()) return;
+  for (const OrderedJson& volume : json["volumes"]) {
+    if (volume.is_object() && volume.contains("file") && volume["file"].is_string()) {
+      files.emplace_back(volume["file"].get<std::string>());
+    }
+  }
+}
+
 }  // namespace
 
 ToFeel sceneToFeel(const std::string& scene) {
   if (!isRecording(scene)) {
-    const std::string text = textOfScene(scene);
-    return {openScene(scene, showProgress("loading")), scene, text};
+    std::string text = textOfScene(scene);
+    return {openScene(scene, showProgress("loading")), scene, std::move(text), {}};
   }
   const Recording recording(scene);
   if (recording.scenes().empty()) {
     throw Error(scene, "there is no scene in it", "give the scene's file");
   }
-  return toFeel(recording.scenes().front());
+  ToFeel first = toFeel(recording.scenes().front());
+  for (const RecordedScene& each : recording.scenes()) addFiles(each, first.files);
+  return first;
 }
 
 std::string textOfScene(const std::string& file) {
@@ -93,7 +108,7 @@ std::string textOfScene(const std::string& file) {
 std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,
                           const std::vector<LiveDial>& dials) {
   OrderedJson json;
-  json["file"] = fs::absolute(fs::path(file)).lexically_normal().string();
+  json["file"] = fs::absolute(fs::path(file)).string();
   json["text"] = text.empty() ? OrderedJson() : OrderedJson(text);
   json["dials"] = OrderedJson::array();
   for (const LiveDial& dial : dials) json["dials"].push_back({dial.mode, dial.factor});
@@ -114,12 +129,13 @@ ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> fir
   for (const RecordedScene& scene : recording.scenes()) {
     if (scenes.contains(scene.id)) continue;
     if (scenes.empty()) {
-      scenes.emplace(scene.id, first);
+      scenes.emplace(scene.id, SceneAgain{first, scene.text});
       continue;
     }
     SceneSpec spec = toFeel(scene).spec;
     static_cast<void>(fitCoupling(spec, recording.setting().device));
-    scenes.emplace(scene.id, buildScene(spec, showProgress("loading"), &cache).scene);
+    scenes.emplace(scene.id,
+                   SceneAgain{buildScene(spec, showProgress("loading"), &cache).scene, scene.text});
   }
   return scenes;
 }

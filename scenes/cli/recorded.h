@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <string>
@@ -18,6 +19,8 @@ struct ToFeel {
   SceneSpec spec;
   std::string file;  ///< Of the scene.
   std::string text;  ///< As it was read; empty for a .vdb, or a folder.
+  std::vector<std::filesystem::path>
+      files;  ///< All that it is made of, of a recording all scenes'.
 };
 /// Opens a scene (openScene), or the first one of a recording; says which of a recording's files
 /// are not what they were. Throws Error.
@@ -31,8 +34,13 @@ struct ToFeel {
 [[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials);
 
+/// A scene, and what a recording keeps of it.
+struct SceneAgain {
+  std::shared_ptr<const Scene> scene;
+  std::string text;
+};
 /// Scenes by the ids that a recording's ticks have.
-using ScenesById = std::map<std::uint64_t, std::shared_ptr<const Scene>>;
+using ScenesById = std::map<std::uint64_t, SceneAgain>;
 /// All scenes of a recording, fitted to the device that it is of; the first is `first`, built
 /// already. Throws Error.
 [[nodiscard]] ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,

@@ -35,13 +35,7 @@ class OnTime {
   /// False once it has nothing more to do.
   bool look() {
     hand_.drain();
-    if (hand_.recorder && !told_unwritten_) {
-      if (const std::string why = hand_.recorder->trouble(); !why.empty()) {
-        told_unwritten_ = true;
-        complain(fmt::format("{}: --record: {}: the hand feels on, and what was written is whole",
-                             name_, why));
-      }
-    }
+    hand_.tellUnwritten(name_);
     const Telemetry& now = thread_->latest();
     if (now.fault != told_ && now.fault != Fault::kNone) {
       complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
@@ -100,7 +94,6 @@ class OnTime {
   std::uint32_t plugging_ = 1;
   Fault told_ = Fault::kNone;
   bool told_still_ = false;
-  bool told_unwritten_ = false;
   std::optional<HapticThread> thread_;
 };
 
@@ -157,8 +150,17 @@ void runAgain(const Run& run, const ScenesById& scenes) {
       if (told.scene != id) {
         id = told.scene;
         const auto found = scenes.find(id);
-        scene = id == 0 ? nullptr : found == scenes.end() ? run.scene.get() : found->second.get();
-        if (scene != nullptr) hand->log.expect(*scene, {});
+        const Scene* next = id == 0 ? nullptr : run.scene.get();
+        if (found != scenes.end()) next = found->second.scene.get();
+        if (id != 0 && found == scenes.end() && !scenes.empty()) {
+          complain(fmt::format("feel: tick {}: its scene is not in the recording: it is felt in {}",
+                               told.tick, run.from.file));
+        }
+        if (next != nullptr && next != run.scene.get() && next != scene) {
+          hand->log.expect(*next, {});
+          if (hand->recorder) hand->recorder->expect({next->id, found->second.text});
+        }
+        scene = next;
       }
       if (hand->recorder) hand->recorder->wait();
       const auto begin = std::chrono::steady_clock::now();

@@ -93,6 +93,7 @@ struct Hand {
   Log log;  // first: its ring has cache lines of its own
   std::unique_ptr<Device> device;
   std::unique_ptr<Recorder> recorder;
+  bool told_unwritten = false;
   Trace trace;
   Picture* picture = nullptr;  ///< The first one's.
   OrderedJson granted;
@@ -103,6 +104,14 @@ struct Hand {
         device(std::move(d)),
         trace(trace_place),
         picture(drawn) {}
+  /// Says once why nothing is recorded any more.
+  void tellUnwritten(const std::string& name) {
+    if (!recorder || told_unwritten) return;
+    const std::string why = recorder->trouble();
+    if (why.empty()) return;
+    told_unwritten = true;
+    complain(name + ": --record: " + why + ": the hand feels on, and what was written is whole");
+  }
   void drain() {
     log.drain([this](const Telemetry& tick) {
       trace.add(tick);

@@ -129,6 +129,7 @@ TEST_CASE("what is recorded is read again: ticks, scenes and setting", "[record]
   {
     Recorder recorder(file, setting());
     recorder.expect({7, "{\"a scene\": 1}"});
+    recorder.begin();
     for (std::int64_t i = 1; i <= 10000; ++i) {
       if (i == 5000) recorder.expect({8, std::string(5000, 'x')});
       const Telemetry tick = anyTick(i, random);
@@ -203,14 +204,31 @@ TEST_CASE("of a file that was torn off or damaged all up to there is read", "[re
   std::string other = whole;
   other.replace(other.find("[\"time\""), 7, "[\"tame\"");
   CHECK_THROWS_WITH(ticksOf(other), Contains("another version"));
+  // Headers that nobody wrote.
+  const auto header_with = [&](const std::string& from, const std::string& to) {
+    std::string bad = whole;
+    bad.replace(bad.find(from), from.size(), to);
+    return ticksOf(bad);
+  };
+  CHECK_THROWS_AS(header_with("\"rate\":1234.5", "\"rate\":-234.5"), Error);
+  CHECK_THROWS_AS(header_with("\"peak\":3.3", "\"peak\":-.3"), Error);
+  CHECK_THROWS_AS(header_with("\"peak\":3.3", "\"peak\":-3 "), Error);
+  CHECK_THROWS_AS(header_with("\"offset\":", "\"offset\":1"), Error);
+  const std::string deep(200000, '[');
+  CHECK_THROWS_AS(header_with("{\"version\"", deep + "{\"version\""), Error);
 }
 
 TEST_CASE("a disk that is full ends the recording, and what was written is whole",
           "[record][fault]") {
   const Folder folder;
   const fs::path file = folder.file("full.rec");
-  CHECK_THROWS_WITH(Recorder(folder.path, setting()), Contains("it cannot be written"));
+  CHECK_THROWS_WITH(Recorder(folder.path, setting()).begin(), Contains("it cannot be written"));
   CHECK_THROWS_WITH(Recorder(folder.path / "no" / "a.rec", setting()), Contains("No such file"));
+  // One that never begins leaves what is there.
+  put(file, "what was there");
+  { const Recorder never(file, setting()); }
+  CHECK(fs::file_size(file) == 14);
+  CHECK(std::distance(fs::directory_iterator(folder.path), {}) == 1);
   // As a full disk: no file may be longer than this.
   struct rlimit before {};
   REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
@@ -222,6 +240,7 @@ TEST_CASE("a disk that is full ends the recording, and what was written is whole
   std::string trouble;
   {
     Recorder recorder(file, setting());
+    recorder.begin();
     for (std::int64_t i = 1; i <= 20000; ++i) {
       recorder.take(anyTick(i, random));
       if (i % 50 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -242,6 +261,7 @@ TEST_CASE("a disk that is full ends the recording, and what was written is whole
 TEST_CASE("a tick is kept without memory, locks or waiting", "[record][realtime]") {
   const Folder folder;
   Recorder recorder(folder.file("many.rec"), setting());
+  recorder.begin();
   Random random(94);
   const Telemetry tick = anyTick(1, random);
   const CountScope scope;
@@ -369,6 +389,7 @@ TEST_CASE("a replayed hand is where it was, from any time on", "[replay]") {
   Random random(97);
   {
     Recorder recorder(file, setting());
+    recorder.begin();
     for (std::int64_t i = 1; i <= 1000; ++i) {
       Telemetry tick = anyTick(i, random);
       tick.time = 1e-3 * static_cast<double>(i - 1);

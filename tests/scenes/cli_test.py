@@ -151,7 +151,7 @@ class Help(Case):
             self.assertEqual(set(re.findall(r"'\*?(-[-a-z]+)\[", case)), options(verb), verb)
         self.assertIn("'--as[What the volumes", text)
         self.assertIn(":TEXT:(vector tensor)'", text)
-        self.assertIn(":D:(simulated path\\: hid hid\\:)'", text)
+        self.assertIn(":D:(simulated path\\: replay\\: hid hid\\:)'", text)
         self.assertIn("'--json[Report as JSON]'", text)
         self.assertIn("':SCENE:_files'", text)
 

@@ -14,6 +14,7 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 declare -A says=(
     [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
+    [compare]="last bit" [convert]=force_z
     [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [completion]=--trace [help]=--trace)
 run() {
     case $1 in
@@ -32,6 +33,11 @@ run() {
             fi ;;
         plot) "$palpate" feel bodies.vdb --seconds 1 --trace bodies.csv >/dev/null &&
             "$palpate" plot bodies.csv --out bodies.png && test -s bodies.png ;;
+        compare) "$palpate" feel bodies.vdb --seconds 1 --record bodies.rec >/dev/null &&
+            "$palpate" feel bodies.rec --device replay:bodies.rec --record again.rec >/dev/null &&
+            "$palpate" compare bodies.rec again.rec ;;
+        convert) "$palpate" feel bodies.vdb --seconds 1 --record table.rec >/dev/null &&
+            "$palpate" convert table.rec - ;;
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;

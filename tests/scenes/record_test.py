@@ -32,7 +32,7 @@ SCENE = {
 
 def run(*words, status=0):
     done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300)
-    if done.returncode != status:
+    if status is not None and done.returncode != status:
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done
 
@@ -108,6 +108,11 @@ class Recorded(Case):
         self.record("b.rec", self.scene, "--device", f"replay:{a}@0.25")
         _, rows = rows_of(self.dir / "b.rec")
         self.assertEqual(list(rows["tick"]), list(range(251, 2001)))
+        # By their numbers, ticks are compared with those that they are again.
+        told = self.compare("a.rec", "b.rec", status=1)
+        self.assertEqual(told["alone"], [250, 0])
+        self.assertEqual(told["lost"], [0, 0])
+        self.assertIsNone(told["given_otherwise"])
 
     def test_a_path_is_recorded_as_well(self):
         path = self.dir / "path.csv"
@@ -176,10 +181,30 @@ class Recorded(Case):
         refused("feel", self.scene, "--record", self.dir, says="it is a folder")
         refused("feel", self.scene, "--device", replay, "--record", a, says="a.rec")
         refused("feel", a, "--record", a, says="a.rec")
+        refused("feel", a, "--record", self.scene, says="ball.json")
+        refused("feel", a, "--trace", self.dir / "ball.vdb", says="ball.vdb")
+        refused("feel", self.scene, "--device", replay, "--passive", says="leave it out")
+        refused("feel", self.scene, "--device", replay, "--rate", 500, says="recorded at 1000 Hz")
+        # What stands there before stays where a run is refused.
+        (self.dir / "b.2.rec").mkdir()
+        (self.dir / "b.rec").write_bytes(a.read_bytes())
+        refused("feel", self.scene, "--device", "simulated", "--device", "simulated", "--record",
+                self.dir / "b.rec", says="it is a folder")
+        self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
         refused("feel", self.scene, "--record", "/dev/full", says="it is a pipe or a device")
         refused("compare", a, self.scene, says="it is no recording")
         refused("convert", a, a, says="a.rec")
         self.assertGreater(len(rows_of(a)[1]), 0)
+
+
+    def test_a_full_disk_is_told_and_the_hand_feels_on(self):
+        full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
+        done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn("--record: it cannot be written on (File too large)", done.stderr)
+        self.assertIn("3000 ticks", done.stdout)
+        self.assertLess(len(rows_of(self.dir / "a.rec")[1]), 3000)
+        self.assertEqual(self.compare("a.rec", "a.rec", status=None)["torn"], [0, 0])
 
 
 class OnTime(Case):
@@ -203,6 +228,10 @@ class OnTime(Case):
         run("feel", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}", "--record",
             self.dir / "b.rec")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+        # And again: its scenes are in that recording as well.
+        run("feel", self.dir / "b.rec", "--device", f"replay:{self.dir / 'b.rec'}", "--record",
+            self.dir / "c.rec")
+        self.assertTrue(self.compare("a.rec", "c.rec")["identical"])
 
     def test_a_killed_program_loses_next_to_nothing(self):
         kills = int(os.environ.get("PALPATE_KILLS", "5"))
