@@ -131,9 +131,10 @@ class Help(Case):
         self.assertEqual(self.bash("scene", "a.vdb", "--for", "c"), {"cfd", "ct"})
         self.assertEqual(self.bash("help", "fe"), {"feel"})
         self.assertEqual(self.bash("feel", "a.json", "--device", ""),
-                         {"simulated", "path:", "hid", "hid:"})
+                         {"simulated", "path:", "replay:", "hid", "hid:"})
         self.assertEqual(self.bash("view", "a.json", "--device", "m"), {"mouse"})
         self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "path", ":"))
+        self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "replay", ":"))
         self.assertIn("ball.vdb", self.bash("feel", "ba"))
         self.assertIn("ball.vdb", self.bash("feel", "--seconds", "10", "ba"))
 
