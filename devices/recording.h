@@ -111,6 +111,7 @@ class Recording {
   Recording& operator=(const Recording&) = delete;
   ~Recording();
 
+  /// What its header tells.
   [[nodiscard]] const RecordedSetting& setting() const noexcept { return setting_; }
   [[nodiscard]] std::int64_t size() const noexcept { return size_; }  ///< Ticks.
   /// The i-th tick, i < size(). Cost: a search among chunks.

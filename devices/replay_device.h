@@ -22,8 +22,9 @@ class ReplayDevice final : public Device {
   [[nodiscard]] double given() const noexcept override { return given_; }
   [[nodiscard]] bool ended() const noexcept override { return at_ >= recording_->size(); }
 
-  /// What it is replayed from, and where it begins.
+  /// What it is replayed from,
   [[nodiscard]] const Recording& recording() const noexcept { return *recording_; }
+  /// and the index of the tick with which it begins.
   [[nodiscard]] std::int64_t begin() const noexcept { return begin_; }
 
  private:

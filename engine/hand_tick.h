@@ -37,6 +37,7 @@ class HandTick {
   /// Ends the tick by `given` and `unsent`, once the force is written. RT: no allocation.
   void sent(const TickInput& in) noexcept PALPATE_NONBLOCKING;
 
+  /// What the hand's proxy remembers after the last tick.
   [[nodiscard]] const ProxyState& state() const noexcept { return state_; }
   /// The last tick's hand was ready (HandState::ready), and no fault is latched.
   [[nodiscard]] bool mayPull() const noexcept { return ready_ && !state_.faulted(); }
