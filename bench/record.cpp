@@ -20,6 +20,7 @@
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/haptic_thread.h"
 #include "palpate/scenes/scene_file.h"
+#include "tests/support/percentiles.h"
 
 namespace {
 
@@ -109,25 +110,19 @@ int run(const Options& options) {
   Times plain;
   Times recorded;
   std::vector<double> shares;
-  const auto median = [](std::vector<double> us) {
-    std::nth_element(us.begin(), us.begin() + static_cast<std::ptrdiff_t>(us.size() / 2), us.end());
-    return us[us.size() / 2];
-  };
   for (int turn = 0; turn < options.turns; ++turn) {
     Times a;
     Times b;
     feel(built, options, turn % 2 == 0, turn % 2 == 0 ? b : a);
     feel(built, options, turn % 2 != 0, turn % 2 != 0 ? b : a);
-    shares.push_back(median(b.us) / median(a.us));
+    shares.push_back(bench::percentile(b.us, 0.5) / bench::percentile(a.us, 0.5));
     plain.us.insert(plain.us.end(), a.us.begin(), a.us.end());
     recorded.us.insert(recorded.us.end(), b.us.begin(), b.us.end());
     recorded.lost += b.lost;
   }
   const auto row = [](const char* what, std::vector<double> us) {
     std::sort(us.begin(), us.end());
-    const auto at = [&](double share) {
-      return us[static_cast<std::size_t>(share * static_cast<double>(us.size() - 1))];
-    };
+    const auto at = [&](double share) { return bench::percentileOfSorted(us, share); };
     std::printf("%-10s %9zu ticks  p50 %.3f  p99 %.3f  p99.9 %.3f  max %.1f us\n", what, us.size(),
                 at(0.5), at(0.99), at(0.999), us.back());
   };
