@@ -1,6 +1,7 @@
 /// palpate convert: a recording as a table.
 #include <array>
 #include <cstring>
+#include <filesystem>
 #include <memory>
 #include <string>
 #include <string_view>
@@ -9,6 +10,7 @@
 
 #include "palpate/devices/recording.h"
 #include "palpate/engine/error.h"
+#include "palpate/scenes/cli/as_hdf5.h"
 #include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
@@ -43,13 +45,8 @@ std::string valueOf(const RecordedTick& tick, const RecordedField& field, std::s
   return std::to_string(at<std::uint8_t>(tick, field.offset + i));
 }
 
-int convert(const ConvertOptions& options) {
-  checkOutputsApart({options.out}, {options.in});
-  const Recording recording(options.in);
-  if (const std::string words = recording.incomplete(); !words.empty()) {
-    complain(options.in + ": " + words);
-  }
-  WholeFile out(options.out);
+void writeCsv(const Recording& recording, const std::string& path) {
+  WholeFile out(path);
   const auto line = [&](const auto& cell) {
     std::string text;
     for (const RecordedField& field : recordedFields()) {
@@ -70,17 +67,39 @@ int convert(const ConvertOptions& options) {
     if (progress) progress(static_cast<double>(i) / static_cast<double>(recording.size()));
   }
   out.commit();
+}
+
+/// By its name.
+bool isHdf5(const std::string& path) {
+  const std::string ending = std::filesystem::path(path).extension().string();
+  return ending == ".h5" || ending == ".hdf5";
+}
+
+int convert(const ConvertOptions& options) {
+  checkOutputsApart({options.out}, {options.in});
+  if (isHdf5(options.out)) checkHdf5(options.out);
+  const Recording recording(options.in);
+  if (const std::string words = recording.incomplete(); !words.empty()) {
+    complain(options.in + ": " + words);
+  }
+  if (isHdf5(options.out)) {
+    writeHdf5(recording, options.out);
+  } else {
+    writeCsv(recording, options.out);
+  }
   return kDone;
 }
 
 }  // namespace
 
 void addConvert(CLI::App& app, std::function<int()>& body) {
-  CLI::App* verb = app.add_subcommand("convert", "Writes a recording as CSV, one row a tick");
+  CLI::App* verb =
+      app.add_subcommand("convert", "Writes a recording as CSV or HDF5, one row a tick");
   auto options = std::make_shared<ConvertOptions>();
   verb->add_option("IN", options->in, "A recording (palpate feel --record)")->required();
-  verb->add_option("OUT", options->out, "A .csv, or - for standard output")->required();
-  verb->footer("Example:\n  palpate convert hand.rec hand.csv");
+  verb->add_option("OUT", options->out, "A .csv, - for one on standard output, or a .h5")
+      ->required();
+  verb->footer("Example:\n  palpate convert hand.rec hand.h5");
   verb->callback([=, &body] { body = [=] { return convert(*options); }; });
 }
 

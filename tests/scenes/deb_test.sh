@@ -31,6 +31,7 @@ for each in palpate*.deb python3*.deb; do
 done
 [ "$(wants libpalpate-dev)" = "libeigen3-dev (>= 3.4)" ] || fail "the engine asks for more than Eigen"
 ! wants palpate | grep vtk >/dev/null || fail "palpate asks for VTK"
+! wants palpate | grep mpi >/dev/null || fail "palpate asks for MPI"
 if ls palpate-import_*.deb >/dev/null 2>&1; then
     wants palpate-import | grep vtk >/dev/null || fail "palpate-import asks for no VTK"
 fi

@@ -37,7 +37,8 @@ run() {
             "$palpate" feel bodies.rec --device replay:bodies.rec --record again.rec >/dev/null &&
             "$palpate" compare bodies.rec again.rec ;;
         convert) "$palpate" feel bodies.vdb --seconds 1 --record table.rec >/dev/null &&
-            "$palpate" convert table.rec - ;;
+            "$palpate" convert table.rec - && { ! "$palpate" convert table.rec table.h5 2>no.h5 &&
+                grep "without HDF5" no.h5 || [ "$(head -c 4 table.h5)" = $'\x89HDF' ]; } ;;
         stability) "$palpate" stability --size 9 --map map.json ;;
         devices) "$palpate" devices ;;
         schema) "$palpate" schema scene ;;

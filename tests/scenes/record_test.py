@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Recordings as users meet them: record_test.py BIN_DIR VOLUMES_PROGRAM [--host]. With --host the
-tests that depend on how the machine schedules, without it all others."""
+"""Recordings as users meet them: record_test.py BIN_DIR VOLUMES_PROGRAM [--host] [--without-hdf5].
+With --host the tests that depend on how the machine schedules, without it all others; with
+--without-hdf5 of a program that was built so."""
 import json
 import os
 import random
@@ -20,6 +21,7 @@ BIN = Path(sys.argv[1])
 VOLUMES = sys.argv[2]
 PALPATE = str(BIN / "palpate")
 ROOT = Path(__file__).resolve().parents[2]
+WITHOUT_HDF5 = "--without-hdf5" in sys.argv
 
 SCENE = {
     "palpate": 1,
@@ -148,6 +150,79 @@ class Recorded(Case):
                 self.assertEqual(float(values[f"force_{name}"]), rows["force"][i][axis])
             self.assertEqual(int(values["iterations"]), rows["iterations"][i])
 
+    def test_h5py_reads_it(self):
+        # More than two blocks, and not a whole number of them.
+        a = self.record("a.rec", self.scene, "--seconds", 2.5)
+        out = self.dir / "a.h5"
+        if WITHOUT_HDF5:
+            call = lambda: subprocess.run([PALPATE, "convert", a, out], capture_output=True,
+                                          text=True, check=False)
+            done, line = refusal(self, self.dir, call)
+            self.assertEqual(done.returncode, 2)
+            self.assertIn("a.h5: this palpate was built without HDF5", line)
+            self.assertIn("install libhdf5-dev", line)
+            return
+        import h5py  # pylint: disable=import-outside-toplevel
+        head, rows = rows_of(a)
+        self.assertEqual(run("convert", a, out).stderr, "")
+        with h5py.File(out) as file:
+            ticks = file["ticks"]
+            self.assertEqual(ticks.dtype.names, tuple(n for n in rows.dtype.names if n != "zero"))
+            self.assertEqual(ticks.dtype.itemsize, rows.dtype.itemsize - 3)
+            self.assertEqual((len(rows), ticks.shape), (2500, (2500,)))
+            for name in ticks.dtype.names:
+                self.assertEqual(ticks.dtype[name], rows.dtype[name], name)
+                self.assertEqual(ticks[name].tobytes(), rows[name].tobytes(), name)
+            self.assertEqual(ticks["force"].shape, (2500, 3))
+            self.assertGreater(abs(ticks["force"]).max(), 0.1)
+            self.assertEqual((ticks.compression, ticks.compression_opts, ticks.shuffle),
+                             ("gzip", 1, True))
+            self.assertEqual(file.attrs["rate"], 1000.0)
+            for name in ("units", "device", "about"):
+                self.assertEqual(json.loads(file.attrs[name]), head[name], name)
+            scenes = file["scenes"]
+            self.assertEqual(list(scenes["id"]), sorted(set(rows["scene"]) - {0}))
+            told = json.loads(scenes["text"][0])
+            self.assertEqual(json.loads(told["text"]), SCENE)
+        # The same again, bit by bit; by its other name; in the place of what stood there.
+        (self.dir / "b.hdf5").write_bytes(b"another")
+        run("convert", a, self.dir / "b.hdf5")
+        self.assertEqual((self.dir / "b.hdf5").read_bytes(), out.read_bytes())
+        # Of a recording without a tick nothing but what it says of itself.
+        none = self.dir / "none.rec"
+        none.write_bytes(a.read_bytes()[:head["offset"]])
+        run("convert", none, out)
+        with h5py.File(out) as file:
+            self.assertEqual((len(file["ticks"]), len(file["scenes"])), (0, 0))
+            self.assertEqual(file.attrs["rate"], 1000.0)
+
+    @unittest.skipIf(WITHOUT_HDF5, "built without HDF5")
+    def test_a_table_is_whole_or_not_there(self):
+        a = self.record("a.rec", self.scene, "--seconds", 20)
+        out = self.dir / "a.h5"
+        out.write_bytes(b"what stood there")
+
+        def ended(command, status, says):
+            call = lambda: subprocess.run(["bash", "-c", f"{command} {PALPATE} convert {a} {out}"],
+                                          capture_output=True, text=True, check=False)
+            done, line = refusal(self, self.dir, call)
+            self.assertEqual(done.returncode, status)
+            self.assertIn(says, line)
+            self.assertEqual(out.read_bytes(), b"what stood there")
+
+        # Nothing at all, some of it, and not its end.
+        size = self.dir / "whole.h5"
+        run("convert", a, size)
+        for blocks in (0, 4, size.stat().st_size // 2048, size.stat().st_size // 1024 - 1):
+            ended(f"ulimit -f {blocks};", 2,
+                  "a.h5: writing failed (File too large): make room on the disk")
+        for what, says in (("pipe.h5", "it is a pipe or a device"), ("dir.h5", "it is a folder")):
+            place = self.dir / what
+            (os.mkfifo if what == "pipe.h5" else os.mkdir)(place)
+            done = run("convert", a, place, status=2)
+            self.assertIn(says, done.stderr)
+            self.assertEqual(len(done.stderr.splitlines()), 1)
+
     def test_files_that_have_changed_are_told(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
         with open(self.dir / "ball.vdb", "r+b") as file:
@@ -194,6 +269,8 @@ class Recorded(Case):
         refused("feel", self.scene, "--record", "/dev/full", says="it is a pipe or a device")
         refused("compare", a, self.scene, says="it is no recording")
         refused("convert", a, a, says="a.rec")
+        (self.dir / "a.h5").symlink_to(a)
+        refused("convert", a, self.dir / "a.h5", says="a.h5")
         self.assertGreater(len(rows_of(a)[1]), 0)
 
 
