@@ -60,12 +60,27 @@ std::shared_ptr<Felt::SceneFelt> Felt::startOf(const Scene& scene) {
   return felt;
 }
 
-Felt::Felt(const Scene& scene, double rate) : rate_(rate) {
+Felt::Felt(const Scene& scene, double rate)
+    : rate_(rate), carriers_(scene.graph.mode_names), parts_(!scene.parts.empty()) {
+  if (parts_) carriers_.emplace_back("parts");
   expect(scene);
+}
+
+std::vector<int> Felt::loadsOf(std::span<const std::string> modes) const {
+  std::vector<int> loads;
+  std::map<std::string, std::size_t> after;  // where the next one of that name may be
+  const std::size_t own = carriers_.size() - (parts_ ? 1 : 0);
+  for (const std::string& name : modes) {
+    std::size_t& i = after[name];
+    while (i < own && carriers_[i] != name) ++i;
+    loads.push_back(i < own ? static_cast<int>(i++) : -1);
+  }
+  return loads;
 }
 
 void Felt::expect(const Scene& scene) {
   scenes_.push_back(startOf(scene));
+  scenes_.back()->load_of = loadsOf(scene.graph.mode_names);
   expected_.draft() = scenes_.back();
   expected_.publish();
 }
@@ -112,6 +127,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   most_near_ = std::max<std::int64_t>(most_near_, r.parts);
   crowded_ += static_cast<std::int64_t>(r.left_out > 0);
   missing_ = std::max(missing_, r.missing);
+  std::fill_n(loads_.begin(), carriers_.size(), 0.0);
 
   // What is published next is told here first, so a scene that is not known is on its way.
   if (!expected_.current() || expected_.current()->id != tick.scene) expected_.refresh();
@@ -126,6 +142,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   std::size_t next = 0;
   double most = 0.0;
   std::size_t main = 0;
+  Vec3 of_parts = Vec3::Zero();
   const auto add = [&](std::size_t index, const ModeMemory& memory, Side& last) {
     // What the mode's primitives do together; after a fault there may be none.
     Vec3 force = Vec3::Zero();
@@ -136,6 +153,11 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
     if (held > most) {
       most = held;
       main = index;
+    }
+    if (index >= felt.own) {
+      of_parts += force;
+    } else if (felt.load_of[index] >= 0) {
+      loads_[static_cast<std::size_t>(felt.load_of[index])] = held;
     }
     addMode(felt.modes[index], held, r.proxy, memory, last);
   };
@@ -149,6 +171,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
     const std::size_t count = near.modes;
     for (std::size_t i = 0; i < count; ++i) add(first + i, near.memories[i], last.of[i]);
   }
+  if (parts_) loads_[carriers_.size() - 1] = of_parts.norm();
 
   // While the hand leaps the force is of that moment only.
   constexpr double kFast = 0.1;  // [m/s]

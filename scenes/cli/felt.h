@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -50,6 +51,9 @@ struct Most {
   Pose pose;                  ///< Of that motion then.
 };
 
+/// A force each: of the modes of a run's first scene, and of its parts together [N].
+using Loads = std::array<double, kMaxModes + 1>;
+
 /// Adds up a run, on the thread of its ticks.
 // The mailbox keeps its sides on cache lines of their own.
 class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
@@ -61,6 +65,15 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// The scene that ticks will be of soon, from another thread than theirs: before it is published.
   void expect(const Scene& scene);
 
+  /// What loads() are of: the modes of the scene that the run begins with, by their names, then
+  /// "parts" where it has some.
+  [[nodiscard]] const std::vector<std::string>& carriers() const noexcept { return carriers_; }
+  /// The force that each carrier's primitives held together in the last tick [N]. A mode of a scene
+  /// that came later is who has its name, of several the one at its place among them; of one that
+  /// is not there it is 0.
+  [[nodiscard]] std::span<const double> loads() const noexcept {
+    return {loads_.data(), carriers_.size()};
+  }
   /// Why the force was cut, by the last tick.
   [[nodiscard]] Fault fault() const noexcept { return fault_; }
   /// False if no mode ever took part in a force.
@@ -99,6 +112,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
     std::size_t volumes = 0;         ///< That are read.
     std::vector<ModeFelt> modes;
     std::size_t own = 0;                     ///< Of these, the scene's own; then those of parts.
+    std::vector<int> load_of;                ///< Of its own: which of the loads; -1: none.
     std::vector<std::size_t> modes_of_part;  ///< The first of each part's; alike ones share theirs.
   };
   /// As Most, in a tick.
@@ -116,8 +130,12 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMemory& memory,
                Side& last) const noexcept;
   [[nodiscard]] static std::shared_ptr<SceneFelt> startOf(const Scene& scene);
+  [[nodiscard]] std::vector<int> loadsOf(std::span<const std::string> modes) const;
 
   double rate_;
+  std::vector<std::string> carriers_;
+  bool parts_ = false;  ///< The last of them.
+  Loads loads_{};
   std::vector<std::shared_ptr<SceneFelt>> scenes_;  ///< All, by the thread that expects.
   Mailbox<std::shared_ptr<SceneFelt>> expected_;    ///< From there to the ticks' thread.
   Durations durations_;

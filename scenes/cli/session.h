@@ -1,12 +1,14 @@
 /// What `palpate feel` runs: hands, each with its device and what it has felt, on time or not.
 #pragma once
 
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
 #include <readerwriterqueue.h>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -60,13 +62,16 @@ class Log final : public TickSink {
     felt.add(tick, state);
     if (live != nullptr) live->take(tick, state);
     if (recorder != nullptr) recorder->take(tick);
-    if (ring_ && !ring_->try_enqueue(tick)) ++lost_;
+    if (ring_ && !ring_->try_emplace(tick, felt.loads())) ++lost_;
   }
   /// On the thread that writes.
   template <class Take>
-  void drain(const Take& row) {
-    Telemetry tick;
-    while (ring_ && ring_->try_dequeue(tick)) row(tick);
+  void drain(const Take& take) {
+    if (!ring_) return;
+    while (const Row* row = ring_->peek()) {
+      take(row->tick, std::span(row->loads).first(felt.carriers().size()));
+      ring_->pop();
+    }
   }
   /// Rows for which there was no room.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
@@ -82,9 +87,16 @@ class Log final : public TickSink {
   Recorder* recorder = nullptr;  ///< Null: nothing is recorded.
 
  private:
+  struct Row {
+    Row(const Telemetry& t, std::span<const double> l) noexcept : tick(t) {
+      std::copy(l.begin(), l.end(), loads.begin());
+    }
+    Telemetry tick;
+    Loads loads;  ///< As many as there are carriers.
+  };
   static constexpr std::size_t kRows = 32768;  // 3 s at 10 kHz
-  // Never grows: try_enqueue takes no memory.
-  std::optional<moodycamel::ReaderWriterQueue<Telemetry>> ring_;
+  // Never grows: try_emplace takes no memory.
+  std::optional<moodycamel::ReaderWriterQueue<Row>> ring_;
   std::int64_t lost_ = 0;
 };
 
@@ -102,7 +114,7 @@ struct Hand {
        const std::string& trace_place, Picture* drawn)
       : log(scene, options.rate, !trace_place.empty() || drawn != nullptr),
         device(std::move(d)),
-        trace(trace_place),
+        trace(trace_place, log.felt.carriers()),
         picture(drawn) {}
   /// Says once why nothing is recorded any more.
   void tellUnwritten(const std::string& name) {
@@ -113,8 +125,8 @@ struct Hand {
     complain(name + ": --record: " + why + ": the hand feels on, and what was written is whole");
   }
   void drain() {
-    log.drain([this](const Telemetry& tick) {
-      trace.add(tick);
+    log.drain([this](const Telemetry& tick, std::span<const double> loads) {
+      trace.add(tick, loads);
       if (picture != nullptr) picture->add(tick);
     });
   }

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "palpate/engine/telemetry.h"
 #include "palpate/scenes/cli/common.h"
@@ -12,9 +14,11 @@ namespace palpate::cli {
 /// Row by row, a tick each; a file that is not asked for costs nothing.
 class Trace {
  public:
-  /// An empty path asks for none. Throws Error where it cannot be written.
-  explicit Trace(const std::string& path);
-  void add(const Telemetry& tick);
+  /// An empty path asks for none. `carriers`: of the loads, a column each. Throws Error where it
+  /// cannot be written.
+  Trace(const std::string& path, std::span<const std::string> carriers);
+  /// `loads`: of the carriers [N].
+  void add(const Telemetry& tick, std::span<const double> loads);
   /// All of it is there, or nothing.
   void commit();
 

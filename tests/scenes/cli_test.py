@@ -268,6 +268,16 @@ class Shatter(Case):
         for mode in felt["felt"]:
             self.assertIn(mode["mode"], ("fragment-001", "fragment-002", "fragment-003"))
             self.assertGreater(mode["touches"], 0)
+        # Here what its parts bear is all the force, but for what a balance leaves over at an edge.
+        rows = list(csv.DictReader(io.StringIO(
+            run("feel", made["scene"], "--seconds", 5, "--trace", "-").stdout)))
+        self.assertEqual([name for name in rows[0] if name.startswith("load_")], ["load_parts"])
+        self.assertTrue(any(float(row["load_parts"]) > 0.1 for row in rows))
+        apart = [abs(float(row["load_parts"]) - math.hypot(*(float(row[f"force_{a}"]) for a in "xyz")))
+                 for row in rows if row["limited"] == "0"]
+        self.assertGreater(len(apart), 4900)
+        self.assertLess(max(apart), 1e-3)
+        self.assertGreater(sum(gap < 1e-9 for gap in apart), 4900)
         words = run("feel", made["scene"], "--seconds", 5)
         self.assertIn("of 30 near in the mean", words.stdout)
         self.assertNotIn("nothing was felt", words.stderr)
@@ -637,7 +647,7 @@ class Feel(Case):
                    "--summary", "-")
         summary = json.loads(done.stdout)
         text = trace.read_text()
-        self.assertEqual(text.splitlines()[0], self.HEADER)
+        self.assertTrue(text.startswith(self.HEADER + ",load_"), text.splitlines()[0])
         rows = list(csv.DictReader(io.StringIO(text)))
         self.assertEqual(len(rows), 301)
         self.assertEqual(summary["ticks"], 301)
@@ -654,6 +664,67 @@ class Feel(Case):
         self.assertLessEqual(summary["force_max"], 3.0 + 1e-9)
         self.assertTrue(summary["machine"]["processor"])
         os.remove(trace)
+
+    def trace(self, scene, device, *words):
+        """Its header and its rows."""
+        lines = io.StringIO(run("feel", scene, "--device", device, "--trace", "-", *words).stdout)
+        table = csv.DictReader(lines)
+        return table.fieldnames, list(table)
+
+    def scene_of(self, *modes):
+        scene = self.dir / "loads.json"
+        scene.write_text(json.dumps({
+            "palpate": 1, "coupling": {"stiffness": 500, "damping": 0},
+            "volumes": {name: {"file": "linear.vdb", "grid": grid,
+                               "place": {"scale": 0.01, "translate": [0, 0, 0]}}
+                        for name, grid in (("d", "density"), ("v", "velocity"))},
+            "modes": list(modes)}))
+        self.addCleanup(os.remove, scene)
+        return scene
+
+    def test_the_load_of_one_mode_is_the_force(self):
+        into = [c / math.sqrt(6) for c in (1, 2, -1)]
+        wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3}
+        places = [[0.02 + depth * c for c in into] for depth in (-0.002, 0.003, 0.003)]
+        device = self.path([(0.2 * i, *place) for i, place in enumerate(places)])
+        header, rows = self.trace(self.scene_of(wall), device)
+        self.assertEqual(",".join(header), self.HEADER + ",load_wall")
+        self.assertEqual(rows[0]["load_wall"], "0")
+        self.assertAlmostEqual(float(rows[-1]["load_wall"]), 500 * 0.003, places=9)
+        for row in rows:
+            force = math.hypot(*(float(row[f"force_{a}"]) for a in "xyz"))
+            self.assertAlmostEqual(float(row["load_wall"]), force, places=9)
+
+    def test_loads_are_those_that_explain_tells(self):
+        wall = {"name": "wall", "mode": "isosurface", "of": "d", "value": 4, "strength": 3,
+                "friction": 0.4}
+        drag = {"name": "drag", "mode": "viscosity", "of": "d", "strength": 0.3}
+        pull = {"name": "pull", "mode": "force", "of": "v", "strength": 0.2}
+        scene = self.scene_of(wall, drag, pull)
+        at, push = (0.02, 0.02, 0.02), (0.0015, 0.001, -0.002)
+        told = json.loads(run("explain", scene, "--at", "0.02,0.02,0.02", "--push",
+                              "0.0015,0.001,-0.002", "--json").stdout)
+        self.assertEqual(told["rest"]["ticks"], 1)
+        device = self.path([(0, *at), (0.001, *(a + p for a, p in zip(at, push)))])
+        header, rows = self.trace(scene, device)
+        self.assertEqual(header[-3:], ["load_wall", "load_drag", "load_pull"])
+        self.assertEqual(len(rows), 2)
+        self.assertEqual([mode["name"] for mode in told["modes"]], ["wall", "drag", "pull"])
+        for mode in told["modes"]:
+            load = math.hypot(*mode["load"])
+            self.assertGreater(load, 0.05, mode["name"])
+            self.assertAlmostEqual(float(rows[1][f"load_{mode['name']}"]), load, places=9)
+
+    def test_columns_of_loads_have_names_of_their_own(self):
+        drag = {"mode": "viscosity", "of": "d", "strength": 0.3}
+        names = ["a, b", 'a"', "a\n", "drag", "drag", "größe"]
+        scene = self.scene_of(drag, *({"name": name, **drag} for name in names))
+        header, rows = self.trace(scene, self.path([(0, 0.02, 0.02, 0.02), (0.1, 0.02, 0.02, 0.03)]))
+        self.assertEqual(header[17:], ["load_/modes/0", "load_a_ b", "load_a_", "load_a__2",
+                                       "load_drag", "load_drag_2", "load_größe"])
+        self.assertEqual(",".join(header[:17]), self.HEADER)
+        for name in header[17:]:
+            self.assertAlmostEqual(float(rows[-1][name]), 0.3, places=6)
 
     def test_the_summary_counts_what_the_trace_shows(self):
         # A surface and two drags, pressed and slid along: more to balance than a pair.

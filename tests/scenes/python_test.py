@@ -128,9 +128,11 @@ def test_a_run_is_the_programs(bodies, tmp_path):
     program("feel", bodies, "--device", f"path:{tmp_path}/path.csv", "--rate", 2000, "--trace", tmp_path / "t.csv")
     told = [line.split(",") for line in (tmp_path / "t.csv").read_text().splitlines()]
     rows = scene.run(path, 2000)
-    assert list(rows.dtype.names) == told[0]
+    # What the trace has more are loads of modes.
+    columns = [name for name in told[0] if not name.startswith("load_")]
+    assert list(rows.dtype.names) == columns == told[0][:len(columns)]
     assert len(rows) == len(told) - 1 == 3201
-    for column, name in enumerate(told[0]):
+    for column, name in enumerate(columns):
         texts = [row[column] for row in told[1:]]
         if name == "status":
             assert rows[name].tolist() == texts

@@ -2,6 +2,7 @@
 """Recordings as users meet them: record_test.py BIN_DIR VOLUMES_PROGRAM [--host] [--without-hdf5].
 With --host the tests that depend on how the machine schedules, without it all others; with
 --without-hdf5 of a program that was built so."""
+import csv
 import json
 import os
 import random
@@ -293,18 +294,31 @@ class OnTime(Case):
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def test_an_edited_scene_is_edited_again(self):
-        feeling = self.feel("a.rec", 4, words=["--watch"])
-        for strength in (2, 1):
+        # A hand that slides to and fro on the ball, whichever scene it is in.
+        path = self.dir / "path.csv"
+        path.write_text("t,x,y,z\n0,0,0,0.06\n" + "".join(
+            f"{0.5 * i},{0.01 * (i % 2)},0,0.045\n" for i in range(1, 9)), encoding="utf-8")
+        feeling = self.feel("a.rec", 4, words=["--watch", "--device", f"path:{path}"])
+        for strength, name in ((2, "skin"), (1, "hide")):
             time.sleep(1.2)
             edited = json.loads(json.dumps(SCENE))
-            edited["modes"][0]["strength"] = strength
+            edited["modes"][0].update(strength=strength, name=name)
             self.write(edited)
         feeling.communicate(timeout=60)
         _, rows = rows_of(self.dir / "a.rec")
         self.assertEqual(len(set(rows["scene"]) - {0}), 3)
         run("feel", self.dir / "a.rec", "--device", f"replay:{self.dir / 'a.rec'}", "--record",
-            self.dir / "b.rec")
+            self.dir / "b.rec", "--trace", self.dir / "b.csv")
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+        # A mode bears its load for as long as its name is there.
+        with open(self.dir / "b.csv", encoding="utf-8") as file:
+            trace = list(csv.DictReader(file))
+        self.assertEqual([name for name in trace[0] if name.startswith("load_")], ["load_skin"])
+        self.assertEqual(len(trace), len(rows))
+        for scene, bears in zip(sorted(set(rows["scene"]) - {0}), (True, True, False)):
+            of_scene = [row for row, number in zip(trace, rows["scene"]) if number == scene]
+            self.assertTrue(any(float(row["force_z"]) != 0 for row in of_scene))
+            self.assertEqual(any(float(row["load_skin"]) > 0.1 for row in of_scene), bears)
         # And again: its scenes are in that recording as well.
         run("feel", self.dir / "b.rec", "--device", f"replay:{self.dir / 'b.rec'}", "--record",
             self.dir / "c.rec")
