@@ -9,7 +9,9 @@
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <system_error>
+#include <type_traits>
 #include <unistd.h>
+#include <utility>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -73,60 +75,124 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   return asText(bytesOf(mark)) + asText(records);
 }
 
-#define PALPATE_FIELD(name, type, count, unit, output)             \
-  RecordedField {                                                  \
-#name, type, count, offsetof(RecordedTick, name), unit, output \
-  }
-constexpr std::array kFields{
-    PALPATE_FIELD(tick, "<i8", 1, "", false),
-    PALPATE_FIELD(scene, "<u8", 1, "", false),
-    PALPATE_FIELD(tick_ns, "<i8", 1, "ns", false),
-    PALPATE_FIELD(wake_ns, "<i8", 1, "ns", false),
-    PALPATE_FIELD(late_ticks, "<i8", 1, "", false),
-    PALPATE_FIELD(time, "<f8", 1, "s", false),
-    PALPATE_FIELD(dt, "<f8", 1, "s", false),
-    PALPATE_FIELD(hand, "<f8", 3, "m", false),
-    PALPATE_FIELD(velocity, "<f8", 3, "m/s", false),
-    PALPATE_FIELD(drives, "<f8", 9, "", false),
-    PALPATE_FIELD(age, "<f8", 1, "s", false),
-    PALPATE_FIELD(still, "<f8", 1, "s", false),
-    PALPATE_FIELD(max_speed, "<f8", 1, "m/s", false),
-    PALPATE_FIELD(given, "<f8", 1, "", false),
-    PALPATE_FIELD(force, "<f8", 3, "N", true),
-    PALPATE_FIELD(wanted, "<f8", 3, "N", true),
-    PALPATE_FIELD(proxy, "<f8", 3, "m", true),
-    PALPATE_FIELD(waiting, "<f8", 3, "m", true),
-    PALPATE_FIELD(stiffness, "<f8", 1, "N/m", true),
-    PALPATE_FIELD(error_bound, "<f8", 1, "m", true),
-    PALPATE_FIELD(injected, "<f8", 1, "J", true),
-    PALPATE_FIELD(missing, "<f8", 1, "N", true),
-    PALPATE_FIELD(moving, "<f8", 1, "", true),
-    PALPATE_FIELD(share, "<f8", 1, "", true),
-    PALPATE_FIELD(energy, "<f8", 1, "J", true),
-    PALPATE_FIELD(iterations, "<i4", 1, "", true),
-    PALPATE_FIELD(substeps, "<i4", 1, "", true),
-    PALPATE_FIELD(samples, "<i4", 1, "", true),
-    PALPATE_FIELD(traced, "<i4", 1, "", true),
-    PALPATE_FIELD(walked, "<i4", 1, "", true),
-    PALPATE_FIELD(primitives, "<i4", 1, "", true),
-    PALPATE_FIELD(parts, "<i4", 1, "", true),
-    PALPATE_FIELD(left_out, "<i4", 1, "", true),
-    PALPATE_FIELD(fresh, "u1", 1, "", false),
-    PALPATE_FIELD(ready, "u1", 1, "", false),
-    PALPATE_FIELD(reported, "u1", 1, "", false),
-    PALPATE_FIELD(too_fast, "u1", 1, "", false),
-    PALPATE_FIELD(cleared, "u1", 1, "", false),
-    PALPATE_FIELD(wrong, "u1", 1, "", false),
-    PALPATE_FIELD(order, "u1", 1, "", false),
-    PALPATE_FIELD(unsent, "u1", 1, "", false),
-    PALPATE_FIELD(solver, "u1", 1, "", true),
-    PALPATE_FIELD(status, "u1", 1, "", true),
-    PALPATE_FIELD(limited, "u1", 1, "", true),
-    PALPATE_FIELD(missed, "u1", 1, "", false),
-    PALPATE_FIELD(fault, "u1", 1, "", true),
-    PALPATE_FIELD(zero, "u1", 3, "", false),
+// What is kept of a tick: RecordedTick's name for it, where Telemetry has it, its unit, and whether
+// the inputs and the scenes decide it.
+// clang-format off
+#define PALPATE_EACH_FIELD(FIELD)                       \
+  FIELD(tick, tick, "", false)                          \
+  FIELD(scene, scene, "", false)                        \
+  FIELD(tick_ns, tick_ns, "ns", false)                  \
+  FIELD(wake_ns, wake_ns, "ns", false)                  \
+  FIELD(late_ticks, late_ticks, "", false)              \
+  FIELD(time, time, "s", false)                         \
+  FIELD(dt, input.dt, "s", false)                       \
+  FIELD(hand, input.hand.position, "m", false)          \
+  FIELD(velocity, input.hand.velocity, "m/s", false)    \
+  FIELD(drives, input.hand.drives, "", false)           \
+  FIELD(age, input.hand.age, "s", false)                \
+  FIELD(still, input.hand.still, "s", false)            \
+  FIELD(max_speed, input.hand.max_speed, "m/s", false)  \
+  FIELD(given, input.given, "", false)                  \
+  FIELD(force, report.force, "N", true)                 \
+  FIELD(wanted, report.wanted, "N", true)               \
+  FIELD(proxy, report.proxy, "m", true)                 \
+  FIELD(waiting, report.waiting, "m", true)             \
+  FIELD(stiffness, report.stiffness, "N/m", true)       \
+  FIELD(error_bound, report.error_bound, "m", true)     \
+  FIELD(injected, report.injected, "J", true)           \
+  FIELD(missing, report.missing, "N", true)             \
+  FIELD(moving, report.moving, "", true)                \
+  FIELD(share, report.share, "", true)                  \
+  FIELD(energy, report.energy, "J", true)               \
+  FIELD(iterations, report.iterations, "", true)        \
+  FIELD(substeps, report.substeps, "", true)            \
+  FIELD(samples, report.samples, "", true)              \
+  FIELD(traced, report.traced, "", true)                \
+  FIELD(walked, report.walked, "", true)                \
+  FIELD(primitives, report.primitives, "", true)        \
+  FIELD(parts, report.parts, "", true)                  \
+  FIELD(left_out, report.left_out, "", true)            \
+  FIELD(fresh, input.hand.fresh, "", false)             \
+  FIELD(ready, input.hand.ready, "", false)             \
+  FIELD(reported, input.hand.fault, "", false)          \
+  FIELD(too_fast, input.hand.too_fast, "", false)       \
+  FIELD(cleared, input.cleared, "", false)              \
+  FIELD(wrong, input.wrong, "", false)                  \
+  FIELD(order, input.order, "", false)                  \
+  FIELD(unsent, input.unsent, "", false)                \
+  FIELD(solver, report.solver, "", true)                \
+  FIELD(status, report.status, "", true)                \
+  FIELD(limited, report.limited, "", true)              \
+  FIELD(missed, missed, "", false)                      \
+  FIELD(fault, fault, "", true)
+// clang-format on
+
+// How each kind of value is kept,
+template <class T>
+void put(T& to, T from) noexcept {
+  to = from;
+}
+void put(std::uint8_t& to, bool from) noexcept {
+  to = from ? 1 : 0;
+}
+template <class Enum>
+requires std::is_enum_v<Enum>
+void put(std::uint8_t& to, Enum from) noexcept {
+  to = static_cast<std::uint8_t>(from);
+}
+template <std::size_t N, class Matrix>
+void put(std::array<double, N>& to, const Matrix& from) noexcept {
+  static_assert(Matrix::SizeAtCompileTime == N);
+  std::copy_n(from.data(), N, to.begin());
+}
+// and taken again. No byte of a file makes an enum that is none.
+template <class T>
+void take(T& to, T from) noexcept {
+  to = from;
+}
+void take(bool& to, std::uint8_t from) noexcept {
+  to = from != 0;
+}
+void take(Fault& to, std::uint8_t from) noexcept {
+  to = from < kFaults ? static_cast<Fault>(from) : Fault::kNotFinite;
+}
+void take(SolverKind& to, std::uint8_t from) noexcept {
+  to = static_cast<SolverKind>(std::min<std::uint8_t>(from, 2));
+}
+void take(StepStatus& to, std::uint8_t from) noexcept {
+  to = static_cast<StepStatus>(std::min<std::uint8_t>(from, kStepStatuses - 1));
+}
+template <std::size_t N, class Matrix>
+void take(Matrix& to, const std::array<double, N>& from) noexcept {
+  static_assert(Matrix::SizeAtCompileTime == N);
+  std::copy_n(from.begin(), N, to.data());
+}
+
+/// numpy's word for a field's numbers, and how many it has.
+template <class T>
+struct Kept {
+  static constexpr std::size_t count = 1;
+  static constexpr const char* type = std::is_same_v<T, double>          ? "<f8"
+                                      : std::is_same_v<T, std::int64_t>  ? "<i8"
+                                      : std::is_same_v<T, std::uint64_t> ? "<u8"
+                                      : std::is_same_v<T, std::int32_t>  ? "<i4"
+                                                                         : "u1";
 };
-#undef PALPATE_FIELD
+template <class T, std::size_t N>
+struct Kept<std::array<T, N>> {
+  static constexpr std::size_t count = N;
+  static constexpr const char* type = Kept<T>::type;
+};
+
+#define PALPATE_KEPT(name, told, unit, output)             \
+  RecordedField{#name,                                     \
+                Kept<decltype(RecordedTick::name)>::type,  \
+                Kept<decltype(RecordedTick::name)>::count, \
+                offsetof(RecordedTick, name),              \
+                unit,                                      \
+                output},
+constexpr std::array kFields{PALPATE_EACH_FIELD(PALPATE_KEPT) PALPATE_KEPT(zero, , "", false)};
+#undef PALPATE_KEPT
 
 constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
   return field.count * (field.type[0] == 'u' ? 1 : static_cast<std::size_t>(field.type[2] - '0'));
@@ -141,19 +207,6 @@ constexpr bool whole() noexcept {
   return at == sizeof(RecordedTick);
 }
 static_assert(whole());
-
-std::array<double, 3> three(const Vec3& v) noexcept {
-  return {v.x(), v.y(), v.z()};
-}
-Vec3 vector(const std::array<double, 3>& v) noexcept {
-  return {v[0], v[1], v[2]};
-}
-Fault faultOf(std::uint8_t value) noexcept {
-  return value < kFaults ? static_cast<Fault>(value) : Fault::kNotFinite;
-}
-std::uint8_t byteOf(Fault fault) noexcept {
-  return static_cast<std::uint8_t>(fault);
-}
 
 OrderedJson jsonOf(const ForceLimits& l) {
   const ArmDissipation& arm = l.tank.arm;
@@ -292,111 +345,19 @@ std::string headerLine(std::span<const std::byte> bytes, const std::string& file
 }  // namespace
 
 RecordedTick recordedTick(const Telemetry& tick) noexcept {
-  const TickInput& in = tick.input;
-  const HandState& h = in.hand;
-  const StepReport& r = tick.report;
-  const auto flag = [](bool value) { return static_cast<std::uint8_t>(value ? 1 : 0); };
   RecordedTick out{};
-  out.tick = tick.tick;
-  out.scene = tick.scene;
-  out.tick_ns = tick.tick_ns;
-  out.wake_ns = tick.wake_ns;
-  out.late_ticks = tick.late_ticks;
-  out.time = tick.time;
-  out.dt = in.dt;
-  out.hand = three(h.position);
-  out.velocity = three(h.velocity);
-  std::copy_n(h.drives.data(), 9, out.drives.begin());
-  out.age = h.age;
-  out.still = h.still;
-  out.max_speed = h.max_speed;
-  out.given = in.given;
-  out.force = three(r.force);
-  out.wanted = three(r.wanted);
-  out.proxy = three(r.proxy);
-  out.waiting = three(r.waiting);
-  out.stiffness = r.stiffness;
-  out.error_bound = r.error_bound;
-  out.injected = r.injected;
-  out.missing = r.missing;
-  out.moving = r.moving;
-  out.share = r.share;
-  out.energy = r.energy;
-  out.iterations = r.iterations;
-  out.substeps = r.substeps;
-  out.samples = r.samples;
-  out.traced = r.traced;
-  out.walked = r.walked;
-  out.primitives = r.primitives;
-  out.parts = r.parts;
-  out.left_out = r.left_out;
-  out.fresh = flag(h.fresh);
-  out.ready = flag(h.ready);
-  out.reported = byteOf(h.fault);
-  out.too_fast = flag(h.too_fast);
-  out.cleared = flag(in.cleared);
-  out.wrong = byteOf(in.wrong);
-  out.order = byteOf(in.order);
-  out.unsent = byteOf(in.unsent);
-  out.solver = static_cast<std::uint8_t>(r.solver);
-  out.status = static_cast<std::uint8_t>(r.status);
-  out.limited = flag(r.limited);
-  out.missed = flag(tick.missed);
-  out.fault = byteOf(tick.fault);
+#define PALPATE_PUT(name, told, unit, output) put(out.name, tick.told);
+  PALPATE_EACH_FIELD(PALPATE_PUT)
+#undef PALPATE_PUT
   return out;
 }
 
 Telemetry telemetryOf(const RecordedTick& tick) noexcept {
   Telemetry out;
-  TickInput& in = out.input;
-  HandState& h = in.hand;
-  StepReport& r = out.report;
-  out.tick = tick.tick;
-  out.scene = tick.scene;
-  out.tick_ns = tick.tick_ns;
-  out.wake_ns = tick.wake_ns;
-  out.late_ticks = tick.late_ticks;
-  out.time = tick.time;
-  in.dt = tick.dt;
-  out.probe = h.position = vector(tick.hand);
-  h.velocity = vector(tick.velocity);
-  std::copy_n(tick.drives.begin(), 9, h.drives.data());
-  h.age = tick.age;
-  h.still = tick.still;
-  h.max_speed = tick.max_speed;
-  in.given = tick.given;
-  r.force = vector(tick.force);
-  r.wanted = vector(tick.wanted);
-  r.proxy = vector(tick.proxy);
-  r.waiting = vector(tick.waiting);
-  r.stiffness = tick.stiffness;
-  r.error_bound = tick.error_bound;
-  r.injected = tick.injected;
-  r.missing = tick.missing;
-  r.moving = tick.moving;
-  r.share = tick.share;
-  r.energy = tick.energy;
-  r.iterations = tick.iterations;
-  r.substeps = tick.substeps;
-  r.samples = tick.samples;
-  r.traced = tick.traced;
-  r.walked = tick.walked;
-  r.primitives = tick.primitives;
-  r.parts = tick.parts;
-  r.left_out = tick.left_out;
-  h.fresh = tick.fresh != 0;
-  h.ready = tick.ready != 0;
-  h.fault = faultOf(tick.reported);
-  h.too_fast = tick.too_fast != 0;
-  in.cleared = tick.cleared != 0;
-  in.wrong = faultOf(tick.wrong);
-  in.order = faultOf(tick.order);
-  in.unsent = faultOf(tick.unsent);
-  r.solver = static_cast<SolverKind>(std::min<std::uint8_t>(tick.solver, 2));
-  r.status = static_cast<StepStatus>(std::min<std::uint8_t>(tick.status, kStepStatuses - 1));
-  r.limited = tick.limited != 0;
-  out.missed = tick.missed != 0;
-  out.fault = faultOf(tick.fault);
+#define PALPATE_TAKE(name, told, unit, output) take(out.told, tick.name);
+  PALPATE_EACH_FIELD(PALPATE_TAKE)
+#undef PALPATE_TAKE
+  out.probe = out.input.hand.position;
   return out;
 }
 
@@ -494,14 +455,19 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
     throw;
   }
   constexpr std::size_t kRecord = sizeof(RecordedTick);
+  std::size_t last_whole = offset;  // behind that chunk
   while (offset < bytes_.size() && bytes_.size() - offset >= kRecord) {
     ChunkMark mark = at<ChunkMark>(bytes_, offset);
     const std::size_t room = (bytes_.size() - offset) / kRecord - 1;
-    if (mark.tick != kChunk || mark.magic != kMagic || mark.count > room) break;
-    const auto records = bytes_.subspan(offset + kRecord, mark.count * kRecord);
-    const std::uint64_t crc = mark.crc;
-    mark.crc = 0;
-    if (crc32c(records, crc32c(bytesOf(mark))) != crc) break;
+    const bool marked = mark.tick == kChunk && mark.magic == kMagic && mark.count <= room;
+    const auto records = bytes_.subspan(offset + kRecord, marked ? mark.count * kRecord : 0);
+    const std::uint64_t crc = std::exchange(mark.crc, 0);
+    if (!marked || crc32c(records, crc32c(bytesOf(mark))) != crc) {
+      // Where a chunk is damaged the next one begins at some record behind it.
+      offset += kRecord;
+      continue;
+    }
+    damaged_ += offset - last_whole;
     if (mark.kind == static_cast<std::uint64_t>(ChunkKind::kTicks)) {
       chunks_.push_back({size_, offset + kRecord});
       size_ += static_cast<std::int64_t>(mark.count);
@@ -515,8 +481,9 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
       scene.text.resize(std::min<std::size_t>(scene.text.size(), mark.bytes));
     }
     offset += kRecord * (1 + mark.count);
+    last_whole = offset;
   }
-  torn_ = bytes_.size() - std::min(offset, bytes_.size());
+  torn_ = bytes_.size() - std::min(last_whole, bytes_.size());
   if (size_ > 0) lost_ = tick(size_ - 1).tick - tick(0).tick + 1 - size_;
 }
 
@@ -525,16 +492,17 @@ Recording::~Recording() {
 }
 
 std::string Recording::incomplete() const {
-  std::string words;
+  std::vector<std::string> words;
+  if (damaged_ > 0)
+    words.push_back(fmt::format("{} bytes of it are damaged and left out", damaged_));
   if (torn_ > 0) {
-    words = fmt::format("it is torn off or damaged behind its {} ticks: {} bytes are left out",
-                        size_, torn_);
+    words.push_back(
+        fmt::format("it is torn off behind its {} ticks: {} bytes are left out", size_, torn_));
   }
   if (lost_ > 0) {
-    words += fmt::format("{}{} ticks are not in it, as there was no room for them",
-                         words.empty() ? "" : "; ", lost_);
+    words.push_back(fmt::format("{} ticks between its first and its last are not in it", lost_));
   }
-  return words;
+  return fmt::format("{}", fmt::join(words, "; "));
 }
 
 RecordedTick Recording::tick(std::int64_t i) const noexcept {

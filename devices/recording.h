@@ -5,7 +5,7 @@
 /// up with blanks, that says what is in a record (`dtype`, as numpy has it), in which units, and of
 /// which program, device and machine it is. Then chunks, each a record of its own (ChunkMark) and
 /// what it announces: rows, or a scene as text. What is no row has a `tick` below zero. Files only
-/// grow; of one that was torn off all up to the last whole chunk counts.
+/// grow; of one that was torn off or damaged the whole chunks count.
 #pragma once
 
 #include <array>
@@ -102,7 +102,7 @@ struct RecordedSetting {
   std::string about;     ///< JSON object: program, machine and whatever else; opaque here.
 };
 
-/// A recording's file in memory, mapped; what is torn off at its end is left out.
+/// A recording's file in memory, mapped; what is torn off or damaged is left out.
 class Recording {
  public:
   /// Throws Error: it cannot be read, or is no recording of this version.
@@ -118,7 +118,9 @@ class Recording {
   [[nodiscard]] RecordedTick tick(std::int64_t i) const noexcept;
   /// In the order in which they became the hand's.
   [[nodiscard]] const std::vector<RecordedScene>& scenes() const noexcept { return scenes_; }
-  /// Bytes behind the last whole chunk.
+  /// Bytes of chunks that are damaged, before whole ones,
+  [[nodiscard]] std::size_t damaged() const noexcept { return damaged_; }
+  /// and bytes behind the last whole one.
   [[nodiscard]] std::size_t torn() const noexcept { return torn_; }
   /// Ticks between its first and its last that did not get into the file.
   [[nodiscard]] std::int64_t lost() const noexcept { return lost_; }
@@ -136,6 +138,7 @@ class Recording {
   std::vector<Chunk> chunks_;
   std::vector<RecordedScene> scenes_;
   std::int64_t size_ = 0;
+  std::size_t damaged_ = 0;
   std::size_t torn_ = 0;
   std::int64_t lost_ = 0;
 };

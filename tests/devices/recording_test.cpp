@@ -18,7 +18,11 @@
 #include <sys/resource.h>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 #include <vector>
+#if defined(__x86_64__)
+#include <xmmintrin.h>
+#endif
 
 #include <catch2/catch.hpp>
 
@@ -158,41 +162,57 @@ TEST_CASE("what is recorded is read again: ticks, scenes and setting", "[record]
   CHECK(recordingHeader(recording.setting()) == recordingHeader(setting()));
 }
 
-TEST_CASE("of a file that was torn off or damaged all up to there is read", "[record]") {
+TEST_CASE("of a file that was torn off or damaged what is whole is read", "[record]") {
   const Folder folder;
   Random random(92);
   std::string whole = recordingHeader(setting());
   const std::size_t header = whole.size();
   const std::string scene = recordingChunk(RecordedScene{1, "a scene"});
-  std::vector<RecordedTick> ticks(3);
-  for (std::size_t i = 0; i < 3; ++i) {
-    ticks[i] = recordedTick(anyTick(static_cast<std::int64_t>(i) + 1, random));
+  // Three chunks of three ticks.
+  std::vector<std::size_t> ends{header + scene.size()};
+  whole += scene;
+  for (std::int64_t first = 1; first <= 7; first += 3) {
+    std::vector<RecordedTick> ticks;
+    for (std::int64_t i = 0; i < 3; ++i) ticks.push_back(recordedTick(anyTick(first + i, random)));
+    whole += recordingChunk(ticks);
+    ends.push_back(whole.size());
   }
-  const std::string chunk = recordingChunk(ticks);
-  whole += scene + chunk + chunk;
   const fs::path file = folder.file("torn.rec");
   const auto ticksOf = [&](const std::string& content) {
     put(file, content);
     return Recording(file).size();
   };
-  CHECK(ticksOf(whole) == 6);
+  CHECK(ticksOf(whole) == 9);
+  CHECK(Recording(file).incomplete().empty());
   // Wherever it ends.
-  const std::size_t first = header + scene.size() + chunk.size();
   for (std::size_t end = header; end <= whole.size(); end += 7) {
-    const std::int64_t expected = end == whole.size() ? 6 : end >= first ? 3 : 0;
-    REQUIRE(ticksOf(whole.substr(0, end)) == expected);
+    const auto chunks = std::count_if(ends.begin(), ends.end(), [&](auto e) { return e <= end; });
+    CAPTURE(end);
+    REQUIRE(ticksOf(whole.substr(0, end)) == 3 * std::max<std::int64_t>(0, chunks - 1));
   }
   put(file, whole.substr(0, whole.size() - 1));
-  CHECK(Recording(file).torn() == chunk.size() - 1);
-  // Whichever bit is wrong.
+  CHECK(Recording(file).torn() == ends[3] - ends[2] - 1);
+  CHECK(Recording(file).damaged() == 0);
+  // Whichever bit is wrong: one chunk is lost, and those behind it are there.
   for (long i = 0; i < test::cases(400); ++i) {
     std::string damaged = whole;
     const auto at =
         header + static_cast<std::size_t>(random.integer(static_cast<int>(whole.size() - header)));
     damaged[at] = static_cast<char>(damaged[at] ^ (1 << random.integer(8)));
-    CAPTURE(at);
-    const std::int64_t expected = at >= first ? 3 : 0;
-    REQUIRE(ticksOf(damaged) == expected);
+    const auto chunk =
+        static_cast<std::size_t>(std::upper_bound(ends.begin(), ends.end(), at) - ends.begin());
+    const std::size_t bytes = ends[chunk] - (chunk == 0 ? header : ends[chunk - 1]);
+    CAPTURE(at, chunk);
+    put(file, damaged);
+    const Recording recording(file);
+    REQUIRE(recording.size() == (chunk == 0 ? 9 : 6));
+    REQUIRE(recording.scenes().size() == (chunk == 0 ? 0 : 1));
+    REQUIRE(recording.damaged() == (chunk == 3 ? 0 : bytes));
+    REQUIRE(recording.torn() == (chunk == 3 ? bytes : 0));
+    REQUIRE(recording.lost() == (chunk == 2 ? 3 : 0));
+    REQUIRE(recording.tick(0).tick == (chunk == 1 ? 4 : 1));
+    if (chunk == 2)
+      CHECK_THAT(recording.incomplete(), Contains("are damaged and left out; 3 ticks"));
   }
   for (std::size_t end = 0; end < header; end += 41) {
     CAPTURE(end);
@@ -328,55 +348,77 @@ struct Kept final : TickSink {
 
 }  // namespace
 
-TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[record][replay]") {
-  const auto ticks = static_cast<std::size_t>(test::cases(200000));
-  Random random(95);
-  TroubledDevice device(96);
-  Kept kept(ticks);
-  HapticLoop loop(device, 1000.0, &kept);
-  // Scenes that differ in numbers, in shape, and none at all at first.
-  std::vector<std::shared_ptr<const Scene>> scenes;
-  for (int i = 0; i < 6; ++i) {
-    GraphSpec spec = ballSpec(0.5 + i);
-    spec.modes[0].friction = 0.1 * i;
-    spec.modes[0].viscosity = i % 2 == 0 ? 0.2 : 0.0;
-    if (i >= 3) spec.modes.push_back(spec.modes[0]);
-    scenes.push_back(makeScene(spec, {{"ball", ballField()}}, {400.0 + 50.0 * i, 0.5}));
-  }
-  std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
-  for (const auto& scene : scenes) by_id[scene->id] = scene.get();
-  TickTime time;
-  for (std::size_t i = 0; i < ticks; ++i) {
-    time.dt = 1e-3;
-    time.late = 0.0;
-    if (random.integer(3000) == 0) time.late = random.uniform(0.0, 0.01);
-    if (random.integer(100) == 0) time.dt = random.uniform(0.0, 3e-3);
-    time.now += time.dt;
-    if (random.integer(1500) == 0) {
-      loop.publish(scenes[static_cast<std::size_t>(random.integer(6))]);
-    }
-    if (random.integer(4000) == 0) loop.cut();
-    if (random.integer(60) == 0) loop.clear();
-    loop.tick(time);
-  }
-  REQUIRE(kept.ticks.size() == ticks);
+namespace {
 
-  HandTick again(limitsInLoop(device.info(), 1000.0));
+/// Ticks of such a hand in scenes that change, and these scenes.
+struct Troubles {
+  DeviceInfo device;
+  std::vector<RecordedTick> ticks;
+  std::vector<std::shared_ptr<const Scene>> scenes;
+
+  explicit Troubles(std::size_t count) {
+    Random random(95);
+    TroubledDevice hand(96);
+    device = hand.info();
+    Kept kept(count);
+    HapticLoop loop(hand, 1000.0, &kept);
+    // Scenes that differ in numbers, in shape, and none at all at first.
+    for (int i = 0; i < 6; ++i) {
+      GraphSpec spec = ballSpec(0.5 + i);
+      spec.modes[0].friction = 0.1 * i;
+      spec.modes[0].viscosity = i % 2 == 0 ? 0.2 : 0.0;
+      if (i >= 3) spec.modes.push_back(spec.modes[0]);
+      scenes.push_back(makeScene(spec, {{"ball", ballField()}}, {400.0 + 50.0 * i, 0.5}));
+    }
+    TickTime time;
+    for (std::size_t i = 0; i < count; ++i) {
+      time.dt = 1e-3;
+      time.late = 0.0;
+      if (random.integer(3000) == 0) time.late = random.uniform(0.0, 0.01);
+      if (random.integer(100) == 0) time.dt = random.uniform(0.0, 3e-3);
+      time.now += time.dt;
+      if (random.integer(1500) == 0) {
+        loop.publish(scenes[static_cast<std::size_t>(random.integer(6))]);
+      }
+      if (random.integer(4000) == 0) loop.cut();
+      if (random.integer(60) == 0) loop.clear();
+      loop.tick(time);
+    }
+    ticks = std::move(kept.ticks);
+  }
+
+  /// The first tick that is another one when they are felt again; 0: none is.
+  [[nodiscard]] std::int64_t firstOther() const {
+    std::map<std::uint64_t, const Scene*> by_id{{0, nullptr}};
+    for (const auto& scene : scenes) by_id[scene->id] = scene.get();
+    HandTick again(limitsInLoop(device, 1000.0));
+    for (const RecordedTick& tick : ticks) {
+      Telemetry told = telemetryOf(tick);
+      told.report = again.step(by_id.at(told.scene), told.input);
+      again.withhold(told.input, told.report);
+      again.sent(told.input);
+      told.fault = again.state().fault();
+      if (!same(recordedTick(told), tick)) return tick.tick;
+    }
+    return 0;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[record][replay]") {
+  const auto count = static_cast<std::size_t>(test::cases(200000));
+  const Troubles troubles(count);
+  REQUIRE(troubles.ticks.size() == count);
+  CHECK(troubles.firstOther() == 0);
+  if (count < 200000) return;
+  // There was something to be the same.
   std::array<std::int64_t, kFaults> faults{};
   double felt = 0.0;
-  for (const RecordedTick& tick : kept.ticks) {
-    Telemetry told = telemetryOf(tick);
-    told.report = again.step(by_id.at(told.scene), told.input);
-    again.withhold(told.input, told.report);
-    again.sent(told.input);
-    told.fault = again.state().fault();
-    CAPTURE(tick.tick);
-    REQUIRE(same(recordedTick(told), tick));
+  for (const RecordedTick& tick : troubles.ticks) {
     ++faults[tick.fault];
-    felt = std::max(felt, told.report.force.norm());
+    felt = std::max(felt, telemetryOf(tick).report.force.norm());
   }
-  if (ticks < 200000) return;
-  // There was something to be the same.
   CHECK(felt > 1.0);
   for (const Fault fault : {Fault::kNone, Fault::kNotFinite, Fault::kLate, Fault::kStale,
                             Fault::kJump, Fault::kTemperature, Fault::kStopped}) {
@@ -384,6 +426,27 @@ TEST_CASE("a hand with every trouble feels the same again, to the last bit", "[r
     CHECK(faults[static_cast<std::size_t>(fault)] > 0);
   }
 }
+
+#if defined(__x86_64__)
+TEST_CASE("whatever arithmetic a host has set, the bits are the same and nothing traps",
+          "[record][replay]") {
+  const Troubles troubles(20000);
+  const unsigned before = _mm_getcsr();
+  constexpr unsigned kFlush = 0x8040;    // denormals are zeros
+  constexpr unsigned kUpwards = 0x4000;  // rounding
+  constexpr unsigned kMasks = 0x0E80;    // of invalid, zero divide, overflow and underflow
+  for (const unsigned host : {before | kFlush, before | kUpwards, before & ~kMasks}) {
+    CAPTURE(host);
+    _mm_setcsr(host);
+    const std::int64_t other = troubles.firstOther();
+    const unsigned after = _mm_getcsr();
+    _mm_setcsr(before);
+    CHECK(other == 0);
+    // Its own is left to it.
+    CHECK((after & ~0x3FU) == (host & ~0x3FU));
+  }
+}
+#endif
 
 TEST_CASE("a replayed hand is where it was, from any time on", "[replay]") {
   const Folder folder;
