@@ -1,5 +1,7 @@
 #include "palpate/engine/hand_tick.h"
 
+#include "palpate/engine/plain_floats.h"
+
 namespace palpate {
 
 StepReport HandTick::step(const Scene* scene, const TickInput& in) noexcept {
@@ -21,6 +23,7 @@ void HandTick::withhold(const TickInput& in, StepReport& report) noexcept {
 }
 
 void HandTick::sent(const TickInput& in) noexcept {
+  const PlainFloats plain;
   state_.weaken(in.given);
   if (in.unsent != Fault::kNone) state_.cut(in.unsent);
 }

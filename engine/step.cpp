@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "palpate/engine/move_proxy.h"
+#include "palpate/engine/plain_floats.h"
 
 namespace palpate {
 namespace {
@@ -62,6 +63,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
 
 StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand, ProxyState& state,
                       double dt, StepTrace* trace) noexcept {
+  const PlainFloats plain;
   StepReport report;
   if (trace != nullptr) trace->count = 0;
   if (dt > 0.0 && std::isfinite(dt)) state.met_.time += dt;
