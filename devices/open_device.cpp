@@ -1,11 +1,14 @@
 #include "palpate/devices/open_device.h"
 
 #include <fstream>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
 #include "palpate/devices/csv.h"
+#include "palpate/devices/faulty_device.h"
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/path_device.h"
 #include "palpate/devices/replay_device.h"
@@ -26,6 +29,27 @@ std::unique_ptr<Device> openSimulated(const DeviceOptions& options) {
   ArmParams arm;
   arm.hand = options.realtime;
   return makeSimulated(arm, options.target, options);
+}
+
+/// `TROUBLE` or `TROUBLE@SECONDS`, where it begins.
+std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptions& options) {
+  const NameAt of = nameAt(words);
+  const std::optional<Trouble> trouble = troubleOf(of.name);
+  if (!trouble) {
+    std::vector<std::string> all;
+    for (std::size_t i = 0; i < kTroubles; ++i) all.emplace_back(wordFor(static_cast<Trouble>(i)));
+    throw DeviceError("--device", fmt::format("\"{}\" is no trouble of a device", of.name),
+                      fmt::format("give one of {}", fmt::join(all, ", ")));
+  }
+  if (needsClock(*trouble) && !options.realtime) {
+    throw DeviceError("--device", fmt::format("only a clock shows \"{}\"", of.name),
+                      "add --realtime");
+  }
+  // All is as at a hand that a force could hurt.
+  ArmParams arm;
+  arm.hand = true;
+  return std::make_unique<FaultyDevice>(makeSimulated(arm, options.target, options), *trouble,
+                                        options.rate, of.seconds.value_or(1.0));
 }
 
 std::unique_ptr<Device> openMouse(const DeviceOptions& options) {
@@ -80,12 +104,13 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
 
 std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions& options) {
   if (name == "simulated") return openSimulated(options);
+  if (name.rfind("simulated:", 0) == 0) return openTroubled(name.substr(10), options);
   if (name == "mouse") return openMouse(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
   if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
   if (parseArmName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
-                    "use simulated, path:FILE.csv, replay:FILE or hid:PROFILE");
+                    "use simulated, simulated:TROUBLE, path:FILE.csv, replay:FILE or hid:PROFILE");
 }
 
 }  // namespace palpate

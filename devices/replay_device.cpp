@@ -39,26 +39,24 @@ void ReplayDevice::write(const Vec3& /*force*/) noexcept {
   ++at_;
 }
 
+NameAt nameAt(const std::string& words) {
+  const std::size_t at = words.rfind('@');
+  if (at == std::string::npos) return {words, std::nullopt};
+  double seconds = 0.0;
+  const char* end = words.data() + words.size();
+  const auto read = std::from_chars(words.data() + at + 1, end, seconds);
+  if (read.ec != std::errc() || read.ptr != end || !(seconds >= 0.0)) return {words, std::nullopt};
+  return {words.substr(0, at), seconds};
+}
+
 std::string fileOfReplay(const std::string& name) {
   std::error_code error;
-  const std::size_t at = name.rfind('@');
-  return at == std::string::npos || std::filesystem::exists(name, error) ? name
-                                                                         : name.substr(0, at);
+  return std::filesystem::exists(name, error) ? name : nameAt(name).name;
 }
 
 std::unique_ptr<ReplayDevice> openReplay(const std::string& name) {
   const std::string file = fileOfReplay(name);
-  double seconds = 0.0;
-  if (file.size() < name.size()) {
-    const std::size_t at = file.size();
-    const char* begin = name.data() + at + 1;
-    const char* end = name.data() + name.size();
-    const auto read = std::from_chars(begin, end, seconds);
-    if (read.ec != std::errc() || read.ptr != end || !(seconds >= 0.0)) {
-      throw Error("--device", fmt::format("\"{}\" is no time", name.substr(at + 1)),
-                  "give seconds from the recording's start, as replay:hand.rec@12.5");
-    }
-  }
+  const double seconds = file == name ? 0.0 : nameAt(name).seconds.value_or(0.0);
   auto recording = std::make_shared<const Recording>(file);
   const std::int64_t first = tickAt(*recording, seconds);
   if (first >= recording->size()) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "palpate/devices/recording.h"
@@ -34,6 +35,13 @@ class ReplayDevice final : public Device {
   std::int64_t at_;
   double given_ = 1.0;
 };
+
+/// Words of a device, as `FILE@SECONDS`.
+struct NameAt {
+  std::string name;               ///< What is before the last @ where a time follows it; else all.
+  std::optional<double> seconds;  ///< That time, 0 or more [s].
+};
+[[nodiscard]] NameAt nameAt(const std::string& words);
 
 /// FILE of `FILE`, or of `FILE@SECONDS`.
 [[nodiscard]] std::string fileOfReplay(const std::string& name);

@@ -32,8 +32,15 @@ namespace {
 constexpr double kDefaultSeconds = 10.0;
 constexpr double kMostSeconds = 1e6;
 
+bool isPath(const std::string& device) {
+  return device.rfind("path:", 0) == 0;
+}
 bool isReplay(const std::string& device) {
   return device.rfind("replay:", 0) == 0;
+}
+/// With a trouble or without.
+bool isSimulated(const std::string& device) {
+  return device == "simulated" || device.rfind("simulated:", 0) == 0;
 }
 
 DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const HandTarget& target,
@@ -58,7 +65,7 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
 /// Where simulated hands go, and what it took to find that; empty where there are none.
 HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
   const auto& names = options.devices;
-  if (std::find(names.begin(), names.end(), "simulated") == names.end()) return {};
+  if (std::none_of(names.begin(), names.end(), isSimulated)) return {};
   // In a window it goes on as long as a run may be.
   const bool endless = options.window && options.still.empty();
   const double seconds = options.seconds.value_or(endless ? kMostSeconds : kDefaultSeconds);
@@ -144,7 +151,7 @@ void checkOutputs(const FeelOptions& options, const ToFeel& scene) {
   std::vector<std::filesystem::path> inputs = inputsOf(options.scene, scene.spec);
   inputs.insert(inputs.end(), scene.files.begin(), scene.files.end());
   for (const std::string& device : options.devices) {
-    if (device.rfind("path:", 0) == 0) inputs.emplace_back(device.substr(5));
+    if (isPath(device)) inputs.emplace_back(device.substr(5));
     if (isReplay(device)) inputs.emplace_back(fileOfReplay(device.substr(7)));
   }
   checkOutputsApart(places, inputs);
@@ -171,8 +178,7 @@ void checkOptions(const FeelOptions& options) {
   if (options.devices.size() > 1 && options.trace == "-") {
     throw Error("--trace", "the rows of several hands would be mixed", "give a file");
   }
-  const bool paths = std::any_of(options.devices.begin(), options.devices.end(),
-                                 [](const std::string& d) { return d.rfind("path:", 0) == 0; });
+  const bool paths = std::any_of(options.devices.begin(), options.devices.end(), isPath);
   if (options.passive && paths) {
     throw Error("--passive", "a recorded path is no hand that could be given energy",
                 "leave it out");
@@ -365,10 +371,9 @@ int feel(FeelOptions options) {
   }
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
   if (window) run.window = &*window;
-  run.whole_path = !options.seconds && std::all_of(options.devices.begin(), options.devices.end(),
-                                                   [](const std::string& d) {
-                                                     return d.rfind("path:", 0) == 0 || isReplay(d);
-                                                   });
+  run.whole_path = !options.seconds &&
+                   std::all_of(options.devices.begin(), options.devices.end(),
+                               [](const std::string& d) { return isPath(d) || isReplay(d); });
   // A window ends the run when it is closed.
   const bool endless = run.whole_path || (options.realtime && window && !options.seconds);
   run.ticks = endless ? std::numeric_limits<std::int64_t>::max()
@@ -448,11 +453,12 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "A scene file, a .vdb, a folder of .vdb, or a recording")
       ->required();
   verb->add_option("--device", options->devices,
-                   "simulated (arm and hand with dynamics), path:FILE.csv (header t,x,y,z), "
+                   "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
+                   "(header t,x,y,z), "
                    "replay:FILE[@SECONDS] (of --record), or hid[:PROFILE[@SERIAL]] (palpate "
                    "devices); again for another hand")
       ->take_all()
-      ->type_name("D:{simulated,path:,replay:,hid,hid:}");
+      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -489,7 +495,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D:{mouse,simulated,path:,hid,hid:}");
+      ->type_name("D:{mouse,simulated,simulated:,path:,hid,hid:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: until the window is closed; with --picture 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");

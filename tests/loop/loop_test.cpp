@@ -153,7 +153,7 @@ TEST_CASE("a swap never kicks: a new scene engages, an edit is soon felt", "[loo
 }
 
 TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an engagement",
-          "[loop][safety]") {
+          "[loop][safety][fault]") {
   const FieldPtr ball = ballField();
   const auto expect = [&](Fault cause, const auto& cause_it, const auto& mend,
                           double heartbeat = 0.0) {
@@ -686,7 +686,7 @@ TEST_CASE("a path has no hand to hurt, and needs no engagement", "[loop]") {
 }
 
 TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, and costs no memory",
-          "[loop][safety]") {
+          "[loop][safety][fault]") {
   // Scenes of every kind, swapped, withdrawn and edited; a hand that moves, jumps, is lost; ticks
   // that are late; faults that are taken back. PALPATE_CASES: ticks.
   const long ticks = test::cases(1000000);

@@ -249,7 +249,7 @@ class Recorded(Case):
         refused("feel", self.scene, "--device", replay, "--realtime", says="leave out --realtime")
         refused("feel", self.scene, "--device", replay, "--device", "simulated", says="alone")
         refused("feel", self.scene, "--device", f"{replay}@9", says="it ends at 0.099 s")
-        refused("feel", self.scene, "--device", f"{replay}@x", says="is no time")
+        refused("feel", self.scene, "--device", f"{replay}@x", says="a.rec@x: it cannot be read")
         refused("feel", self.scene, "--device", f"replay:{self.scene}", says="it is no recording")
         refused("feel", self.scene, "--device", "replay:none.rec", says="it cannot be read")
         refused("feel", self.scene, "--record", "-", says="a recording is no text")
@@ -275,6 +275,27 @@ class Recorded(Case):
         self.assertGreater(len(rows_of(a)[1]), 0)
 
 
+    def test_a_trouble_is_tried_without_an_arm(self):
+        for word, cause in (("nan", "not finite"), ("late", "too old"), ("jumping", "jumped")):
+            done = run("feel", self.scene, "--device", f"simulated:{word}@1.5", "--seconds", 3,
+                       "--record", self.dir / "a.rec", status=1)
+            self.assertIn(cause, done.stderr)
+            _, rows = rows_of(self.dir / "a.rec")
+            first = rows["tick"][rows["fault"] != 0][0]
+            self.assertEqual(first, 1551 if word == "late" else 1501, word)
+            self.assertTrue((rows["force"][rows["fault"] != 0] == 0).all())
+            # The trouble is in what the tick was given: it comes again.
+            run("feel", self.scene, "--device", f"replay:{self.dir / 'a.rec'}", "--record",
+                self.dir / "b.rec", status=1)
+            self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+        for words, says in (("simulated:nam", '"nam" is no trouble of a device'),
+                            ("simulated:nan@x", '"nan@x" is no trouble'),
+                            ("simulated:hung", "add --realtime")):
+            done = subprocess.run([PALPATE, "feel", self.scene, "--device", words],
+                                  capture_output=True, text=True, check=False)
+            self.assertEqual(done.returncode, 2)
+            self.assertIn(says, done.stderr)
+
     def test_a_full_disk_is_told_and_the_hand_feels_on(self):
         full = f"ulimit -f 300; exec {PALPATE} feel {self.scene} --seconds 3 --record {self.dir}/a.rec"
         done = subprocess.run(["bash", "-c", full], capture_output=True, text=True, check=False)
@@ -287,6 +308,13 @@ class Recorded(Case):
 
 class OnTime(Case):
     """With a clock."""
+
+    def test_what_only_a_clock_shows(self):
+        for word, cause in (("blocked", "did not take a force in time"), ("hung", "was late")):
+            done = run("feel", self.scene, "--device", f"simulated:{word}@0.5", "--realtime",
+                       "--seconds", 0.55, status=1)
+            self.assertIn(f"the force is cut: the {'device' if word == 'blocked' else 'loop'} {cause}",
+                          done.stderr)
 
     def feel(self, name, seconds, **more):
         return subprocess.Popen([PALPATE, "feel", str(self.scene), "--realtime", "--seconds",

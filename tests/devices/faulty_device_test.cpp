@@ -1,0 +1,208 @@
+/// What a loop makes of a device with a trouble: why it cuts the force, how soon, and for how long.
+/// Prints the table of docs/loop.md.
+#include "palpate/devices/faulty_device.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/devices/simulated_device.h"
+#include "palpate/engine/haptic_loop.h"
+#include "tests/support/scenes.h"
+
+using namespace palpate;
+using palpate::test::ballField;
+using palpate::test::ballScene;
+using palpate::test::ballSpec;
+
+namespace {
+
+constexpr double kRate = 1000.0;
+constexpr double kBegin = 2.0;  // [s]
+constexpr double kEnd = 3.5;
+constexpr double kClear = 4.5;
+constexpr double kSeconds = 7.0;
+
+/// Presses until the trouble is over, and again before and after the fault is taken back: a proxy
+/// that begins inside has to come out first.
+std::unique_ptr<Device> pressing() {
+  ArmParams arm;
+  arm.hand = true;
+  const Vec3 out(0.0, 0.0, 0.045);
+  const Vec3 in(0.0, 0.0, 0.018);
+  std::vector<PathPoint> path{{0.0, out}, {0.2, out}, {1.2, in}, {kEnd, in}};
+  for (const double again : {kEnd, kClear}) {
+    path.push_back({again + 0.1, in});
+    path.push_back({again + 0.4, out});
+    path.push_back({again + 0.7, in});
+  }
+  path.push_back({kSeconds, in});
+  return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
+}
+
+/// Ticks of a hand that presses a ball, and what its device was sent: never more than it may be.
+class Pressed {
+ public:
+  explicit Pressed(std::unique_ptr<Device> device)
+      : device_(std::move(device)), loop_(*device_, kRate) {
+    loop_.publish(ballScene(field_));
+  }
+  void tick(double late = 0.0, bool real = false) {
+    TickTime time;
+    time.dt = 1.0 / kRate + late;
+    time.now = now_ += time.dt;
+    time.late = late;
+    time.real = real;
+    loop_.tick(time);
+    const Vec3 before = force;
+    told = loop_.latest();
+    force = told.report.force;
+    const ForceLimits& limits = device_->info().limits;
+    const double grown = force.norm() - before.norm();
+    within = within && force.allFinite() && force.norm() <= limits.peak * (1.0 + 1e-12) &&
+             grown <= limits.slew * std::max(0.0, time.dt) + 1e-9;
+  }
+  [[nodiscard]] HapticLoop& loop() { return loop_; }
+  [[nodiscard]] const FieldPtr& field() const { return field_; }
+
+  Telemetry told;
+  Vec3 force = Vec3::Zero();
+  bool within = true;
+
+ private:
+  FieldPtr field_ = ballField();
+  std::unique_ptr<Device> device_;
+  HapticLoop loop_;
+  double now_ = 0.0;
+};
+
+struct Expected {
+  Trouble trouble;
+  Fault fault;      ///< kNone: none.
+  double zero;      ///< The force is gone so soon [s]; infinity: it stays.
+  const char* why;  ///< By which limit.
+};
+constexpr double kNever = std::numeric_limits<double>::infinity();
+constexpr double kTick = 1.0 / kRate;
+
+const std::vector<Expected> kExpected{
+    {Trouble::kLate, Fault::kStale, 0.05 + kTick, "WatchLimits::stale"},
+    {Trouble::kEarly, Fault::kNone, kNever, "none: an age below zero is none"},
+    {Trouble::kRepeated, Fault::kNone, kNever, "none: not merely repeated"},
+    {Trouble::kFrozen, Fault::kNone, 1.0 + kTick, "StillFade"},
+    {Trouble::kJumping, Fault::kJump, 0.0, "5 m/s"},
+    {Trouble::kNotFinite, Fault::kNotFinite, 0.0, "at once"},
+    {Trouble::kRunaway, Fault::kOverSpeed, 0.07, "braked, 50 ms"},
+    {Trouble::kUnwritten, Fault::kWrite, kTick, "first error"},
+    {Trouble::kBlocked, Fault::kWrite, kTick, "20 ms"},
+    {Trouble::kHung, Fault::kLate, 0.0, "5 ms"},
+    {Trouble::kGone, Fault::kGone, 0.0, "at once"},
+    {Trouble::kHot, Fault::kTemperature, 0.0, "at once"},
+    {Trouble::kUnpowered, Fault::kPower, 0.0, "at once"},
+    {Trouble::kSwitch, Fault::kSwitch, 0.0, "at once"},
+    {Trouble::kReleased, Fault::kNone, 0.0, "at once"},
+};
+
+}  // namespace
+
+TEST_CASE("each trouble has its cause and its latency, and what is cut stays off", "[fault]") {
+  REQUIRE(kExpected.size() == kTroubles);
+  std::printf("trouble    cause        zero after [ms]  by\n");
+  for (const Expected& expected : kExpected) {
+    CAPTURE(wordFor(expected.trouble));
+    CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
+    Pressed pressed(
+        std::make_unique<FaultyDevice>(pressing(), expected.trouble, kRate, kBegin, kEnd));
+    const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
+    double before = 0.0;
+    Fault fault = Fault::kNone;
+    double latest = -1.0;  // [s] from the trouble's begin: the last tick with force, and one more
+    double back = 0.0;
+    for (long i = 0; i < ticks(kSeconds); ++i) {
+      if (i == ticks(kClear)) pressed.loop().clear();
+      // Only where a clock is needed: a tick of a machine that is busy is late as well.
+      pressed.tick(0.0, needsClock(expected.trouble) && i >= ticks(kBegin) && i < ticks(kEnd) &&
+                            fault == Fault::kNone);
+      const double t = static_cast<double>(i) / kRate;
+      const double force = pressed.force.norm();
+      if (i == ticks(kBegin) - 1) before = force;
+      if (t >= kBegin && t < kEnd) {
+        if (fault == Fault::kNone) fault = pressed.told.fault;
+        if (force > 0.0) latest = t - kBegin;
+        if (fault != Fault::kNone && needsClock(expected.trouble)) i = std::max(i, ticks(kEnd) - 2);
+      }
+      // Latched: also when its cause is gone.
+      if (expected.fault != Fault::kNone && t >= kEnd && t < kClear) {
+        REQUIRE(force == 0.0);
+        REQUIRE(pressed.told.fault == expected.fault);
+      }
+      if (i == ticks(kSeconds) - 1) back = force;
+    }
+    const double zero = latest < 0.0 ? 0.0 : latest + kTick;
+    CHECK(pressed.within);
+    CHECK(before > 1.0);
+    CHECK(fault == expected.fault);
+    CHECK(back > 1.0);
+    if (std::isfinite(expected.zero)) {
+      CHECK(zero <= expected.zero + 1e-9);
+      std::printf("%-10s %-12s %-16.0f %s\n", wordFor(expected.trouble), wordFor(fault), 1e3 * zero,
+                  expected.why);
+    } else {
+      CHECK(zero >= kEnd - kBegin - 1e-9);
+      std::printf("%-10s %-12s %-16s %s\n", wordFor(expected.trouble), wordFor(fault), "stays",
+                  expected.why);
+    }
+  }
+}
+
+TEST_CASE("a clock that leaps cuts the force, one that goes back lets nothing more out",
+          "[fault]") {
+  for (const double leap : {0.0051, 0.1, 3600.0, -0.0005, -0.01, -3600.0}) {
+    CAPTURE(leap);
+    Pressed pressed(pressing());
+    for (int i = 0; i < 2000; ++i) pressed.tick();
+    REQUIRE(pressed.force.norm() > 1.0);
+    const double before = pressed.force.norm();
+    // Forwards a tick is late; backwards none is, and its time is less than none.
+    pressed.tick(leap);
+    CHECK(pressed.told.fault == (leap > 0.0 ? Fault::kLate : Fault::kNone));
+    if (leap > 0.0) CHECK(pressed.force.norm() == 0.0);
+    for (int i = 0; i < 500; ++i) {
+      pressed.tick();
+      if (leap < 0.0) REQUIRE(pressed.force.norm() < before + 0.2);
+    }
+    CHECK(pressed.within);
+  }
+}
+
+TEST_CASE("a thousand scenes a second are felt without a kick", "[fault]") {
+  Pressed pressed(pressing());
+  for (int i = 0; i < 2000; ++i) pressed.tick();
+  const double before = pressed.force.norm();
+  REQUIRE(before > 1.0);
+  double least = before;
+  double most = before;
+  // Every tick another one: other numbers, then other volumes, each of which engages anew.
+  for (int i = 0; i < 2000; ++i) {
+    const bool edit = i < 1400;
+    pressed.loop().publish(ballScene(edit ? pressed.field() : ballField(), 3.0 + 0.1 * (i % 5)));
+    pressed.tick();
+    CHECK(pressed.told.fault == Fault::kNone);
+    if (!edit) continue;
+    least = std::min(least, pressed.force.norm());
+    most = std::max(most, pressed.force.norm());
+  }
+  CHECK(pressed.within);
+  CHECK(least > 0.9 * before);
+  CHECK(most < 1.1 * before);
+  // Where every scene is another object, none is felt: each engagement begins again.
+  CHECK(pressed.force.norm() < 0.1);
+  for (int i = 0; i < 2000; ++i) pressed.tick();
+  // The last one is.
+  CHECK(std::abs(pressed.force.norm() - before) < 0.1 * before);
+}
