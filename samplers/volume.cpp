@@ -7,6 +7,7 @@
 #include <cinttypes>
 #include <cstdio>
 #include <exception>
+#include <fcntl.h>
 #include <fstream>
 #include <map>
 #include <mutex>
@@ -14,6 +15,7 @@
 #include <string_view>
 #include <sys/mman.h>
 #include <tuple>
+#include <unistd.h>
 #include <unordered_map>
 #include <unordered_set>
 #include <utility>
@@ -355,6 +357,8 @@ class VdbFile {
       body();
     } catch (const Error&) {
       throw;
+    } catch (const std::bad_alloc&) {
+      throw;  // nothing is wrong with the file
     } catch (const std::ios_base::failure&) {  // GridReader's
       throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
     } catch (const std::exception& e) {
@@ -448,10 +452,13 @@ std::uint64_t Volume::memory() const {
 }
 
 bool isVdb(const std::filesystem::path& file) noexcept {
-  std::ifstream stream(file, std::ios::binary);
+  // A stream would want memory.
+  const int descriptor = ::open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (descriptor < 0) return false;
   std::uint32_t magic = 0;
-  stream.read(reinterpret_cast<char*>(&magic), sizeof magic);
-  return stream && magic == openvdb::OPENVDB_MAGIC;
+  const ssize_t got = ::read(descriptor, &magic, sizeof magic);
+  ::close(descriptor);
+  return got == sizeof magic && magic == openvdb::OPENVDB_MAGIC;
 }
 
 std::vector<std::string> gridNames(const std::filesystem::path& file) {

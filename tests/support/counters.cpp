@@ -1,5 +1,6 @@
 #include "tests/support/counters.h"
 
+#include <atomic>
 #include <cstdlib>
 #include <dlfcn.h>
 #include <new>
@@ -16,6 +17,17 @@ namespace {
 
 thread_local bool counting = false;
 thread_local palpate::test::Counts total;
+// Allocations of all threads while some are to fail, and which one is to.
+std::atomic<bool> failing{false};
+std::atomic<long> allocated{0};
+std::atomic<long> fails{0};
+
+/// Counts an allocation; true where it is to fail.
+[[maybe_unused]] bool allocates(std::size_t size) {
+  if (counting) ++total.allocations;
+  return failing.load(std::memory_order_relaxed) && size >= palpate::test::FailScope::kLarge &&
+         ++allocated == fails;
+}
 
 /// The function of that name in the next library.
 template <class F>
@@ -53,21 +65,17 @@ void* __libc_realloc(void*, std::size_t);
 void* __libc_memalign(std::size_t, std::size_t);
 
 void* malloc(std::size_t size) {
-  if (counting) ++total.allocations;
-  return __libc_malloc(size);
+  return allocates(size) ? nullptr : __libc_malloc(size);
 }
 void* calloc(std::size_t n, std::size_t size) {
-  if (counting) ++total.allocations;
-  return __libc_calloc(n, size);
+  return allocates(n * size) ? nullptr : __libc_calloc(n, size);
 }
 void* realloc(void* p, std::size_t size) {
-  if (counting) ++total.allocations;
-  return __libc_realloc(p, size);
+  return allocates(size) ? nullptr : __libc_realloc(p, size);
 }
 
 void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  if (counting) ++total.allocations;
-  return __libc_memalign(alignment, size);
+  return allocates(size) ? nullptr : __libc_memalign(alignment, size);
 }
 
 int pthread_mutex_lock(pthread_mutex_t* mutex) {
@@ -113,6 +121,21 @@ CountScope::~CountScope() {
 }
 Counts CountScope::counts() {
   return total;
+}
+
+FailScope::FailScope(long n) {
+  allocated = 0;
+  fails = n;
+  failing = true;
+}
+FailScope::~FailScope() {
+  failing = false;
+}
+bool FailScope::works() {
+  return PALPATE_SANITIZED == 0;
+}
+long FailScope::seen() {
+  return allocated;
 }
 
 }  // namespace palpate::test
