@@ -194,9 +194,6 @@ struct Kept<std::array<T, N>> {
 constexpr std::array kFields{PALPATE_EACH_FIELD(PALPATE_KEPT) PALPATE_KEPT(zero, , "", false)};
 #undef PALPATE_KEPT
 
-constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
-  return field.count * (field.type[0] == 'u' ? 1 : static_cast<std::size_t>(field.type[2] - '0'));
-}
 /// No byte of a record is untold, and none told twice.
 constexpr bool whole() noexcept {
   std::size_t at = 0;

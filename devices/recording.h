@@ -86,6 +86,10 @@ struct RecordedField {
   const char* unit;    ///< Empty: a number without one.
   bool output;         ///< Decided by the inputs and the scenes.
 };
+/// Its bytes.
+[[nodiscard]] constexpr std::size_t sizeOf(const RecordedField& field) noexcept {
+  return field.count * (field.type[0] == 'u' ? 1 : static_cast<std::size_t>(field.type[2] - '0'));
+}
 /// All of them, in order and without a gap.
 [[nodiscard]] std::span<const RecordedField> recordedFields() noexcept;
 

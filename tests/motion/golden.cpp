@@ -1,9 +1,12 @@
-/// Golden ticks: what hapticStep answers in scenes of every kind, bit for bit.
+/// Golden recordings: what hands of every kind feel in scenes of every kind, pinned.
 ///
-///     palpate_golden_ticks FILE            compares with the file's hashes; 1: others, 77: another
-///                                          compiler or machine, whose last bits may be others
-///     palpate_golden_ticks FILE --write    makes the file
-///     palpate_golden_ticks --ticks NAME    every tick of a scene, to be compared line by line
+///     palpate_golden_ticks FILE              compares with what the file has; 1: it feels
+///     otherwise palpate_golden_ticks FILE --write      makes the file palpate_golden_ticks
+///     --record NAME OUT a scene as a recording, for palpate compare
+///
+/// By the compiler that made the file no bit may be another: of what ticks are given (which are a
+/// recording's inputs: no device is here), of what they come to, of the work that takes. By another
+/// one the proxies may differ by as much as both ticks' bounds say.
 ///
 /// A move of code changes no hash; a change of behaviour says in its commit which, and why. No
 /// function of the C library that rounds as the processor likes (sine, exponential) is used here.
@@ -12,20 +15,22 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstring>
+#include <cstdlib>
 #include <fstream>
 #include <functional>
 #include <limits>
 #include <map>
 #include <memory>
-#include <sstream>
+#include <span>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
 
-#include "palpate/engine/step.h"
+#include "palpate/devices/recording.h"
+#include "palpate/engine/hand_tick.h"
 #include "palpate/samplers/analytic_field.h"
 #include "tests/support/corner_noise.h"
 #include "tests/support/motion_problems.h"
@@ -82,14 +87,13 @@ class Wander {
   std::vector<Vec3> places_;
 };
 
-/// What happens before a tick; may change hand, state, scene and dt.
+/// What happens before a tick; may change what it is given, and the scene.
 struct Moment {
   int tick;
-  HandState& hand;
-  ProxyState& state;
-  std::size_t& scene;  ///< Index into Take::scenes.
-  double& dt;          ///< [s]
+  TickInput& in;
+  std::size_t& scene;  ///< Index into Take::scenes; kNoScene: there is none.
 };
+constexpr std::size_t kNoScene = 99;
 
 /// A scene, and a hand that feels it.
 struct Take {
@@ -370,10 +374,13 @@ std::vector<Take> takes() {
   Take faults = skin("faults", ballGrid(14.0), 3.0, 100);
   faults.limits = {5.0, 2000.0};
   faults.event = [](Moment& now) {
-    if (now.tick == 600) now.hand.position.x() = std::numeric_limits<double>::quiet_NaN();
-    if (now.tick == 700 || now.tick == 1300) now.state.clearFault();
-    if (now.tick == 1000) now.state.release();
-    if (now.tick == 1200) now.state.cut(Fault::kStale);
+    if (now.tick == 600) now.in.hand.position.x() = std::numeric_limits<double>::quiet_NaN();
+    now.in.cleared = now.tick == 700 || now.tick == 1300 || now.tick == 1600;
+    if (now.tick == 1000) now.scene = kNoScene;
+    if (now.tick == 1200) now.in.wrong = Fault::kStale;
+    if (now.tick == 1500) now.in.order = Fault::kStopped;
+    if (now.tick == 1800) now.in.unsent = Fault::kWrite;
+    now.in.given = now.tick % 7 == 0 ? 0.5 : 1.0;
   };
   all.push_back(std::move(faults));
   const FieldPtr ball = ballGrid(14.0);
@@ -394,12 +401,12 @@ std::vector<Take> takes() {
   uneven.limits = {5.0, 2000.0};
   uneven.event = [](Moment& now) {
     constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
-    now.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
-    now.hand.ready = now.tick % 500 < 450;
-    now.hand.fresh = now.tick % 3 != 1;
-    now.hand.too_fast = now.tick % 400 > 380;
-    now.hand.velocity = Vec3(0.5, 0.2, 0.0);
-    now.hand.max_speed = 0.3;
+    now.in.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
+    now.in.hand.ready = now.tick % 500 < 450;
+    now.in.hand.fresh = now.tick % 3 != 1;
+    now.in.hand.too_fast = now.tick % 400 > 380;
+    now.in.hand.velocity = Vec3(0.5, 0.2, 0.0);
+    now.in.hand.max_speed = 0.3;
   };
   all.push_back(std::move(uneven));
   return all;
@@ -408,14 +415,8 @@ std::vector<Take> takes() {
 /// Fowler, Noll and Vo's, of 64 bits.
 class Hash {
  public:
-  template <class T>
-  void add(const T& value) {
-    std::array<unsigned char, sizeof(T)> bytes{};
-    std::memcpy(bytes.data(), &value, sizeof(T));
+  void add(std::span<const unsigned char> bytes) {
     for (const unsigned char byte : bytes) hash_ = (hash_ ^ byte) * 1099511628211ULL;
-  }
-  void add(const Vec3& v) {
-    for (int a = 0; a < 3; ++a) add(v[a]);
   }
   [[nodiscard]] std::uint64_t value() const { return hash_; }
 
@@ -423,42 +424,89 @@ class Hash {
   std::uint64_t hash_ = 14695981039346656037ULL;
 };
 
-/// What is felt, and what that took.
-std::string feel(const Take& take, bool tell) {
-  Reader reader;
-  ProxyState state(take.limits);
-  Hash felt;
-  Hash taken;
-  long held = 0;
+/// All ticks of a take, as a recording keeps them.
+std::vector<RecordedTick> feel(const Take& take) {
+  HandTick hand(take.limits);
+  std::vector<RecordedTick> rows;
+  rows.reserve(kTicks);
+  Telemetry told;
   for (int i = 0; i < kTicks; ++i) {
-    HandState hand{take.hand(i)};
     std::size_t scene = 0;
-    double dt = 1e-3;
-    Moment now{i, hand, state, scene, dt};
+    told.input = {};
+    told.input.hand.position = take.hand(i);
+    Moment now{i, told.input, scene};
     if (take.event) take.event(now);
-    const StepReport r = hapticStep(*take.scenes[scene], reader, hand, state, dt);
-    felt.add(r.force);
-    felt.add(r.wanted);
-    felt.add(r.proxy);
-    felt.add(r.status);
-    for (const int count : {r.iterations, r.substeps, r.samples, r.traced, r.walked, r.primitives,
-                            r.parts, r.left_out}) {
-      taken.add(count);
+    const Scene* const felt = scene == kNoScene ? nullptr : take.scenes[scene].get();
+    told.report = hand.step(felt, told.input);
+    hand.withhold(told.input, told.report);
+    hand.sent(told.input);
+    told.tick = i + 1;
+    told.time = 1e-3 * i;
+    told.probe = told.input.hand.position;
+    told.scene = felt == nullptr ? 0 : scene + 1;  // ids are of a process
+    told.fault = hand.state().fault();
+    rows.push_back(recordedTick(told));
+  }
+  return rows;
+}
+
+/// What is pinned of a take.
+struct Pinned {
+  std::string hashes;  ///< Of what was given, come to, and taken; how many ticks held something.
+  std::vector<std::array<double, 7>> places;  ///< Every kEach ticks: proxy, its bound, force.
+};
+constexpr std::size_t kEach = 100;
+// Less is the file's own rounding.
+constexpr double kRounded = 1e-9;       // [m]
+constexpr double kRoundedForce = 1e-4;  // [N]
+
+Pinned pinned(const std::vector<RecordedTick>& rows) {
+  std::array<Hash, 3> hashes;
+  long held = 0;
+  Pinned out;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const RecordedTick& row = rows[i];
+    const auto* bytes = reinterpret_cast<const unsigned char*>(&row);
+    for (const RecordedField& field : recordedFields()) {
+      const bool work = std::string_view(field.type) == "<i4";
+      Hash& hash = hashes[work ? 2 : field.output ? 1 : 0];
+      hash.add({bytes + field.offset, sizeOf(field)});
     }
-    held += r.wanted.norm() > 0.0 ? 1 : 0;
-    if (!tell) continue;
-    std::printf(
-        "%d force %a %a %a proxy %a %a %a status %s iterations %d substeps %d samples %d "
-        "traced %d walked %d primitives %d parts %d\n",
-        i, r.force.x(), r.force.y(), r.force.z(), r.proxy.x(), r.proxy.y(), r.proxy.z(),
-        wordFor(r.status), r.iterations, r.substeps, r.samples, r.traced, r.walked, r.primitives,
-        r.parts);
+    held += Eigen::Map<const Vec3>(row.wanted.data()).norm() > 0.0 ? 1 : 0;
+    if (i % kEach != kEach - 1) continue;
+    out.places.push_back({row.proxy[0], row.proxy[1], row.proxy[2], row.error_bound, row.force[0],
+                          row.force[1], row.force[2]});
   }
   std::array<char, 128> line{};
-  std::snprintf(line.data(), line.size(), "%016llx %016llx %ld",
-                static_cast<unsigned long long>(felt.value()),
-                static_cast<unsigned long long>(taken.value()), held);
-  return line.data();
+  std::snprintf(line.data(), line.size(), "%016llx %016llx %016llx %ld",
+                static_cast<unsigned long long>(hashes[0].value()),
+                static_cast<unsigned long long>(hashes[1].value()),
+                static_cast<unsigned long long>(hashes[2].value()), held);
+  out.hashes = line.data();
+  return out;
+}
+
+/// How far two takes are apart where both are pinned.
+struct Apart {
+  std::size_t first = 0;  ///< The tick at which they first are; 0: they are not.
+  double proxy = 0.0;     ///< At most [m],
+  double beyond = 0.0;    ///< and beyond both bounds [m].
+  double force = 0.0;     ///< At most [N].
+};
+
+Apart apart(const Pinned& a, const Pinned& b) {
+  Apart out;
+  for (std::size_t i = 0; i < std::min(a.places.size(), b.places.size()); ++i) {
+    const Eigen::Map<const Eigen::Matrix<double, 7, 1>> x(a.places[i].data());
+    const Eigen::Map<const Eigen::Matrix<double, 7, 1>> y(b.places[i].data());
+    const double proxy = (x - y).head<3>().norm();
+    const double force = (x - y).tail<3>().norm();
+    if (out.first == 0 && (proxy > kRounded || force > kRoundedForce)) out.first = (i + 1) * kEach;
+    out.proxy = std::max(out.proxy, proxy);
+    out.beyond = std::max(out.beyond, proxy - x[3] - y[3]);
+    out.force = std::max(out.force, force);
+  }
+  return out;
 }
 
 /// Whose last bits they are.
@@ -476,6 +524,43 @@ std::string builder() {
   return std::string("# ") + compiler + __VERSION__ + ", " + machine;
 }
 
+/// Reads a file of --write.
+std::map<std::string, Pinned> readPinned(std::istream& in) {
+  std::map<std::string, Pinned> known;
+  std::string line;
+  Pinned* last = nullptr;
+  while (std::getline(in, line)) {
+    if (!line.starts_with(' ')) {
+      last = &known[line.substr(0, line.find(' '))];
+      last->hashes = line.substr(line.find(' ') + 1);
+    } else if (last != nullptr) {
+      const char* at = line.c_str();
+      for (double& value : last->places.emplace_back()) {
+        char* end = nullptr;
+        value = std::strtod(at, &end);
+        at = end;
+      }
+    }
+  }
+  return known;
+}
+
+int write(const std::string& file) {
+  std::ofstream out(file);
+  out << builder() << '\n';
+  for (const Take& one : takes()) {
+    const Pinned pin = pinned(feel(one));
+    out << one.name << ' ' << pin.hashes << '\n';
+    for (const auto& place : pin.places) {
+      std::array<char, 256> line{};
+      std::snprintf(line.data(), line.size(), " %.9g %.9g %.9g %.2g %.6g %.6g %.6g\n", place[0],
+                    place[1], place[2], place[3], place[4], place[5], place[6]);
+      out << line.data();
+    }
+  }
+  return out.flush() ? 0 : 2;
+}
+
 int compare(const std::string& file) {
   std::ifstream in(file);
   std::string line;
@@ -483,43 +568,62 @@ int compare(const std::string& file) {
     std::fprintf(stderr, "%s: it cannot be read\n", file.c_str());
     return 2;
   }
-  if (line != builder()) {
-    std::printf("made by %s, this is by %s: not compared\n", line.c_str(), builder().c_str());
-    return 77;
-  }
-  std::map<std::string, std::string> known;
-  while (std::getline(in, line)) known[line.substr(0, line.find(' '))] = line;
+  const bool bits = line == builder();
+  if (!bits) std::printf("made by %s, this is by %s\n", line.c_str(), builder().c_str());
+  std::map<std::string, Pinned> known = readPinned(in);
   int others = 0;
+  int failed = 0;
   const std::vector<Take> all = takes();
   for (const Take& one : all) {
-    const std::string found = one.name + " " + feel(one, false);
-    const auto at = known.find(one.name);
-    if (at != known.end() && at->second == found) continue;
+    const Pinned found = pinned(feel(one));
+    const Pinned& was = known[one.name];
+    if (found.hashes == was.hashes) continue;
     ++others;
-    std::printf("%s\n  was %s\n", found.c_str(),
-                at == known.end() ? "not there" : at->second.c_str());
+    const Apart off = apart(found, was);
+    const bool far = was.places.size() != found.places.size() || off.beyond > kRounded;
+    const bool fails = bits || far;
+    failed += fails ? 1 : 0;
+    std::printf("%s%s\n  was %s\n  is  %s\n", one.name.c_str(), fails ? "" : " (within bounds)",
+                was.hashes.empty() ? "not there" : was.hashes.c_str(), found.hashes.c_str());
+    if (off.first > 0) {
+      std::printf(
+          "  from tick %zu on or a little before: proxy by %.3g um at most, %.3g um beyond "
+          "both bounds; force by %.3g N\n",
+          off.first, 1e6 * off.proxy, 1e6 * std::max(0.0, off.beyond), off.force);
+    }
   }
-  std::printf("%zu scenes of %d ticks, %d of them otherwise than in %s (felt, taken, ticks held)\n",
-              all.size(), kTicks, others, file.c_str());
-  return others == 0 && known.size() == all.size() ? 0 : 1;
+  std::printf(
+      "%zu scenes of %d ticks, %d of them otherwise than in %s (given, felt, taken, ticks "
+      "held), %d beyond what may be\n",
+      all.size(), kTicks, others, file.c_str(), failed);
+  if (failed > 0) {
+    std::printf(
+        "where and how: palpate_golden_ticks --record NAME now.rec, the same before the "
+        "change, and palpate compare\n");
+  }
+  return failed == 0 && known.size() == all.size() ? 0 : 1;
+}
+
+int record(const std::string& name, const std::string& file) {
+  for (const Take& one : takes()) {
+    if (one.name != name) continue;
+    RecordedSetting setting;
+    setting.device.name = name;
+    setting.device.limits = one.limits;
+    std::ofstream out(file, std::ios::binary);
+    out << recordingHeader(setting) << recordingChunk(feel(one));
+    return out.flush() ? 0 : 2;
+  }
+  std::fprintf(stderr, "no scene is called %s\n", name.c_str());
+  return 2;
 }
 
 int run(const std::vector<std::string>& arguments) {
-  if (arguments.size() == 2 && arguments[0] == "--ticks") {
-    for (const Take& one : takes()) {
-      if (one.name == arguments[1]) return feel(one, true).empty() ? 1 : 0;
-    }
-    std::fprintf(stderr, "no scene is called %s\n", arguments[1].c_str());
-    return 2;
-  }
-  if (arguments.size() == 2 && arguments[1] == "--write") {
-    std::ofstream out(arguments[0]);
-    out << builder() << '\n';
-    for (const Take& one : takes()) out << one.name << ' ' << feel(one, false) << '\n';
-    return out.flush() ? 0 : 2;
-  }
+  if (arguments.size() == 3 && arguments[0] == "--record")
+    return record(arguments[1], arguments[2]);
+  if (arguments.size() == 2 && arguments[1] == "--write") return write(arguments[0]);
   if (arguments.size() == 1) return compare(arguments[0]);
-  std::fprintf(stderr, "palpate_golden_ticks FILE [--write] | --ticks NAME\n");
+  std::fprintf(stderr, "palpate_golden_ticks FILE [--write] | --record NAME OUT\n");
   return 2;
 }
 
