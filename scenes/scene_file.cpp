@@ -88,8 +88,12 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
 SceneSpec readSceneFile(const std::filesystem::path& file) {
   checkRegular<SceneError>(file, "check the path");
   if (!mayBeScene(file)) (void)gridNames(file);  // which refuses it as no .vdb
-  return parseScene(readText<SceneError>(file, "check the path"), file.string(),
-                    file.parent_path());
+  const std::string text = readText<SceneError>(file, "check the path");
+  if (text.starts_with("{\"palpate_recording\":")) {
+    throw SceneError(file.string(), "it is a recording, which feel takes, compare and convert",
+                     "give a scene");
+  }
+  return parseScene(text, file.string(), file.parent_path());
 }
 
 SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {

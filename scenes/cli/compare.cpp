@@ -13,8 +13,10 @@
 #include "palpate/devices/recording.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/step_report.h"
+#include "palpate/scenes/build_scene.h"
 #include "palpate/scenes/cli/again.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/cli/recorded.h"
 
 namespace palpate::cli {
 namespace {
@@ -25,20 +27,14 @@ struct CompareOptions {
   bool json = false;
 };
 
-std::size_t bytesOf(const RecordedField& field, std::size_t next) {
-  return next - field.offset;
-}
-
 /// A field in which two ticks differ, inputs before outputs.
 const RecordedField* differing(const RecordedTick& a, const RecordedTick& b, bool outputs) {
   const auto fields = recordedFields();
   const auto* x = reinterpret_cast<const char*>(&a);
   const auto* y = reinterpret_cast<const char*>(&b);
-  for (std::size_t i = 0; i < fields.size(); ++i) {
-    const RecordedField& field = fields[i];
+  for (const RecordedField& field : fields) {
     if (field.output != outputs) continue;
-    const std::size_t next = i + 1 < fields.size() ? fields[i + 1].offset : sizeof(RecordedTick);
-    if (std::memcmp(x + field.offset, y + field.offset, bytesOf(field, next)) != 0) return &field;
+    if (std::memcmp(x + field.offset, y + field.offset, sizeOf(field)) != 0) return &field;
   }
   return nullptr;
 }
@@ -191,14 +187,39 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
 }
 
+/// The moment in which most differs, as explain has it in A's scene; empty where that is not to be
+/// had again.
+std::string explained(const Recording& a, const Largest& force) {
+  if (!force.tick || !(force.value > 0.0)) return {};
+  try {
+    const std::optional<ToFeel> scene = sceneAsItIs(a, force.tick->scene);
+    if (!scene) return {};
+    const BuiltScene built = buildScene(scene->spec, showProgress("loading"));
+    Most most;
+    most.probe = vector(force.tick->hand);
+    most.proxy = vector(force.tick->proxy);
+    most.stiffness = force.tick->stiffness;
+    most.scene = built.scene->id;
+    const std::optional<Again> again = againOf(most, *built.scene);
+    return again ? explainLine(scene->file, *again) : std::string();
+  } catch (const Error& error) {
+    complain(std::string(error.what()));  // what differs is told all the same
+    return {};
+  }
+}
+
 int compareThem(const CompareOptions& options) {
   const Recording a(options.a);
   const Recording b(options.b);
   const Difference d = compare(a, b);
+  const std::string why = explained(a, d.force);
   if (options.json) {
-    sayJson(jsonOf(d, a, b));
+    OrderedJson json = jsonOf(d, a, b);
+    json["explain"] = why.empty() ? OrderedJson() : OrderedJson(why);
+    sayJson(json);
   } else {
     tell(options, d, a, b);
+    if (!why.empty()) say("why       {}\n", sentence(why));
   }
   return d.alike() ? kDone : kEndedEarly;
 }

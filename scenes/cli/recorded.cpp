@@ -13,6 +13,7 @@
 
 #include "palpate/devices/crc32c.h"
 #include "palpate/engine/error.h"
+#include "palpate/samplers/volume.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/dials.h"
 #include "palpate/scenes/scene_cache.h"
@@ -37,6 +38,16 @@ OrderedJson stateOf(const fs::path& file) {
     bytes += got;
   }
   return {{"bytes", bytes}, {"crc32c", crc}};
+}
+
+/// The text of a scene's file; empty for a .vdb, or a folder.
+std::string textOfScene(const std::string& file) {
+  std::error_code error;
+  if (fs::path(file).extension() == ".vdb" || !fs::is_regular_file(file, error) || isVdb(file)) {
+    return {};
+  }
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
 }
 
 /// A scene out of a recording, with its dials as they were; notes: which files are not what they
@@ -85,10 +96,7 @@ void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
 }  // namespace
 
 ToFeel sceneToFeel(const std::string& scene) {
-  if (!isRecording(scene)) {
-    std::string text = textOfScene(scene);
-    return {openScene(scene, showProgress("loading")), scene, std::move(text), {}};
-  }
+  if (!isRecording(scene)) return openWithText(scene, showProgress("loading"));
   const Recording recording(scene);
   if (recording.scenes().empty()) {
     throw Error(scene, "there is no scene in it", "give the scene's file");
@@ -98,11 +106,23 @@ ToFeel sceneToFeel(const std::string& scene) {
   return first;
 }
 
-std::string textOfScene(const std::string& file) {
-  std::error_code error;
-  if (fs::path(file).extension() == ".vdb" || !fs::is_regular_file(file, error)) return {};
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
+std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id) {
+  for (const RecordedScene& scene : recording.scenes()) {
+    if (scene.id != id) continue;
+    const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
+    if (!json.is_object() || !json.value("dials", OrderedJson::array()).empty())
+      return std::nullopt;
+    ToFeel out = toFeel(scene);
+    if (out.text != textOfScene(out.file)) return std::nullopt;
+    return out;
+  }
+  return std::nullopt;
+}
+
+ToFeel openWithText(const std::string& file, const Progress& progress) {
+  ToFeel out{openScene(file, progress), file, textOfScene(file), {}};
+  if (!out.text.empty()) out.spec = parseScene(out.text, file, fs::path(file).parent_path());
+  return out;
 }
 
 std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,13 +27,18 @@ struct ToFeel {
 /// are not what they were. Throws Error.
 [[nodiscard]] ToFeel sceneToFeel(const std::string& scene);
 
-/// The text of a scene's file, as ToFeel has it.
-[[nodiscard]] std::string textOfScene(const std::string& file);
+/// Opens a scene's file, and gives the text that it was made of with it: what is felt is what is
+/// recorded, although somebody writes it meanwhile. Throws Error.
+[[nodiscard]] ToFeel openWithText(const std::string& file, const Progress& progress);
 
 /// A scene as a recording keeps it (JSON): its file, its text, how its modes' dials were turned,
 /// and of each volume's file the size and the checksum. Reads those files once.
 [[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials);
+
+/// The scene of that id in a recording, where its file still says what it said; none where it does
+/// not, where dials were turned, or where it is not in the recording. Throws Error.
+[[nodiscard]] std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id);
 
 /// A scene, and what a recording keeps of it.
 struct SceneAgain {

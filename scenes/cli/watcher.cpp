@@ -80,8 +80,9 @@ std::optional<BuiltScene> Watcher::look() {
   made_ = std::async(std::launch::async, [this, read = read_, dials = tried_] {
     Made made{spec_, ids_, {}, {}};
     if (read) {
-      made.text = textOfScene(file_);
-      made.spec = openScene(file_, {});
+      ToFeel opened = openWithText(file_, {});
+      made.text = std::move(opened.text);
+      made.spec = std::move(opened.spec);
       (void)fitToAll(made.spec, devices_);
       made.ids = idsOf(made.spec, spec_, ids_);
     }

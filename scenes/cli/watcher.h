@@ -46,7 +46,7 @@ class Watcher {
   [[nodiscard]] std::vector<LiveDial> dials() const { return inOrder(felt_, ids_); }
   /// The scene that was looked at last, without dials.
   [[nodiscard]] const SceneSpec& spec() const noexcept { return spec_; }
-  /// Its file's text (textOfScene), if that was read by look(); empty: it is the first scene's.
+  /// Its file's text (ToFeel::text), if that was read by look(); empty: it is the first scene's.
   [[nodiscard]] const std::string& text() const noexcept { return text_; }
   /// The last request that was refused; its dials are as they were before.
   [[nodiscard]] std::uint64_t refused() const noexcept { return refused_; }

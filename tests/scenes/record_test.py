@@ -15,6 +15,8 @@ import time
 import unittest
 from pathlib import Path
 
+import numpy as np
+
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from refusals import refusal  # noqa: E402
 
@@ -85,6 +87,32 @@ class Recorded(Case):
         for key in ("force_max", "samples", "status", "net_energy"):
             self.assertEqual(told[0].get(key), told[1].get(key), key)
 
+    def test_no_core_and_no_libm_changes_a_bit(self):
+        run("make", "wind-tunnel", self.dir / "wind.vdb", "--voxel", 0.02)
+        wind = self.dir / "wind.json"
+        wind.write_text(run("scene", self.dir / "wind.vdb").stdout, encoding="utf-8")
+        for scene in (self.scene, wind):
+            a = self.record("a.rec", scene, "--seconds", 3)
+            # One core loads and derives what two did; the C library's variants without FMA.
+            for words, more in ((["taskset", "-c", "0"], {}),
+                                ([], {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"})):
+                subprocess.run([*words, PALPATE, "feel", scene, "--device", f"replay:{a}",
+                                "--record", self.dir / "b.rec"], env={**os.environ, **more},
+                               capture_output=True, check=True)
+                self.assertTrue(self.compare("a.rec", "b.rec")["identical"], (scene, words))
+        # Turns of what moves are the C library's sines: far within what a tick certifies.
+        moving = json.loads(json.dumps(SCENE))
+        moving["volumes"]["ball"]["place"] = {
+            "fit": 0.1, "repeat": True, "keyframes": [
+                {"time": 0}, {"time": 1, "translate": [0.004, 0, 0],
+                              "rotation_wxyz": [0.98, 0.1, 0, 0.17]}, {"time": 2}]}
+        a = self.record("a.rec", self.write(moving, "moving.json"), "--seconds", 3)
+        subprocess.run([PALPATE, "feel", self.dir / "moving.json", "--device", f"replay:{a}",
+                        "--record", self.dir / "b.rec"], capture_output=True, check=True,
+                       env={**os.environ, "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-AVX2"})
+        told = self.compare("a.rec", "b.rec", status=None)
+        self.assertLess((told["force"] or {"by": 0})["by"], 1e-9)
+
     def test_an_edit_is_told_by_where_and_how_much(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         other = json.loads(json.dumps(SCENE))
@@ -98,6 +126,15 @@ class Recorded(Case):
         words = run("compare", a, self.dir / "b.rec", status=1).stdout
         self.assertIn(f"first in tick {told['first']['tick']} ", words)
         self.assertIn("most      in tick", words)
+        # Where that is, as a line to be pasted: it has A's force.
+        line = re.search(r"why +palpate (explain .*)", words).group(1)
+        self.assertEqual("palpate " + line, told["explain"])
+        explained = json.loads(run(*line.split(), "--json").stdout)
+        _, rows = rows_of(a)
+        row = rows[rows["tick"] == told["force"]["tick"]][0]
+        spring = row["stiffness"] * np.linalg.norm(row["proxy"] - row["hand"])
+        self.assertAlmostEqual(np.linalg.norm(explained["force"]["spring"]), spring,
+                               delta=0.1 * spring)
         # Another hand is told as such.
         self.record("c.rec", self.scene, "--seconds", 4, "--rate", 900)
         told = self.compare("a.rec", "c.rec", status=1)
@@ -269,6 +306,8 @@ class Recorded(Case):
         self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
         refused("feel", self.scene, "--record", "/dev/full", says="it is a pipe or a device")
         refused("compare", a, self.scene, says="it is no recording")
+        refused("check", a, says="it is a recording, which feel takes")
+        refused("explain", a, "--at", "0,0,0", "--push", "0,0,0", says="it is a recording, which feel takes")
         refused("convert", a, a, says="a.rec")
         (self.dir / "a.h5").symlink_to(a)
         refused("convert", a, self.dir / "a.h5", says="a.h5")

@@ -1,0 +1,52 @@
+#!/bin/bash
+# A run that is recorded, killed, felt again and compared, step by step: record_steps.sh BIN PYTHON
+set -eu
+bin=$1
+python=$2
+dir=$(mktemp -d)
+trap 'rm -rf "$dir"' EXIT
+cd "$dir"
+PATH=$bin:$PATH
+
+step() { printf '\n%s\n' "## $*"; }
+try() { printf '$ %s\n' "$*"; "$@"; }
+# Where the exit status is 1 by design: they differ.
+differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1; fi; }
+
+step "a scene"
+try palpate make two-bodies bodies.vdb
+printf '$ palpate scene bodies.vdb > bodies.json\n'
+palpate scene bodies.vdb 2>&1 >bodies.json | sed -n 's/^palpate: made: /made /p'
+
+step "a hand feels it on time, is recorded, and the program is killed after some 2 s"
+printf '$ palpate feel bodies.json --realtime --seconds 60 --record monday.rec & sleep 2; kill -9 $!\n'
+palpate feel bodies.json --realtime --seconds 60 --record monday.rec >feel.txt 2>&1 &
+killed=$!
+for ((i = 0; i < 400; ++i)); do [ -s monday.rec ] && break; sleep 0.05; done
+sleep 2
+kill -9 "$killed"
+wait "$killed" 2>/dev/null || true
+ls -l monday.rec | awk '{print $5, $9}'
+
+step "by numpy, with the lines of docs/recording.md"
+try "$python" -c 'import json, numpy as np
+head = json.loads(open("monday.rec", "rb").readline())
+rows = np.fromfile("monday.rec", [tuple(f) for f in head["dtype"]], offset=head["offset"]); rows = rows[rows["tick"] > 0]
+print(len(rows), "ticks,", rows["time"][-1].round(3), "s, at most", np.linalg.norm(rows["force"], axis=1).max().round(3), "N")
+assert len(rows) > 1500'
+
+step "the same hand in the same scene: the same to the last bit"
+try palpate feel monday.rec --device replay:monday.rec --record again.rec >feel.txt
+try palpate compare monday.rec again.rec
+
+step "the same hand in another one: where it is felt, and by how much"
+sed 's/"strength": 3,/"strength": 0.4,/' bodies.json >other.json
+try palpate feel other.json --device replay:monday.rec --record other.rec >feel.txt
+differ palpate compare monday.rec other.rec
+
+step "as a table, and as HDF5 where that is built in"
+try palpate convert monday.rec monday.csv
+head -2 monday.csv | cut -c1-100
+palpate convert monday.rec monday.h5 && ls -l monday.h5 | awk '{print $5, $9}' || echo "no HDF5 in this build"
+echo
+echo "the same again, and what differs was told: recorded, killed, felt again, compared"
