@@ -358,7 +358,7 @@ class VdbFile {
     } catch (const Error&) {
       throw;
     } catch (const std::bad_alloc&) {
-      throw;  // nothing is wrong with the file
+      throw;                                   // nothing is wrong with the file
     } catch (const std::ios_base::failure&) {  // GridReader's
       throw VolumeError(path_.string(), "it is truncated", "copy or write it again");
     } catch (const std::exception& e) {
