@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
-#include <ranges>
 #include <system_error>
 #include <utility>
 
@@ -16,8 +15,18 @@ namespace {
 
 /// The index of the first tick at `seconds` or later.
 std::int64_t tickAt(const Recording& recording, double seconds) noexcept {
-  const auto before = [&](std::int64_t i) { return recording.tick(i).time < seconds; };
-  return *std::ranges::partition_point(std::views::iota(std::int64_t{0}, recording.size()), before);
+  // By hand: clang 14 knows no views of this library.
+  std::int64_t low = 0;
+  std::int64_t high = recording.size();
+  while (low < high) {
+    const std::int64_t middle = low + (high - low) / 2;
+    if (recording.tick(middle).time < seconds) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
 }
 
 }  // namespace

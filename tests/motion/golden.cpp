@@ -511,7 +511,9 @@ Apart apart(const Pinned& a, const Pinned& b) {
 
 /// Whose last bits they are.
 std::string builder() {
-#if defined(__x86_64__)
+#if defined(__FMA__)
+  const char* const machine = "x86-64 with fused multiply-adds";
+#elif defined(__x86_64__)
   const char* const machine = "x86-64";
 #else
   const char* const machine = "another";
