@@ -15,8 +15,19 @@
 
 namespace palpate {
 
-/// Never grows: try_enqueue takes no memory.
-struct Recorder::Ring : moodycamel::ReaderWriterQueue<RecordedTick> {
+namespace {
+
+/// A tick that is written where it stays.
+struct Slot {
+  RecordedTick row;
+  Slot() = default;
+  explicit Slot(const Telemetry& tick) noexcept : row(recordedTick(tick)) {}
+};
+
+}  // namespace
+
+/// Never grows: try_emplace takes no memory.
+struct Recorder::Ring : moodycamel::ReaderWriterQueue<Slot> {
   using ReaderWriterQueue::ReaderWriterQueue;
 };
 
@@ -52,7 +63,7 @@ Recorder::~Recorder() {
 
 void Recorder::take(const Telemetry& tick) noexcept {
   if (off_.load(std::memory_order_relaxed)) return;
-  if (!ring_->try_enqueue(recordedTick(tick))) lost_.fetch_add(1, std::memory_order_relaxed);
+  if (!ring_->try_emplace(tick)) lost_.fetch_add(1, std::memory_order_relaxed);
 }
 
 void Recorder::expect(RecordedScene scene) {
@@ -111,8 +122,8 @@ void Recorder::run() {
 
 void Recorder::writeNew() {
   rows_.clear();
-  RecordedTick row;
-  while (rows_.size() < rows_.capacity() && ring_->try_dequeue(row)) rows_.push_back(row);
+  Slot slot;
+  while (rows_.size() < rows_.capacity() && ring_->try_dequeue(slot)) rows_.push_back(slot.row);
   // A scene is told before it is published: that of each of these ticks is among them.
   std::vector<RecordedScene> scenes;
   {
