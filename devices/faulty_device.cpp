@@ -6,6 +6,8 @@
 #include <thread>
 #include <utility>
 
+#include "palpate/engine/error.h"
+
 namespace palpate {
 namespace {
 
@@ -35,7 +37,11 @@ bool needsClock(Trouble trouble) noexcept {
 
 FaultyDevice::FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate,
                            double begin, double end)
-    : device_(std::move(device)), trouble_(trouble), rate_(rate), begin_(begin), end_(end) {}
+    : device_(std::move(device)), trouble_(trouble), rate_(rate), begin_(begin), end_(end) {
+  if (device_->zeroForce().descriptor >= 0) {
+    throw DeviceError(device_->info().name, "a trouble is no test for a real arm", "simulate one");
+  }
+}
 
 bool FaultyDevice::troubled() const noexcept {
   const double now = static_cast<double>(tick_) / rate_;
@@ -110,8 +116,10 @@ HandState FaultyDevice::read() noexcept {
 
 void FaultyDevice::write(const Vec3& force) noexcept {
   if (troubled() && trouble_ == Trouble::kBlocked) hang();
-  // What does not arrive moves nothing: the arm keeps the force that it has.
-  device_->write(force);
+  // What does not arrive changes nothing: the motors keep the force that they have.
+  const bool lost = trouble_ == Trouble::kUnwritten || trouble_ == Trouble::kGone;
+  if (!troubled() || !lost) force_ = force;
+  device_->write(force_);
   ++tick_;
 }
 

@@ -19,10 +19,10 @@ enum class Trouble : std::uint8_t {
   kJumping,    ///< A count lost: all is kJump beside where it was.
   kNotFinite,  ///< Positions that are no numbers.
   kRunaway,    ///< It drives off at kRun, whatever the hand does.
-  kUnwritten,  ///< Writes fail.
+  kUnwritten,  ///< Writes fail: the motors keep the force that they have.
   kBlocked,    ///< Writes take kHang.
   kHung,       ///< Reads take kHang.
-  kGone,       ///< Unplugged.
+  kGone,       ///< Unplugged; likewise.
   kHot,        ///< Too hot, as it says itself,
   kUnpowered,  ///< without power,
   kSwitch,     ///< with its safety switch open,
@@ -44,7 +44,8 @@ class FaultyDevice final : public Device {
   static constexpr double kRun = 4.5;  ///< [m/s]: faster than WatchLimits::max_speed, and no jump.
   static constexpr double kHang = 0.03;  ///< [s]: more than any limit of the loop.
 
-  /// Times by its ticks [s], of `rate` [Hz]: from `begin` until `end`.
+  /// Times by its ticks [s], of `rate` [Hz]: from `begin` until `end`. Throws DeviceError where a
+  /// force could reach a real hand, as of a device with a ZeroForce.
   FaultyDevice(std::unique_ptr<Device> device, Trouble trouble, double rate, double begin,
                double end = std::numeric_limits<double>::infinity());
 
@@ -67,8 +68,9 @@ class FaultyDevice final : public Device {
   double begin_;
   double end_;
   std::int64_t tick_ = 0;
-  std::int64_t since_ = 0;  ///< Readings since the trouble began.
-  HandState whole_;         ///< The last reading before it, or the last that was passed on.
+  std::int64_t since_ = 0;     ///< Readings since the trouble began.
+  Vec3 force_ = Vec3::Zero();  ///< The last that went out.
+  HandState whole_;            ///< The last reading before it, or the last that was passed on.
 };
 
 }  // namespace palpate

@@ -25,14 +25,13 @@ struct DeviceOptions {
 
 /// One of
 ///
-/// | name | |
-/// |---|---|
-/// | simulated | an arm and a hand made of numbers |
-/// | `simulated:TROUBLE`, `simulated:TROUBLE@SECONDS` | with a trouble (faulty_device.h) from then
-/// on | | mouse | such a hand that a window's mouse leads | | path:FILE.csv | a hand that follows a
-/// path exactly; - is standard input | | `replay:FILE`, `replay:FILE@SECONDS` | a hand that was
-/// recorded, from there on | | `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json` | an arm
-/// (openArm) |
+/// - `simulated`: an arm and a hand made of numbers
+/// - `simulated:TROUBLE`, `simulated:TROUBLE@SECONDS`: with a trouble (faulty_device.h) from then
+/// on
+/// - `mouse`: such a hand that a window's mouse leads
+/// - `path:FILE.csv`: a hand that follows a path exactly; - is standard input
+/// - `replay:FILE`, `replay:FILE@SECONDS`: a hand that was recorded, from there on
+/// - `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json`: an arm (openArm)
 ///
 /// Throws Error: what is wrong with it, and what to write. Slow: an arm may home itself.
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <fcntl.h>
+#include <optional>
 #include <sys/mman.h>
 #include <sys/stat.h>
 #include <system_error>
@@ -325,6 +326,17 @@ T at(std::span<const std::byte> bytes, std::size_t offset) noexcept {
   return value;
 }
 
+/// True of ticks whose numbers rise behind that one's.
+bool comesAfter(std::span<const std::byte> records, std::int64_t last) noexcept {
+  constexpr std::int64_t kMost = std::int64_t{1} << 53U;  // some 30,000 years at 10 kHz
+  for (std::size_t from = 0; from < records.size(); from += sizeof(RecordedTick)) {
+    const auto tick = at<std::int64_t>(records, from);
+    if (tick <= last || tick > kMost) return false;
+    last = tick;
+  }
+  return !records.empty();
+}
+
 /// The header's line, without its end; throws Error where it is none.
 std::string headerLine(std::span<const std::byte> bytes, const std::string& file) {
   const auto* begin = reinterpret_cast<const char*>(bytes.data());
@@ -392,10 +404,16 @@ std::string recordingHeader(const RecordedSetting& setting) {
 }
 
 std::string recordingChunk(std::span<const RecordedTick> ticks) {
+  // What one wrong bit costs is bounded.
+  constexpr std::size_t kMost = 1024;
+  std::string before;
+  for (; ticks.size() > kMost; ticks = ticks.subspan(kMost)) {
+    before += recordingChunk(ticks.first(kMost));
+  }
   ChunkMark mark{};
   mark.kind = static_cast<std::uint64_t>(ChunkKind::kTicks);
   mark.first = ticks.front().tick;
-  return chunkOf(mark, std::as_bytes(ticks));
+  return before + chunkOf(mark, std::as_bytes(ticks));
 }
 
 std::string recordingChunk(const RecordedScene& scene) {
@@ -452,22 +470,35 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
     throw;
   }
   constexpr std::size_t kRecord = sizeof(RecordedTick);
-  std::size_t last_whole = offset;  // behind that chunk
+  std::size_t last_whole = offset;           // behind that chunk
+  std::optional<std::size_t> cut;            // where one begins that the file ends within
+  std::size_t patience = 4 * bytes_.size();  // bytes of chunks that are none
+  std::int64_t last_tick = 0;
   while (offset < bytes_.size() && bytes_.size() - offset >= kRecord) {
     ChunkMark mark = at<ChunkMark>(bytes_, offset);
     const std::size_t room = (bytes_.size() - offset) / kRecord - 1;
-    const bool marked = mark.tick == kChunk && mark.magic == kMagic && mark.count <= room;
-    const auto records = bytes_.subspan(offset + kRecord, marked ? mark.count * kRecord : 0);
+    const bool marked = mark.tick == kChunk && mark.magic == kMagic;
+    if (marked && mark.count > room && !cut) cut = offset;
+    const std::size_t count = marked && mark.count <= room ? mark.count : 0;
+    const auto records = bytes_.subspan(offset + kRecord, count * kRecord);
     const std::uint64_t crc = std::exchange(mark.crc, 0);
-    if (!marked || crc32c(records, crc32c(bytesOf(mark))) != crc) {
+    const bool good = marked && mark.count == count &&
+                      crc32c(records, crc32c(bytesOf(mark))) == crc &&
+                      (mark.kind != static_cast<std::uint64_t>(ChunkKind::kTicks) ||
+                       comesAfter(records, last_tick));
+    if (!good) {
       // Where a chunk is damaged the next one begins at some record behind it.
       offset += kRecord;
+      patience -= std::min(patience, records.size());
+      if (patience == 0) break;
       continue;
     }
     damaged_ += offset - last_whole;
+    cut.reset();
     if (mark.kind == static_cast<std::uint64_t>(ChunkKind::kTicks)) {
       chunks_.push_back({size_, offset + kRecord});
       size_ += static_cast<std::int64_t>(mark.count);
+      last_tick = at<RecordedTick>(records, records.size() - kRecord).tick;
     } else if (mark.kind == static_cast<std::uint64_t>(ChunkKind::kScene)) {
       RecordedScene& scene = scenes_.emplace_back();
       scene.id = mark.scene;
@@ -480,7 +511,10 @@ Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
     offset += kRecord * (1 + mark.count);
     last_whole = offset;
   }
-  torn_ = bytes_.size() - std::min(last_whole, bytes_.size());
+  // What the file ends within was torn off; what is all there and wrong is damaged.
+  const std::size_t rest = bytes_.size() - std::min(last_whole, bytes_.size());
+  torn_ = cut ? bytes_.size() - *cut : rest % kRecord;
+  damaged_ += rest - torn_;
   if (size_ > 0) lost_ = tick(size_ - 1).tick - tick(0).tick + 1 - size_;
 }
 

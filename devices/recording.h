@@ -152,7 +152,7 @@ class Recording {
 
 /// The pieces of a file, for whoever writes one: the header,
 [[nodiscard]] std::string recordingHeader(const RecordedSetting& setting);
-/// a chunk of ticks (not empty),
+/// chunks of ticks (not empty, with numbers that rise), of at most 1,024 each,
 [[nodiscard]] std::string recordingChunk(std::span<const RecordedTick> ticks);
 /// and one with a scene.
 [[nodiscard]] std::string recordingChunk(const RecordedScene& scene);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cmath>
 #include <filesystem>
 #include <system_error>
 #include <utility>
@@ -54,7 +55,8 @@ NameAt nameAt(const std::string& words) {
   double seconds = 0.0;
   const char* end = words.data() + words.size();
   const auto read = std::from_chars(words.data() + at + 1, end, seconds);
-  if (read.ec != std::errc() || read.ptr != end || !(seconds >= 0.0)) return {words, std::nullopt};
+  if (read.ec != std::errc() || read.ptr != end) return {words, std::nullopt};
+  if (!(seconds >= 0.0) || !std::isfinite(seconds)) return {words, std::nullopt};
   return {words.substr(0, at), seconds};
 }
 

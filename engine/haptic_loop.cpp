@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "palpate/engine/error.h"
+#include "palpate/engine/plain_floats.h"
 
 namespace palpate {
 
@@ -143,6 +144,7 @@ Fault HapticLoop::withheld(double took, const TickTime& time) const noexcept {
 }
 
 void HapticLoop::tick(const TickTime& time) noexcept {
+  const PlainFloats plain;
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
   TickInput& in = told_.input;
@@ -187,6 +189,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
 }
 
 bool HapticLoop::rehearse(double dt, double lead) noexcept {
+  const PlainFloats as_in_a_tick;
   const Scene* scene = scenes_.current().get();
   const bool soon_enough = 4e-9 * static_cast<double>(told_.tick_ns) <= lead;
   return rehearsal_ && scene != nullptr && soon_enough &&

@@ -85,15 +85,17 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   return spec;
 }
 
-SceneSpec readSceneFile(const std::filesystem::path& file) {
+SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   checkRegular<SceneError>(file, "check the path");
   if (!mayBeScene(file)) (void)gridNames(file);  // which refuses it as no .vdb
-  const std::string text = readText<SceneError>(file, "check the path");
-  if (text.starts_with("{\"palpate_recording\":")) {
+  std::string read = readText<SceneError>(file, "check the path");
+  if (read.starts_with("{\"palpate_recording\":")) {
     throw SceneError(file.string(), "it is a recording, which feel takes, compare and convert",
                      "give a scene");
   }
-  return parseScene(text, file.string(), file.parent_path());
+  SceneSpec spec = parseScene(read, file.string(), file.parent_path());
+  if (text != nullptr) *text = std::move(read);
+  return spec;
 }
 
 SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {
@@ -153,7 +155,9 @@ Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress&
   return guess;
 }
 
-SceneSpec openScene(const std::filesystem::path& path, const Progress& progress) {
+SceneSpec openScene(const std::filesystem::path& path, const Progress& progress,
+                    std::string* text) {
+  if (text != nullptr) text->clear();
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
   if (status.type() == std::filesystem::file_type::not_found) {
@@ -162,7 +166,7 @@ SceneSpec openScene(const std::filesystem::path& path, const Progress& progress)
   if (std::filesystem::is_directory(status)) return sceneFromVdb(path, progress);
   checkRegular<SceneError>(path, "give a scene file, a .vdb or a folder of them");
   if (path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);
-  return readSceneFile(path);
+  return readSceneFile(path, text);
 }
 
 }  // namespace palpate

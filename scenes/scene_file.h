@@ -12,7 +12,8 @@ namespace palpate {
 
 /// Reads a scene file: syntax, then every key and value by path, then the JSON Schema that ships
 /// with the project. Relative paths start at the file. Throws SceneError.
-[[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file);
+[[nodiscard]] SceneSpec readSceneFile(const std::filesystem::path& file,
+                                      std::string* text = nullptr);
 
 /// As readSceneFile, from text; `source` is named in errors, relative paths start at `folder`.
 [[nodiscard]] SceneSpec parseScene(const std::string& text, const std::string& source,
@@ -28,9 +29,10 @@ namespace palpate {
 [[nodiscard]] Guess guessVdb(const std::filesystem::path& file, GuessFor what = GuessFor::kAnything,
                              const Progress& progress = nullptr);
 
-/// Any of the above, by what the path is.
+/// Any of the above, by what the path is. `text`: where not null, what was read of a scene file;
+/// empty for volumes.
 [[nodiscard]] SceneSpec openScene(const std::filesystem::path& path,
-                                  const Progress& progress = nullptr);
+                                  const Progress& progress = nullptr, std::string* text = nullptr);
 
 /// The JSON Schema of scene files.
 [[nodiscard]] const std::string& sceneSchema();

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -58,13 +59,15 @@ struct Largest {
   std::optional<RecordedTick> tick;
 
   void add(double x, const RecordedTick& in) {
-    if (!std::isfinite(x) || (tick && !(x > value))) return;
+    // What is no number is further off than any.
+    if (!std::isfinite(x)) x = std::numeric_limits<double>::infinity();
+    if (tick && !(x > value)) return;
     value = x;
     tick = in;
   }
   [[nodiscard]] OrderedJson json() const {
     if (!tick || !(value > 0.0)) return nullptr;
-    return {{"by", value},
+    return {{"by", std::isfinite(value) ? OrderedJson(value) : OrderedJson("not finite")},
             {"tick", tick->tick},
             {"time", tick->time},
             {"hand", toJson(vector(tick->hand))},
@@ -174,16 +177,19 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
   }
   say("felt      otherwise in {} of {} ticks, first in tick {} ({} s): {}\n", d.differing, d.ticks,
       d.first->tick, rounded(d.first->time), d.field);
-  say("force     by {} N at most, proxy by {} mm\n", rounded(d.force.value),
-      rounded(1e3 * d.proxy.value));
+  const auto by = [](double value, const char* unit) {
+    return sentence(std::isfinite(value) ? rounded(value) + " " + unit : "what is not finite");
+  };
+  say("force     by {} at most, proxy by {}\n", by(d.force.value, "N"),
+      by(1e3 * d.proxy.value, "mm"));
   for (const auto& [word, counts] : d.statuses) {
     if (counts[0] != counts[1]) say("status    {}: {}, {} ticks\n", word, counts[0], counts[1]);
   }
   if (d.force.tick && d.force.value > 0.0) {
     const RecordedTick& most = *d.force.tick;
-    say("most      in tick {} ({} s), hand at {}, proxy at {}: {} N and as B {} N more or less\n",
+    say("most      in tick {} ({} s), hand at {}, proxy at {}: {} N, and of B by {} another\n",
         most.tick, rounded(most.time), placeWords(vector(most.hand)),
-        placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), rounded(d.force.value));
+        placeWords(vector(most.proxy)), rounded(vector(most.force).norm()), by(d.force.value, "N"));
   }
 }
 
@@ -202,9 +208,10 @@ std::string explained(const Recording& a, const Largest& force) {
     most.scene = built.scene->id;
     const std::optional<Again> again = againOf(most, *built.scene);
     return again ? explainLine(scene->file, *again) : std::string();
-  } catch (const Error& error) {
-    complain(std::string(error.what()));  // what differs is told all the same
-    return {};
+  } catch (const Interrupted&) {
+    throw;
+  } catch (const std::exception&) {
+    return {};  // its files are gone, or there is no memory: what differs is told all the same
   }
 }
 
@@ -212,13 +219,14 @@ int compareThem(const CompareOptions& options) {
   const Recording a(options.a);
   const Recording b(options.b);
   const Difference d = compare(a, b);
-  const std::string why = explained(a, d.force);
   if (options.json) {
+    const std::string why = explained(a, d.force);
     OrderedJson json = jsonOf(d, a, b);
     json["explain"] = why.empty() ? OrderedJson() : OrderedJson(why);
     sayJson(json);
   } else {
     tell(options, d, a, b);
+    const std::string why = explained(a, d.force);
     if (!why.empty()) say("why       {}\n", sentence(why));
   }
   return d.alike() ? kDone : kEndedEarly;

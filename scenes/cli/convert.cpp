@@ -1,5 +1,6 @@
 /// palpate convert: a recording as a table.
 #include <array>
+#include <cctype>
 #include <cstring>
 #include <filesystem>
 #include <memory>
@@ -71,7 +72,8 @@ void writeCsv(const Recording& recording, const std::string& path) {
 
 /// By its name.
 bool isHdf5(const std::string& path) {
-  const std::string ending = std::filesystem::path(path).extension().string();
+  std::string ending = std::filesystem::path(path).extension().string();
+  for (char& c : ending) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return ending == ".h5" || ending == ".hdf5";
 }
 

@@ -1,5 +1,6 @@
 #include "palpate/scenes/cli/recorded.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -13,7 +14,6 @@
 
 #include "palpate/devices/crc32c.h"
 #include "palpate/engine/error.h"
-#include "palpate/samplers/volume.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/dials.h"
 #include "palpate/scenes/scene_cache.h"
@@ -26,6 +26,8 @@ namespace fs = std::filesystem;
 
 /// The size and the checksum of a file; null where it cannot be read.
 OrderedJson stateOf(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return nullptr;  // others may never end
   std::ifstream in(file, std::ios::binary);
   if (!in) return nullptr;
   std::vector<char> piece(std::size_t{1} << 20U);
@@ -40,44 +42,84 @@ OrderedJson stateOf(const fs::path& file) {
   return {{"bytes", bytes}, {"crc32c", crc}};
 }
 
-/// The text of a scene's file; empty for a .vdb, or a folder.
-std::string textOfScene(const std::string& file) {
-  std::error_code error;
-  if (fs::path(file).extension() == ".vdb" || !fs::is_regular_file(file, error) || isVdb(file)) {
-    return {};
+/// A recorded scene's JSON; throws Error where it is none.
+OrderedJson jsonOf(const RecordedScene& scene) {
+  OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
+  const auto good = [&] {
+    const auto list = [&](const char* key) { return json.contains(key) && json[key].is_array(); };
+    return json.is_object() && json.contains("text") && json.contains("file") &&
+           json["file"].is_string() && list("dials") && list("volumes");
+  };
+  if (!good()) {
+    throw Error("the recording's scene", "it cannot be read", "give the scene's file instead");
   }
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
+  return json;
 }
 
-/// A scene out of a recording, with its dials as they were; notes: which files are not what they
-/// were. Throws Error: its files are gone, or it is no scene of this version.
-ToFeel toFeel(const RecordedScene& scene) {
+/// Those of its files that are not what they were.
+std::vector<std::string> changedFiles(const OrderedJson& json) {
+  std::vector<std::string> changed;
+  for (const OrderedJson& volume : json["volumes"]) {
+    const auto file = volume.at("file").get<std::string>();
+    if (stateOf(file) != volume.at("state")) changed.push_back(file);
+  }
+  return changed;
+}
+
+/// A scene out of a recording, with its dials as they were. Throws Error: its files are gone, or it
+/// is no scene of this version.
+ToFeel toFeel(const OrderedJson& json) {
   ToFeel out;
+  out.file = json["file"].get<std::string>();
+  if (json["text"].is_null()) {
+    out.spec = openScene(out.file, showProgress("loading"));
+  } else {
+    out.text = json["text"].get<std::string>();
+    out.spec = parseScene(out.text, out.file, fs::path(out.file).parent_path());
+  }
+  std::vector<LiveDial> dials;
+  for (const OrderedJson& turned : json["dials"]) {
+    dials.push_back({turned.at(0).get<std::uint32_t>(), turned.at(1).get<float>()});
+  }
+  if (!dials.empty()) dial(out.spec, dials);
+  return out;
+}
+
+/// The same; says which of its files are not what they were.
+ToFeel toFeelAgain(const RecordedScene& scene) {
   try {
-    const OrderedJson json = OrderedJson::parse(scene.text);
-    out.file = json.at("file").get<std::string>();
-    if (json.at("text").is_null()) {
-      out.spec = openScene(out.file, showProgress("loading"));
-    } else {
-      out.text = json.at("text").get<std::string>();
-      out.spec = parseScene(out.text, out.file, fs::path(out.file).parent_path());
-    }
-    std::vector<LiveDial> dials;
-    for (const OrderedJson& turned : json.at("dials")) {
-      dials.push_back({turned.at(0).get<std::uint32_t>(), turned.at(1).get<float>()});
-    }
-    if (!dials.empty()) dial(out.spec, dials);
-    for (const OrderedJson& volume : json.at("volumes")) {
-      const auto file = volume.at("file").get<std::string>();
-      if (stateOf(file) == volume.at("state")) continue;
+    const OrderedJson json = jsonOf(scene);
+    ToFeel out = toFeel(json);
+    for (const std::string& file : changedFiles(json)) {
       complain(file + ": it is not the file that was recorded: what is felt differs with it");
     }
+    return out;
   } catch (const nlohmann::json::exception& error) {
     throw Error("the recording's scene", fmt::format("it cannot be read ({})", error.what()),
                 "give the scene's file instead");
   }
-  return out;
+}
+
+/// The scene of the first tick that has one. Throws Error where it is not there.
+const RecordedScene& firstFelt(const Recording& recording, const std::string& file) {
+  const auto& scenes = recording.scenes();
+  std::uint64_t id = scenes.empty() ? 0 : scenes.front().id;
+  for (std::int64_t i = 0; i < recording.size(); ++i) {
+    const std::uint64_t felt = recording.tick(i).scene;
+    if (felt == 0) continue;
+    id = felt;
+    break;
+  }
+  const auto found = std::find_if(scenes.begin(), scenes.end(),
+                                  [&](const RecordedScene& scene) { return scene.id == id; });
+  if (found == scenes.end()) {
+    const std::string words = recording.incomplete();
+    throw Error(
+        file,
+        words.empty() ? "its first scene is not in it" : "its first scene is not in it: " + words,
+        "give the scene's file");
+  }
+  return *found;
 }
 
 /// Adds the files that a scene is made of. Text that is none adds nothing: toFeel tells.
@@ -98,31 +140,28 @@ void addFiles(const RecordedScene& scene, std::vector<fs::path>& files) {
 ToFeel sceneToFeel(const std::string& scene) {
   if (!isRecording(scene)) return openWithText(scene, showProgress("loading"));
   const Recording recording(scene);
-  if (recording.scenes().empty()) {
-    throw Error(scene, "there is no scene in it", "give the scene's file");
-  }
-  ToFeel first = toFeel(recording.scenes().front());
+  ToFeel first = toFeelAgain(firstFelt(recording, scene));
   for (const RecordedScene& each : recording.scenes()) addFiles(each, first.files);
   return first;
+}
+
+ToFeel openWithText(const std::string& file, const Progress& progress) {
+  ToFeel out;
+  out.file = file;
+  out.spec = openScene(file, progress, &out.text);
+  return out;
 }
 
 std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id) {
   for (const RecordedScene& scene : recording.scenes()) {
     if (scene.id != id) continue;
-    const OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
-    if (!json.is_object() || !json.value("dials", OrderedJson::array()).empty())
-      return std::nullopt;
-    ToFeel out = toFeel(scene);
-    if (out.text != textOfScene(out.file)) return std::nullopt;
-    return out;
+    const OrderedJson json = jsonOf(scene);
+    if (!json["dials"].empty() || !changedFiles(json).empty()) return std::nullopt;
+    ToFeel now = openWithText(json["file"].get<std::string>(), showProgress("loading"));
+    if (!json["text"].is_null() && json["text"] != now.text) return std::nullopt;
+    return now;
   }
   return std::nullopt;
-}
-
-ToFeel openWithText(const std::string& file, const Progress& progress) {
-  ToFeel out{openScene(file, progress), file, textOfScene(file), {}};
-  if (!out.text.empty()) out.spec = parseScene(out.text, file, fs::path(file).parent_path());
-  return out;
 }
 
 std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,
@@ -146,13 +185,14 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
 ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> first,
                     SceneCache& cache) {
   ScenesById scenes;
+  const std::uint64_t felt = recording.scenes().empty() ? 0 : firstFelt(recording, {}).id;
   for (const RecordedScene& scene : recording.scenes()) {
     if (scenes.contains(scene.id)) continue;
-    if (scenes.empty()) {
+    if (scene.id == felt) {
       scenes.emplace(scene.id, SceneAgain{first, scene.text});
       continue;
     }
-    SceneSpec spec = toFeel(scene).spec;
+    SceneSpec spec = toFeelAgain(scene).spec;
     static_cast<void>(fitCoupling(spec, recording.setting().device));
     scenes.emplace(scene.id,
                    SceneAgain{buildScene(spec, showProgress("loading"), &cache).scene, scene.text});

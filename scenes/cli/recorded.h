@@ -23,8 +23,8 @@ struct ToFeel {
   std::vector<std::filesystem::path>
       files;  ///< All that it is made of, of a recording all scenes'.
 };
-/// Opens a scene (openScene), or the first one of a recording; says which of a recording's files
-/// are not what they were. Throws Error.
+/// Opens a scene (openScene), or the first that was felt of a recording; says which of a
+/// recording's files are not what they were. Throws Error.
 [[nodiscard]] ToFeel sceneToFeel(const std::string& scene);
 
 /// Opens a scene's file, and gives the text that it was made of with it: what is felt is what is
@@ -36,8 +36,8 @@ struct ToFeel {
 [[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
                                         const SceneSpec& spec, const std::vector<LiveDial>& dials);
 
-/// The scene of that id in a recording, where its file still says what it said; none where it does
-/// not, where dials were turned, or where it is not in the recording. Throws Error.
+/// The scene of that id in a recording, where it and its volumes are still the files that they
+/// were; none where they are not, where dials were turned, or where it is not in it. Throws Error.
 [[nodiscard]] std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id);
 
 /// A scene, and what a recording keeps of it.

@@ -1,5 +1,5 @@
 /// What a loop makes of a device with a trouble: why it cuts the force, how soon, and for how long.
-/// Prints the table of docs/loop.md.
+/// Prints the table of docs/loop.md, in ticks: how long reads and writes hang is the clock's.
 #include "palpate/devices/faulty_device.h"
 
 #include <algorithm>
@@ -44,6 +44,19 @@ std::unique_ptr<Device> pressing() {
   path.push_back({kSeconds, in});
   return std::make_unique<SimulatedDevice>(arm, GripParams{}, alongPath(path), kRate);
 }
+
+/// What arrives at an arm.
+struct Arrived final : Device {
+  explicit Arrived(Vec3& force) : inner(pressing()), last(force) {}
+  [[nodiscard]] const DeviceInfo& info() const noexcept override { return inner->info(); }
+  [[nodiscard]] HandState read() noexcept override { return inner->read(); }
+  void write(const Vec3& force) noexcept override {
+    last = force;
+    inner->write(force);
+  }
+  std::unique_ptr<Device> inner;
+  Vec3& last;
+};
 
 /// Ticks of a hand that presses a ball, and what its device was sent: never more than it may be.
 class Pressed {
@@ -112,12 +125,15 @@ const std::vector<Expected> kExpected{
 
 TEST_CASE("each trouble has its cause and its latency, and what is cut stays off", "[fault]") {
   REQUIRE(kExpected.size() == kTroubles);
-  std::printf("trouble    cause        zero after [ms]  by\n");
+  std::printf("trouble    cause        zero after ticks by\n");
   for (const Expected& expected : kExpected) {
     CAPTURE(wordFor(expected.trouble));
     CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
-    Pressed pressed(
-        std::make_unique<FaultyDevice>(pressing(), expected.trouble, kRate, kBegin, kEnd));
+    Vec3 arrived = Vec3::Zero();
+    Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
+                                                   expected.trouble, kRate, kBegin, kEnd));
+    // Where nothing arrives any more the guardian has a descriptor of its own.
+    const bool lost = expected.trouble == Trouble::kUnwritten || expected.trouble == Trouble::kGone;
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
     double before = 0.0;
     Fault fault = Fault::kNone;
@@ -134,6 +150,8 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
       if (t >= kBegin && t < kEnd) {
         if (fault == Fault::kNone) fault = pressed.told.fault;
         if (force > 0.0) latest = t - kBegin;
+        if (lost) REQUIRE(arrived.norm() == Approx(before));
+        if (!lost) REQUIRE(arrived.norm() == force);
         if (fault != Fault::kNone && needsClock(expected.trouble)) i = std::max(i, ticks(kEnd) - 2);
       }
       // Latched: also when its cause is gone.
@@ -150,14 +168,26 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
     CHECK(back > 1.0);
     if (std::isfinite(expected.zero)) {
       CHECK(zero <= expected.zero + 1e-9);
-      std::printf("%-10s %-12s %-16.0f %s\n", wordFor(expected.trouble), wordFor(fault), 1e3 * zero,
-                  expected.why);
+      std::printf("%-10s %-12s %-16.0f %s\n", wordFor(expected.trouble), wordFor(fault),
+                  kRate * zero, expected.why);
     } else {
       CHECK(zero >= kEnd - kBegin - 1e-9);
       std::printf("%-10s %-12s %-16s %s\n", wordFor(expected.trouble), wordFor(fault), "stays",
                   expected.why);
     }
   }
+}
+
+TEST_CASE("no trouble is for a real arm", "[fault]") {
+  struct Real final : Device {
+    DeviceInfo about;
+    [[nodiscard]] const DeviceInfo& info() const noexcept override { return about; }
+    [[nodiscard]] HandState read() noexcept override { return {}; }
+    void write(const Vec3& /*force*/) noexcept override {}
+    [[nodiscard]] ZeroForce zeroForce() const noexcept override { return {1, {}, 1}; }
+  };
+  CHECK_THROWS_WITH(FaultyDevice(std::make_unique<Real>(), Trouble::kFrozen, kRate, kBegin),
+                    Catch::Contains("no test for a real arm"));
 }
 
 TEST_CASE("a clock that leaps cuts the force, one that goes back lets nothing more out",
