@@ -203,6 +203,15 @@ void checkOptions(const FeelOptions& options) {
   if (options.passive && replayed > 0) {
     throw Error("--passive", "a recorded hand has what its tank gave", "leave it out");
   }
+  constexpr double kFastest = 1000.0;
+  if (options.speed && replayed == 0) {
+    throw Error("--speed", "only a recorded hand has a time of its own",
+                "give --device replay:FILE, or leave it out");
+  }
+  if (options.speed && !(*options.speed >= 1.0 / kFastest && *options.speed <= kFastest)) {
+    throw Error("--speed", fmt::format("{} is not 0.001 to {}", *options.speed, kFastest),
+                "1 is as it was");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
@@ -348,7 +357,7 @@ int feel(FeelOptions options) {
     const auto& names = options.devices;
     const bool only = std::all_of(names.begin(), names.end(),
                                   [](const std::string& device) { return device == "mouse"; });
-    if (options.still.empty()) window->open(options.scene, options.watch, only);
+    if (options.still.empty()) window->open(to_feel.file, options.watch, only);
   }
 
   if (!options.record.empty()) {
@@ -417,7 +426,7 @@ int feel(FeelOptions options) {
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);
     if (still) {
-      window->draw(options.scene, still->place());
+      window->draw(to_feel.file, still->place());
       still->commit();
     }
   } catch (const Interrupted&) {
@@ -462,6 +471,9 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  verb->add_option("--speed", options->speed,
+                   "Of recorded hands: so many times as fast as they were (default: as fast as it "
+                   "goes)");
   verb->add_flag("--realtime", options->realtime,
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
   verb->add_flag("--passive", options->passive,
@@ -490,12 +502,16 @@ void addView(CLI::App& app, std::function<int()>& body) {
       "view", "Feels a scene in a window: the mouse is a hand where there is no arm");
   auto options = std::make_shared<FeelOptions>();
   options->devices.clear();
-  verb->add_option("SCENE", options->scene, "A scene file, a .vdb or a folder of .vdb")->required();
+  verb->add_option("SCENE", options->scene,
+                   "A scene file, a .vdb, a folder of .vdb, or a recording")
+      ->required();
   verb->add_option("--device", options->devices,
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D:{mouse,simulated,simulated:,path:,hid,hid:}");
+      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:}");
+  verb->add_option("--speed", options->speed,
+                   "Of a recorded hand: so many times as fast as it was (default 1)");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: until the window is closed; with --picture 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -513,7 +529,10 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->callback([=, &body] {
     body = [=] {
       options->window = true;
-      options->realtime = options->still.empty();
+      const auto& names = options->devices;
+      const bool again = std::any_of(names.begin(), names.end(), isReplay);
+      options->realtime = options->still.empty() && !again;
+      if (again && options->still.empty() && !options->speed) options->speed = 1.0;
       if (options->devices.empty()) {
         options->devices.emplace_back(options->realtime ? "mouse" : "simulated");
       }

@@ -97,6 +97,28 @@ class OnTime {
   std::optional<HapticThread> thread_;
 };
 
+/// Keeps ticks back until their time, at a speed.
+class Pacer {
+ public:
+  explicit Pacer(std::optional<double> speed) : speed_(speed) {}
+  /// Of a tick at `time` [s], of any begin.
+  void wait(double time) {
+    if (!speed_) return;
+    using Clock = std::chrono::steady_clock;
+    if (!begun_) begun_ = Begin{Clock::now(), time};
+    const std::chrono::duration<double> since((time - begun_->time) / *speed_);
+    std::this_thread::sleep_until(begun_->at + std::chrono::duration_cast<Clock::duration>(since));
+  }
+
+ private:
+  struct Begin {
+    std::chrono::steady_clock::time_point at;
+    double time;
+  };
+  std::optional<double> speed_;
+  std::optional<Begin> begun_;
+};
+
 /// Tells the recordings of a scene that is about to become the hands'.
 void record(const Run& run, const Scene& scene, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
@@ -136,7 +158,8 @@ void runInVirtualTime(const Run& run) {
 }
 
 void runAgain(const Run& run, const ScenesById& scenes) {
-  const auto progress = showProgress("feeling again");
+  const auto progress = run.window == nullptr ? showProgress("feeling again") : Progress();
+  constexpr std::int64_t kLook = 10;  // ticks
   for (const auto& hand : run.hands) {
     const auto& device = dynamic_cast<const ReplayDevice&>(*hand->device);
     const Recording& recording = device.recording();
@@ -145,8 +168,13 @@ void runAgain(const Run& run, const ScenesById& scenes) {
         device.begin() + std::min(recording.size() - device.begin(), run.ticks);
     std::uint64_t id = 0;
     const Scene* scene = nullptr;
+    Pacer pacer(run.options.speed);
     for (std::int64_t i = device.begin(); i < end && interrupted == 0; ++i) {
+      if (run.window != nullptr && i % kLook == 0) {
+        if (run.window->look({}).closed || run.window->lost()) return;
+      }
       Telemetry told = telemetryOf(recording.tick(i));
+      pacer.wait(told.time);
       if (told.scene != id) {
         id = told.scene;
         const auto found = scenes.find(id);

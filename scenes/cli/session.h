@@ -42,7 +42,8 @@ struct FeelOptions {
   bool passive = false;
   double refill = 0.0;
   bool window = false;
-  std::string still;  ///< A picture by the window's program.
+  std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.
+  std::string still;            ///< A picture by the window's program.
   std::string record;
   std::string trace;
   std::string summary;
@@ -154,7 +155,8 @@ struct Run {
 
 /// As fast as it goes; the same every time.
 void runInVirtualTime(const Run& run);
-/// Hands that were recorded, each bit of it: all of them ReplayDevices. `scenes`: what their ticks
+/// Hands that were recorded, each bit of it: all of them ReplayDevices. At `run.options.speed`, and
+/// until its window is closed. `scenes`: what their ticks
 /// are felt in, by the ids that they were recorded with; where it has none, `run.scene`.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// With a clock, in a thread each.

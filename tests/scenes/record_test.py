@@ -154,6 +154,14 @@ class Recorded(Case):
         self.assertEqual(told["lost"], [0, 0])
         self.assertIsNone(told["given_otherwise"])
 
+    def test_at_a_speed(self):
+        a = self.record("a.rec", self.scene, "--seconds", 1)
+        for speed, least in ((2, 0.5), (1, 1.0)):
+            begun = time.monotonic()
+            self.record("b.rec", self.scene, "--device", f"replay:{a}", "--speed", speed)
+            self.assertGreater(time.monotonic() - begun, 0.99 * least)
+            self.assertTrue(self.compare("a.rec", "b.rec")["identical"])
+
     def test_a_path_is_recorded_as_well(self):
         path = self.dir / "path.csv"
         path.write_text("t,x,y,z\n0,0,0,0.06\n0.5,0,0,0.045\n1,0.01,0,0.045\n", encoding="utf-8")
@@ -297,6 +305,8 @@ class Recorded(Case):
         refused("feel", a, "--record", self.scene, says="ball.json")
         refused("feel", a, "--trace", self.dir / "ball.vdb", says="ball.vdb")
         refused("feel", self.scene, "--device", replay, "--passive", says="leave it out")
+        refused("feel", self.scene, "--speed", 1, says="only a recorded hand")
+        refused("feel", self.scene, "--device", replay, "--speed", 0, says="0 is not 0.001 to 1000")
         refused("feel", self.scene, "--device", replay, "--rate", 500, says="recorded at 1000 Hz")
         # What stands there before stays where a run is refused.
         (self.dir / "b.2.rec").mkdir()

@@ -422,6 +422,30 @@ class Drawn(Window):
         words = {row["status"] for row in rows(self.dir / "t.csv")}
         self.assertIn("fault", words)
 
+    def test_a_recorded_hand_is_watched_as_it_was(self):
+        (self.dir / "path.csv").write_text(
+            "t,x,y,z\n0,0.01,-0.06,0.01\n1,0.01,-0.034,0.01\n900,0.01,-0.034,0.01\n",
+            encoding="utf-8")
+        recorded = self.dir / "a.rec"
+        subprocess.run([PALPATE, "feel", str(self.scene), "--device", "path:path.csv", "--seconds",
+                        "20", "--record", str(recorded)], cwd=self.dir, check=True,
+                       stdout=subprocess.DEVNULL)
+        begun = time.monotonic()
+        feel = self.start("--device", "replay:a.rec", "--speed", "0.5", "--trace", "t.csv")
+        told = self.until("a force", lambda told: math.hypot(*told["force"]) > 0.5)
+        self.assertAlmostEqual(math.hypot(*told["proxy"]), RADIUS, delta=0.02 * RADIUS)
+        self.close(self.window())
+        self.ends_well(feel)
+        # At half its speed, and no further than it was seen.
+        felt = float(rows(self.dir / "t.csv")[-1]["t"])
+        self.assertLess(felt, 0.5 * (time.monotonic() - begun) + 0.1)
+        # All of it, in a picture, of the recording's own scene.
+        self.still = subprocess.run([PALPATE, "view", "a.rec", "--device", "replay:a.rec", "--picture",
+                                     "still.png", "--trace", "t.csv"], cwd=self.dir, env=self.env,
+                                    capture_output=True, text=True, timeout=PATIENCE, check=False)
+        self.assertEqual(self.still.returncode, 0, self.still.stderr)
+        self.assertEqual(len(rows(self.dir / "t.csv")), 20000)
+
     def test_the_picture_moves_and_is_refined(self):
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
