@@ -28,7 +28,7 @@ enum class Trouble : std::uint8_t {
   kSwitch,     ///< with its safety switch open,
   kReleased,   ///< or with its dead man's switch let go.
 };
-inline constexpr std::size_t kTroubles = 15;
+inline constexpr std::size_t kTroubles = 15;  ///< Number of values of Trouble.
 
 /// A trouble's word, as in `simulated:nan`.
 [[nodiscard]] const char* wordFor(Trouble trouble) noexcept;

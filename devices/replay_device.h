@@ -41,6 +41,7 @@ struct NameAt {
   std::string name;               ///< What is before the last @ where a time follows it; else all.
   std::optional<double> seconds;  ///< That time, 0 or more [s].
 };
+/// Takes such words apart.
 [[nodiscard]] NameAt nameAt(const std::string& words);
 
 /// FILE of `FILE`, or of `FILE@SECONDS`.
