@@ -130,8 +130,10 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
     CAPTURE(wordFor(expected.trouble));
     CHECK(troubleOf(wordFor(expected.trouble)) == expected.trouble);
     Vec3 arrived = Vec3::Zero();
+    // What hangs does so by the clock: ten ticks of it.
+    const double end = needsClock(expected.trouble) ? kBegin + 0.01 : kEnd;
     Pressed pressed(std::make_unique<FaultyDevice>(std::make_unique<Arrived>(arrived),
-                                                   expected.trouble, kRate, kBegin, kEnd));
+                                                   expected.trouble, kRate, kBegin, end));
     // Where nothing arrives any more the guardian has a descriptor of its own.
     const bool lost = expected.trouble == Trouble::kUnwritten || expected.trouble == Trouble::kGone;
     const auto ticks = [](double seconds) { return std::lround(seconds * kRate); };
@@ -141,21 +143,19 @@ TEST_CASE("each trouble has its cause and its latency, and what is cut stays off
     double back = 0.0;
     for (long i = 0; i < ticks(kSeconds); ++i) {
       if (i == ticks(kClear)) pressed.loop().clear();
-      // Only where a clock is needed: a tick of a machine that is busy is late as well.
-      pressed.tick(0.0, needsClock(expected.trouble) && i >= ticks(kBegin) && i < ticks(kEnd) &&
-                            fault == Fault::kNone);
       const double t = static_cast<double>(i) / kRate;
+      // Only where a clock is needed: a tick of a machine that is busy is late as well.
+      pressed.tick(0.0, needsClock(expected.trouble) && t >= kBegin && t < end);
       const double force = pressed.force.norm();
       if (i == ticks(kBegin) - 1) before = force;
-      if (t >= kBegin && t < kEnd) {
+      if (t >= kBegin && t < end) {
         if (fault == Fault::kNone) fault = pressed.told.fault;
         if (force > 0.0) latest = t - kBegin;
         if (lost) REQUIRE(arrived.norm() == Approx(before));
         if (!lost) REQUIRE(arrived.norm() == force);
-        if (fault != Fault::kNone && needsClock(expected.trouble)) i = std::max(i, ticks(kEnd) - 2);
       }
       // Latched: also when its cause is gone.
-      if (expected.fault != Fault::kNone && t >= kEnd && t < kClear) {
+      if (expected.fault != Fault::kNone && t >= end && t < kClear) {
         REQUIRE(force == 0.0);
         REQUIRE(pressed.told.fault == expected.fault);
       }
