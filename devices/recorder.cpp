@@ -15,20 +15,15 @@
 
 namespace palpate {
 
-namespace {
-
-/// A tick that is written where it stays.
-struct Slot {
-  RecordedTick row;
-  Slot() = default;
-  explicit Slot(const Telemetry& tick) noexcept : row(recordedTick(tick)) {}
-};
-
-}  // namespace
-
-/// Never grows: try_emplace takes no memory.
-struct Recorder::Ring : moodycamel::ReaderWriterQueue<Slot> {
-  using ReaderWriterQueue::ReaderWriterQueue;
+struct Recorder::Ring {
+  /// A tick, written where it stays.
+  struct Slot {
+    RecordedTick row;
+    Slot() = default;
+    explicit Slot(const Telemetry& tick) noexcept : row(recordedTick(tick)) {}
+  };
+  explicit Ring(std::size_t room) : slots(room) {}
+  moodycamel::ReaderWriterQueue<Slot> slots;  ///< Never grows: try_emplace takes no memory.
 };
 
 Recorder::Recorder(std::filesystem::path file, const RecordedSetting& setting)
@@ -63,7 +58,7 @@ Recorder::~Recorder() {
 
 void Recorder::take(const Telemetry& tick) noexcept {
   if (off_.load(std::memory_order_relaxed)) return;
-  if (!ring_->try_emplace(tick)) lost_.fetch_add(1, std::memory_order_relaxed);
+  if (!ring_->slots.try_emplace(tick)) lost_.fetch_add(1, std::memory_order_relaxed);
 }
 
 void Recorder::expect(RecordedScene scene) {
@@ -72,7 +67,7 @@ void Recorder::expect(RecordedScene scene) {
 }
 
 void Recorder::wait() const {
-  while (!off_ && ring_->size_approx() > kRoom / 2) {
+  while (!off_ && ring_->slots.size_approx() > kRoom / 2) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }
@@ -116,14 +111,15 @@ void Recorder::run() {
       synced = now;
     }
     // What waits is written at once where time is not real.
-    if (!last && ring_->size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
+    if (!last && ring_->slots.size_approx() < kRoom / 4) std::this_thread::sleep_for(kLook);
   }
 }
 
 void Recorder::writeNew() {
   rows_.clear();
-  Slot slot;
-  while (rows_.size() < rows_.capacity() && ring_->try_dequeue(slot)) rows_.push_back(slot.row);
+  Ring::Slot slot;
+  while (rows_.size() < rows_.capacity() && ring_->slots.try_dequeue(slot))
+    rows_.push_back(slot.row);
   // A scene is told before it is published: that of each of these ticks is among them.
   std::vector<RecordedScene> scenes;
   {
