@@ -53,6 +53,18 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   return info;
 }
 
+ArmTraits traitsOf(const HidProfile& profile, const ProfileFacts& facts) {
+  ArmTraits traits;
+  traits.drives = profile.output.has_value();
+  traits.moves = facts.moves;
+  traits.down_W = profile.world_from_device * profile.down_D;
+  traits.input_rate = profile.input_rate;
+  traits.stiffness = profile.limits.stiffness;
+  traits.workspace_radius = profile.limits.workspace_radius;
+  traits.carries = !profile.masses.empty();
+  return traits;
+}
+
 }  // namespace
 
 HidInput::HidInput(const HidProfile& profile) : profile_(profile) {
@@ -161,6 +173,7 @@ HidDevice::HidDevice(HidProfile profile, std::unique_ptr<ReportPort> port, bool 
   const ProfileFacts facts = factsOf(profile_);
   about_ = profile_.home.empty() ? rawInMiddle(profile_, facts) : rawAtHome(profile_);
   if (profile_.output) drives_W_ = facts.drives;
+  traits_ = traitsOf(profile_, facts);
   for (std::size_t i = 0; i < std::min(kMotors, profile_.joints.size()); ++i) {
     if (profile_.output && !profile_.joints[i].to) undriven_.push_back(i);
   }
@@ -777,6 +790,11 @@ std::string HidDevice::whyNotReady() const {
     return "it is where its geometry cannot be: home it, or mend the profile's kinematics";
   }
   return {};
+}
+
+std::vector<double> HidDevice::steps() const {
+  const auto all = resolution();
+  return {all.begin(), all.begin() + static_cast<std::ptrdiff_t>(profile_.joints.size())};
 }
 
 std::array<double, kMostJoints> HidDevice::resolution() const noexcept {

@@ -13,12 +13,11 @@
 #include <thread>
 #include <vector>
 
+#include "palpate/devices/arm.h"
 #include "palpate/devices/hid_port.h"
 #include "palpate/devices/hid_profile.h"
 #include "palpate/devices/motor_heat.h"
-#include "palpate/engine/device.h"
 #include "palpate/engine/mailbox.h"
-#include "palpate/engine/realtime.h"
 
 namespace palpate {
 
@@ -73,37 +72,11 @@ class HidInput {
   std::array<std::byte, 2048> buffer_{};
 };
 
-/// What `palpate devices --test` has found of an arm, from the safe side; zeros: nothing.
-struct MeasuredArm {
-  double viscous = 0.0;  ///< [N s/m], at most the arm's along any axis that it has motors for.
-  double coulomb = 0.0;  ///< [N], likewise.
-  double delay = 0.0;    ///< From a reading to the force that follows from it [s], the middle of
-  double doubt = 0.0;    ///< what the test leaves possible, and half its width [s].
-  double mass = 0.0;     ///< [kg], the least along any axis.
-};
-
-/// What an arm asks of the program that opens it. All may be empty.
-struct HidHost {
+/// What an arm on a HID device asks of the program that opens it. All may be empty.
+struct HidHost : ArmHost {
   /// Where to find the device again, by its numbers; null while it is not there. Never in a tick.
   std::function<std::unique_ptr<ReportPort>()> find = nullptr;
-  /// Told what the user is to do; when the arm has come back, on a thread of its own.
-  std::function<void(const std::string&)> say = nullptr;
-  /// True: the program is to end, so that nobody waits for a button any more.
-  std::function<bool()> stop = nullptr;
-  /// What is known of the arm's friction, and what the energy tank does with it; nothing where it
-  /// is not known.
-  MeasuredArm measured = {};
-  TankUse tank = TankUse::kObserve;  ///< Off where too little is known of its friction.
-  double refill = 0.0;               ///< TankParams::refill [W].
-  double carries = 1.0;  ///< The most of its weight that an arm carries that has not passed its
-                         ///< test, at the tip [N]; others as their motors can.
-  /// What reports and writes grow old by [ns]; called in ticks. The machine's clock, or a test's.
-  std::int64_t (*now)() noexcept = nowNs;
 };
-
-/// What an arm that has not passed `palpate devices --test` is held to.
-inline constexpr double kUntestedForce = 1.0;        ///< [N]
-inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
 
 /// What has been sent.
 struct HidWrites {
@@ -124,7 +97,7 @@ struct HidWrites {
 /// unseen Fault::kMiscounted first, where no force has gone out for 20 ms beyond a period of the
 /// output's rate although one was to Fault::kWrite, an arm that is not homed, not enabled or beyond
 /// its own reach is not ready.
-class HidDevice final : public Device {
+class HidDevice final : public Arm {
  public:
   /// Runs the profile's "open" and "home" (slow), on this thread, and "close" where they fail.
   /// Throws DeviceError: what is wrong, in words.
@@ -147,8 +120,12 @@ class HidDevice final : public Device {
   [[nodiscard]] ZeroForce zeroForce() const noexcept override;
 
   [[nodiscard]] const HidProfile& profile() const noexcept { return profile_; }  ///< As given.
-  /// Why the last read() was not ready, with a remedy; empty: it was. On the thread that reads.
-  [[nodiscard]] std::string whyNotReady() const;
+  [[nodiscard]] const ArmTraits& traits() const noexcept override { return traits_; }
+  [[nodiscard]] std::string whyNotReady() const override;
+  [[nodiscard]] std::vector<double> steps() const override;
+  [[nodiscard]] ArmTraffic traffic() const override {
+    return {input_.counts().dropped, count_, longest_ns_};
+  }
   /// The tip's step for one count of each joint, at the last reading [m].
   [[nodiscard]] std::array<double, kMostJoints> resolution() const noexcept;
   /// On the thread that reads, or when it has ended.
@@ -224,6 +201,7 @@ class HidDevice final : public Device {
 
   HidProfile profile_;
   DeviceInfo info_;
+  ArmTraits traits_;
   HidHost host_;
   std::vector<std::byte> zero_;  ///< The report that drives no motor.
 

@@ -8,12 +8,12 @@
 #include <memory>
 #include <span>
 
+#include "palpate/engine/handle.h"
 #include "palpate/engine/types.h"
 
 namespace palpate {
 
-inline constexpr std::size_t kMostJoints = 6;  ///< Of a model; a chain may have as many.
-inline constexpr std::size_t kMotors = 3;      ///< Of the first joints; others are only sensed.
+inline constexpr std::size_t kMotors = 3;  ///< Of the first joints; others are only sensed.
 /// Of a model's joints the first ones; the others mean nothing.
 using Joints = std::array<double, kMostJoints>;
 

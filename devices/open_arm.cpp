@@ -1,83 +1,24 @@
 #include "palpate/devices/open_arm.h"
 
 #include <algorithm>
-#include <chrono>
-#include <cstdlib>
-#include <fstream>
 #include <string_view>
-#include <system_error>
 #include <unistd.h>
 #include <utility>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include "palpate/devices/hid_descriptor.h"
+#include "palpate/devices/tested_arms.h"
 
 namespace palpate {
 namespace {
 
-using Json = nlohmann::json;
+constexpr std::string_view kEnding = ".json";
 
 bool matches(const HidMatch& match, const HidDeviceName& device) {
   return match.vendor == device.vendor && match.product == device.product &&
          (!match.usage_page || *match.usage_page == device.usage_page) &&
          (!match.usage || *match.usage == device.usage);
-}
-
-/// What has been tested, as the file has it; empty where there is none, or none that can be read:
-/// then nothing has been.
-Json tested() {
-  std::ifstream in(testedArmsFile());
-  constexpr int kDeepest = 8;
-  Json json = Json::parse(
-      in, [](int depth, Json::parse_event_t, const Json&) { return depth <= kDeepest; }, false);
-  if (!json.is_object()) json = Json::object();
-  return json;
-}
-
-std::string keyFor(const HidProfile& profile, const std::string& identity) {
-  return profile.name + "@" + identity;
-}
-
-/// What is remembered of an arm that has passed with this very profile; null: nothing.
-Json recordOf(const HidProfile& profile, const std::string& identity) {
-  if (identity.empty()) return nullptr;
-  const Json json = tested();
-  const auto arm = json.find(keyFor(profile, identity));
-  if (arm == json.end() || !arm->is_object()) return nullptr;
-  const auto print = arm->find("profile");
-  const bool same = print != arm->end() && *print == fmt::format("{:016x}", profile.fingerprint);
-  // Tests that measured one way had a number here.
-  const auto scale = arm->find("scale");
-  return same && scale != arm->end() && scale->is_array() ? *arm : Json();
-}
-
-constexpr double kMostDelay = 0.02;  // [s]
-constexpr double kSure = 3.0;        // standard errors
-constexpr std::string_view kEnding = ".json";
-
-/// Whole or not at all.
-void write(const Json& json) {
-  const std::filesystem::path file = testedArmsFile();
-  std::error_code error;
-  std::filesystem::create_directories(file.parent_path(), error);
-  const std::filesystem::path partial = file.string() + fmt::format(".{}", getpid());
-  {
-    std::ofstream out(partial);
-    out << json.dump(2) << "\n";
-    out.flush();
-    if (!out) {
-      std::filesystem::remove(partial, error);
-      throw DeviceError(file.string(), "it cannot be written", "make its folder writable");
-    }
-  }
-  std::filesystem::rename(partial, file, error);
-  if (error) {
-    const std::string why = error.message();
-    std::filesystem::remove(partial, error);
-    throw DeviceError(file.string(), why, "make its folder writable");
-  }
 }
 
 /// The profile of a name; throws where there is none.
@@ -242,16 +183,21 @@ ChosenArm findArm(const std::string& name, const std::function<void(const std::s
   return {*choices[0].first, *choices[0].second};
 }
 
-OpenedArm openArm(const std::string& name, HidHost host) {
-  const ChosenArm chosen = findArm(name, host.say);
+ArmIdentity identityOf(const HidProfile& profile, const std::string& own, bool numbered) {
+  return {profile.name, own, profile.fingerprint, numbered};
+}
+
+OpenedArm openArm(const std::string& name, const ArmHost& asked) {
+  const ChosenArm chosen = findArm(name, asked.say);
   const HidProfile& profile = chosen.profile;
   if (const auto wrong = chosen.arm.against(profile)) throw *wrong;
   const HidDeviceName device = chosen.arm.device;
   const std::string own = chosen.arm.identity();
-  const bool numbered = !chosen.arm.serial().empty();
-  if (const auto others = whoHas(device.path); !others.empty() && host.say) {
-    host.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
+  const ArmIdentity identity = identityOf(profile, own, !chosen.arm.serial().empty());
+  if (const auto others = whoHas(device.path); !others.empty() && asked.say) {
+    asked.say(fmt::format("{} is open in {} as well: both would drive it", device.path, others[0]));
   }
+  HidHost host{asked};
   // Its path is another one when it comes back.
   // Without a serial number of its own it is what is plugged in where it was.
   host.find = [device, profile, own]() -> std::unique_ptr<ReportPort> {
@@ -264,119 +210,21 @@ OpenedArm openArm(const std::string& name, HidHost host) {
     }
     return nullptr;
   };
-  const bool good = isTested(profile, own);
-  host.measured = measuredArm(profile, own);
+  const bool good = isTested(identity);
+  host.measured = measuredArm(identity);
   OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path, host.say), good, host),
-                own, numbered};
-  if (host.say && !good && profile.output) {
-    host.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
-                         arm.device->info().name, kUntestedForce, kUntestedStiffness,
-                         chosen.arm.nameAs(profile)));
+                identity};
+  if (asked.say && !good && profile.output) {
+    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
+                          arm.device->info().name, kUntestedForce, kUntestedStiffness,
+                          chosen.arm.nameAs(profile)));
   }
-  if (host.say && good && !numbered) {
-    host.say(
+  if (asked.say && good && !identity.numbered) {
+    asked.say(
         fmt::format("{}: it has no serial number: it is taken for the arm that was tested at {}",
                     arm.device->info().name, own));
   }
   return arm;
-}
-
-std::filesystem::path testedArmsFile() {
-  const char* state = std::getenv("XDG_STATE_HOME");
-  const char* home = std::getenv("HOME");
-  // A relative one is to be ignored (XDG Base Directory Specification).
-  if (state != nullptr && *state == '/') return std::filesystem::path(state) / "palpate/arms.json";
-  return std::filesystem::path(home != nullptr ? home : "/") / ".local/state/palpate/arms.json";
-}
-
-bool isTested(const HidProfile& profile, const std::string& identity) {
-  return !recordOf(profile, identity).is_null();
-}
-
-std::vector<std::string> testedArms(const HidProfile& profile) {
-  std::vector<std::string> arms;
-  const std::string prefix = keyFor(profile, "");
-  const Json json = tested();
-  for (const auto& [key, record] : json.items()) {
-    if (key.rfind(prefix, 0) != 0) continue;
-    const std::string identity = key.substr(prefix.size());
-    if (isTested(profile, identity)) arms.push_back(identity);
-  }
-  return arms;
-}
-
-MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity) {
-  const Json arm = recordOf(profile, identity);
-  const auto numbers = [&](const char* key) {
-    std::vector<double> all;
-    const auto list = arm.is_object() ? arm.find(key) : arm.end();
-    if (!arm.is_object() || list == arm.end() || !list->is_array()) return all;
-    for (const Json& number : *list) {
-      if (number.is_number()) all.push_back(number.get<double>());
-    }
-    return all;
-  };
-  MeasuredArm measured;
-  const auto viscous = numbers("viscous_least");
-  const auto coulomb = numbers("coulomb_least");
-  const auto delay = numbers("delay");
-  const auto delay_error = numbers("delay_error");
-  const auto mass = numbers("mass");
-  for (const auto* list : {&viscous, &coulomb, &delay, &delay_error, &mass}) {
-    if (list->empty() || list->size() != mass.size()) return measured;
-  }
-  measured.viscous = std::max(0.0, *std::min_element(viscous.begin(), viscous.end()));
-  measured.coulomb = std::max(0.0, *std::min_element(coulomb.begin(), coulomb.end()));
-  measured.mass = std::max(0.0, *std::min_element(mass.begin(), mass.end()));
-  // Half a millisecond for what no fit knows: friction that is no b and c, amplifiers' lag, when
-  // within a tick an arm reads and gives.
-  constexpr double kUnknown = 0.5e-3;
-  double early = kMostDelay;
-  double late = 0.0;
-  for (std::size_t i = 0; i < delay.size(); ++i) {
-    const double about = kSure * std::abs(delay_error[i]) + kUnknown;
-    early = std::min(early, std::max(0.0, delay[i] - about));
-    late = std::max(late, std::min(kMostDelay, delay[i] + about));
-  }
-  measured.delay = 0.5 * (early + late);
-  measured.doubt = 0.5 * (late - early);
-  return measured;
-}
-
-void rememberTest(const HidProfile& profile, const std::string& identity,
-                  const SelfTestResult& result) {
-  Json json = tested();
-  Json& arm = json[keyFor(profile, identity)];
-  arm = Json::object();
-  arm["profile"] = fmt::format("{:016x}", profile.fingerprint);
-  const auto now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
-  std::array<char, 32> date{};
-  std::tm utc{};
-  gmtime_r(&now, &utc);
-  (void)std::strftime(date.data(), date.size(), "%Y-%m-%d", &utc);
-  arm["date"] = date.data();
-  arm["scale"] = result.scale;
-  for (const char* key :
-       {"viscous", "viscous_least", "coulomb", "coulomb_least", "mass", "delay", "delay_error"}) {
-    arm[key] = Json::array();
-  }
-  // Along what it has no motor for nothing was measured.
-  for (const AxisResult& axis : result.axes) {
-    if (!axis.driven) continue;
-    arm["viscous"].push_back(axis.viscous);
-    arm["coulomb"].push_back(axis.coulomb);
-    arm["viscous_least"].push_back(axis.viscous - kSure * axis.viscous_error);
-    arm["coulomb_least"].push_back(axis.coulomb - kSure * axis.coulomb_error);
-    arm["mass"].push_back(axis.mass);
-    arm["delay"].push_back(axis.delay);
-    arm["delay_error"].push_back(axis.delay_error);
-  }
-  write(json);
-}
-
-void forgetTest(const HidProfile& profile, const std::string& identity) {
-  Json json = tested();
-  if (json.erase(keyFor(profile, identity)) > 0) write(json);
 }
 
 }  // namespace palpate

@@ -1,4 +1,4 @@
-/// From a name, as `hid:polhem@SERIAL`, to an arm that is open; and which arms have been tested.
+/// From a name, as `hid:polhem@SERIAL`, to an arm that is open.
 #pragma once
 
 #include <cstdint>
@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "palpate/devices/hid_device.h"
-#include "palpate/devices/self_test.h"
 #include "palpate/engine/error.h"
 
 namespace palpate {
@@ -67,33 +66,16 @@ struct ChosenArm {
 
 /// An arm that is ready, and by what its test is remembered.
 struct OpenedArm {
-  std::unique_ptr<HidDevice> device;  ///< Not null.
-  std::string identity;               ///< As FoundArm::identity.
-  bool numbered = true;               ///< It has a serial number.
+  std::unique_ptr<Arm> device;  ///< Not null.
+  ArmIdentity identity;
 };
 
-/// Finds an arm (findArm) and opens it. Throws DeviceError, also where its reports are not the
-/// profile's.
-///
-/// @param host  Its `find` is set here.
-[[nodiscard]] OpenedArm openArm(const std::string& name, HidHost host);
+/// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, also where its
+/// reports are not the profile's.
+[[nodiscard]] OpenedArm openArm(const std::string& name, const ArmHost& host);
 
-/// Where `palpate devices --test` keeps what it found: $XDG_STATE_HOME/palpate/arms.json or
-/// ~/.local/state/palpate/arms.json.
-[[nodiscard]] std::filesystem::path testedArmsFile();
-/// True where the arm of this identity has passed with this very profile, its scale measured along
-/// every axis. One of none never has.
-[[nodiscard]] bool isTested(const HidProfile& profile, const std::string& identity);
-/// What was measured then; zeros where it is not tested. What is uncertain is taken from it.
-[[nodiscard]] MeasuredArm measuredArm(const HidProfile& profile, const std::string& identity);
-/// The identities of those that have passed with this very profile.
-[[nodiscard]] std::vector<std::string> testedArms(const HidProfile& profile);
-/// Remembers that it has, and what was measured. Throws DeviceError where it cannot be written.
-///
-/// @pre result.scale is measured along every axis that it moves along.
-void rememberTest(const HidProfile& profile, const std::string& identity,
-                  const SelfTestResult& result);
-/// It has failed: it is not tested any more. Throws DeviceError where that cannot be written.
-void forgetTest(const HidProfile& profile, const std::string& identity);
+/// By what the test of an arm of this profile is remembered; `own` as FoundArm::identity.
+[[nodiscard]] ArmIdentity identityOf(const HidProfile& profile, const std::string& own,
+                                     bool numbered = true);
 
 }  // namespace palpate

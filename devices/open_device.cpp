@@ -81,18 +81,18 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   if (!options.realtime) {
     throw DeviceError("--device", "an arm lives in real time", "add --realtime");
   }
-  HidHost host;
+  ArmHost host;
   host.say = options.say;
   host.stop = options.stop;
   if (options.passive) host.tank = TankUse::kAct;
   host.refill = options.refill;
-  auto arm = openArm(name, std::move(host)).device;
+  auto arm = openArm(name, host).device;
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
     throw Error("--passive",
                 "the friction of " + arm->info().name + " is not known, or less than its steps",
                 "run palpate devices --test " + name + "; where it has passed, it is too coarse");
   }
-  const double most = arm->profile().output_rate;
+  const double most = arm->info().output_rate;
   if (options.say && options.rate > most && most > 0.0) {
     options.say(fmt::format("{} takes {} forces a second of {}: --rate {} leaves none out",
                             arm->info().name, most, options.rate, most));

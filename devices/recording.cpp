@@ -28,7 +28,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
 
-constexpr int kVersion = 1;
+constexpr int kVersion = 2;
 constexpr std::int64_t kChunk = -1;  // RecordedTick::tick of a chunk's mark,
 constexpr std::int64_t kText = -2;   // and of a piece of text.
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
@@ -93,6 +93,9 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(age, input.hand.age, "s", false)                \
   FIELD(still, input.hand.still, "s", false)            \
   FIELD(max_speed, input.hand.max_speed, "m/s", false)  \
+  FIELD(orientation, input.hand.handle.orientation, "", false) \
+  FIELD(gripper, input.hand.handle.gripper, "rad", false) \
+  FIELD(joints, input.hand.handle.joints, "rad", false) \
   FIELD(given, input.given, "", false)                  \
   FIELD(force, report.force, "N", true)                 \
   FIELD(wanted, report.wanted, "N", true)               \
@@ -113,9 +116,11 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(primitives, report.primitives, "", true)        \
   FIELD(parts, report.parts, "", true)                  \
   FIELD(left_out, report.left_out, "", true)            \
+  FIELD(buttons, input.hand.handle.buttons, "", false)   \
   FIELD(fresh, input.hand.fresh, "", false)             \
   FIELD(ready, input.hand.ready, "", false)             \
   FIELD(reported, input.hand.fault, "", false)          \
+  FIELD(measured, input.hand.measured, "", false)       \
   FIELD(too_fast, input.hand.too_fast, "", false)       \
   FIELD(cleared, input.cleared, "", false)              \
   FIELD(wrong, input.wrong, "", false)                  \
@@ -142,8 +147,8 @@ void put(std::uint8_t& to, Enum from) noexcept {
   to = static_cast<std::uint8_t>(from);
 }
 template <std::size_t N, class Matrix>
-void put(std::array<double, N>& to, const Matrix& from) noexcept {
-  static_assert(Matrix::SizeAtCompileTime == N);
+requires(Matrix::SizeAtCompileTime == N) void put(std::array<double, N>& to,
+                                                  const Matrix& from) noexcept {
   std::copy_n(from.data(), N, to.begin());
 }
 // and taken again. No byte of a file makes an enum that is none.
@@ -164,8 +169,8 @@ void take(StepStatus& to, std::uint8_t from) noexcept {
   to = static_cast<StepStatus>(std::min<std::uint8_t>(from, kStepStatuses - 1));
 }
 template <std::size_t N, class Matrix>
-void take(Matrix& to, const std::array<double, N>& from) noexcept {
-  static_assert(Matrix::SizeAtCompileTime == N);
+requires(Matrix::SizeAtCompileTime == N) void take(Matrix& to,
+                                                   const std::array<double, N>& from) noexcept {
   std::copy_n(from.begin(), N, to.data());
 }
 
@@ -177,6 +182,7 @@ struct Kept {
                                       : std::is_same_v<T, std::int64_t>  ? "<i8"
                                       : std::is_same_v<T, std::uint64_t> ? "<u8"
                                       : std::is_same_v<T, std::int32_t>  ? "<i4"
+                                      : std::is_same_v<T, std::uint32_t> ? "<u4"
                                                                          : "u1";
 };
 template <class T, std::size_t N>
@@ -267,6 +273,12 @@ OrderedJson jsonOf(const DeviceInfo& d) {
           {"stale", d.watch.stale},
           {"max_speed", d.watch.max_speed},
           {"late", d.watch.late},
+          {"handle",
+           {{"buttons", d.handle.buttons},
+            {"orientation", d.handle.orientation},
+            {"gripper", d.handle.gripper},
+            {"joints", d.handle.joints},
+            {"velocity", d.handle.velocity}}},
           {"limits", jsonOf(d.limits)}};
 }
 
@@ -282,6 +294,12 @@ DeviceInfo deviceOf(const OrderedJson& json) {
   d.output_rate = json.at("output_rate").get<double>();
   d.watch = {json.at("stale").get<double>(), json.at("max_speed").get<double>(),
              json.at("late").get<double>()};
+  const OrderedJson& handle = json.at("handle");
+  d.handle.buttons = handle.at("buttons").get<std::vector<std::string>>();
+  d.handle.orientation = handle.at("orientation").get<bool>();
+  d.handle.gripper = handle.at("gripper").get<bool>();
+  d.handle.joints = std::min(handle.at("joints").get<std::size_t>(), kMostJoints);
+  d.handle.velocity = handle.at("velocity").get<bool>();
   d.limits = limitsOf(json.at("limits"));
   return d;
 }

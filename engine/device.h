@@ -25,6 +25,7 @@ struct DeviceInfo {
                                   ///< late; of a slower one each, at once.
   std::string source;             ///< Where the numbers above come from.
   WatchLimits watch;              ///< Limits of what a hand on it may do.
+  HandleInfo handle;              ///< What it says beside where its tip is.
   bool hand = true;               ///< A force may reach a hand; false for recorded paths.
 };
 

@@ -17,6 +17,7 @@
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/devices/self_test.h"
+#include "palpate/devices/tested_arms.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
 #include "palpate/engine/limit_force.h"
@@ -191,7 +192,7 @@ int list(const DevicesOptions& options) {
         json["path"] = arm.device.path;
         json["description"] = profile.description;
         json["firmware"] = profile.firmware;
-        json["tested"] = isTested(profile, arm.identity());
+        json["tested"] = isTested(identityOf(profile, arm.identity()));
         const auto wrong = arm.against(profile);
         const std::string what = wrong ? wrong->what() : trouble(arm);
         json["trouble"] = what.empty() ? OrderedJson() : OrderedJson(what);
@@ -234,7 +235,7 @@ int list(const DevicesOptions& options) {
             rounded(profile.limits.damping), rounded(profile.input_rate),
             rounded(profile.output_rate), rounded(profile.limits.workspace_radius));
         say("  firmware: {}\n", sentence(profile.firmware));
-        if (!isTested(profile, arm.identity())) {
+        if (!isTested(identityOf(profile, arm.identity()))) {
           say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
               kUntestedStiffness, arm.nameAs(profile));
         }
@@ -269,7 +270,7 @@ struct Tested {
 
 /// Where the tip is when the user presses Enter, no motor driven; nothing: there is nobody to press
 /// it. What was pressed before does not count.
-std::optional<Vec3> atEnter(HidDevice& arm) {
+std::optional<Vec3> atEnter(Arm& arm) {
   (void)tcflush(STDIN_FILENO, TCIFLUSH);
   for (std::int64_t next = nowNs(); interrupted == 0; next += kPeriod) {
     sleepUntil(next);
@@ -301,9 +302,9 @@ struct Ruled {
 
 /// Has the user move the tip along each axis that it can be moved along, one way after the other,
 /// so that each ends where the next begins; nothing: it was left out.
-std::optional<Ruled> measureWays(HidDevice& arm, double ruler) {
+std::optional<Ruled> measureWays(Arm& arm, double ruler) {
   if (ruler == 0.0) return std::nullopt;
-  const ArmAxes axes = axesWithin(factsOf(arm.profile()).moves);
+  const ArmAxes axes = axesWithin(arm.traits().moves);
   Ruled ruled;
   std::string ways;
   for (int a = 0; a < 3; ++a) {
@@ -332,8 +333,8 @@ std::optional<Ruled> measureWays(HidDevice& arm, double ruler) {
 }
 
 /// Three ways of it fit into the arm's space, one after the other [m].
-double rulerFor(const HidProfile& profile) {
-  const double most = 2.0 / std::sqrt(3.0) * profile.limits.workspace_radius;
+double rulerFor(const ArmTraits& traits) {
+  const double most = 2.0 / std::sqrt(3.0) * traits.workspace_radius;
   return most >= 0.1 ? 0.1 : most >= 0.05 ? 0.05 : 0.02;
 }
 
@@ -360,16 +361,16 @@ class GuardianSays {
 };
 
 /// The test on time, the gate between, the guardian beside.
-Tested run(HidDevice& arm, Guardian& guardian, double force) {
+Tested run(Arm& arm, Guardian& guardian, double force) {
   LoopWatch watch;
   if (const ZeroForce zero = arm.zeroForce(); zero.descriptor >= 0) watch = guardian.watch(zero);
   const StayAwake awake(true);
   (void)becomeRealtime({}, awake);
   SelfTestParams params;
   params.axes = axesWithin(arm.read().drives);
-  params.down = arm.profile().world_from_device * arm.profile().down_D;
+  params.down = arm.traits().down_W;
   params.force = force;
-  params.input_rate = arm.profile().input_rate;
+  params.input_rate = arm.traits().input_rate;
   params.stale = arm.info().watch.stale;
   SelfTest test(params);
   GuardianSays guardian_says(watch);
@@ -419,7 +420,7 @@ Tested run(HidDevice& arm, Guardian& guardian, double force) {
 }
 
 /// What a coupling as stiff as the profile allows has room for on this arm, as it was measured.
-OrderedJson roomOf(const SelfTestResult& result, const HidDevice& arm) {
+OrderedJson roomOf(const SelfTestResult& result, const Arm& arm) {
   DeviceInfo info = arm.info();
   ArmDissipation& known = info.limits.tank.arm;
   known = {};
@@ -436,11 +437,11 @@ OrderedJson roomOf(const SelfTestResult& result, const HidDevice& arm) {
     known.delay = std::max(known.delay, axis.delay);
     first = false;
   }
-  for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) known.step += arm.resolution()[i];
-  return roomFor(info, kRate, {arm.profile().limits.stiffness, 0.0});
+  for (const double step : arm.steps()) known.step += step;
+  return roomFor(info, kRate, {arm.traits().stiffness, 0.0});
 }
 
-OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
+OrderedJson describe(const Tested& tested, const Arm& arm, bool passed) {
   const SelfTestResult& r = tested.result;
   OrderedJson json;
   json["device"] = arm.info().name;
@@ -454,16 +455,13 @@ OrderedJson describe(const Tested& tested, const HidDevice& arm, bool passed) {
   }
   json["input_rate"] = r.seconds > 0.0 ? static_cast<double>(r.positions) / r.seconds : 0.0;
   json["longest_pause"] = r.slowest;
-  json["reports_dropped"] = arm.reads().dropped;
-  json["writes"] = arm.writes().count;
-  json["longest_write"] = 1e-9 * static_cast<double>(arm.writes().longest_ns);
+  json["reports_dropped"] = arm.traffic().dropped;
+  json["writes"] = arm.traffic().writes;
+  json["longest_write"] = 1e-9 * static_cast<double>(arm.traffic().longest_ns);
   json["noise"] = r.noise;
   json["falls"] = r.weight > 0.0 ? toJson(r.falls) : OrderedJson();
   json["weight"] = r.weight > 0.0 ? OrderedJson(r.weight) : OrderedJson();
-  json["resolution"] = OrderedJson::array();
-  for (std::size_t i = 0; i < arm.profile().joints.size(); ++i) {
-    json["resolution"].push_back(arm.resolution()[i]);
-  }
+  json["resolution"] = arm.steps();
   json["room"] = roomOf(r, arm);
   json["axes"] = OrderedJson::array();
   for (const AxisResult& axis : r.axes) {
@@ -499,20 +497,20 @@ int test(const DevicesOptions& options) {
   }
   Guardian guardian;
   guardian.catchSignals(&interrupted);
-  HidHost host;
+  ArmHost host;
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.carries = kMostForce;  // in a few centimetres, and the hand has let go of it
-  const auto [arm, identity, numbered] = openArm(options.test, std::move(host));
-  if (!arm->profile().output) {
+  const auto [arm, identity] = openArm(options.test, host);
+  if (!arm->traits().drives) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
   const std::optional<Ruled> ruled =
-      measureWays(*arm, options.ruler.value_or(rulerFor(arm->profile())));
+      measureWays(*arm, options.ruler.value_or(rulerFor(arm->traits())));
   if (interrupted != 0) return kInterrupted;
   if (ruled && !ruled->trouble.empty()) {
     complain("devices: " + ruled->trouble);
-    forgetTest(arm->profile(), identity);
+    forgetTest(identity);
     return kEndedEarly;
   }
   const double force = std::min(options.force, arm->info().limits.peak);
@@ -522,25 +520,26 @@ int test(const DevicesOptions& options) {
   complain(
       fmt::format("devices: let go of the arm within a second{}: it is pushed with at most {} N, a "
                   "few centimetres, for 25 s; Ctrl-C ends it",
-                  arm->profile().masses.empty() ? "" : " (its motors carry its weight)", force));
+                  arm->traits().carries ? " (its motors carry its weight)" : "", force));
   Tested tested = run(*arm, guardian, force);
   if (ruled) tested.result.scale = ruled->scale;
   const bool passed = tested.fault == Fault::kNone && tested.not_ready.empty() &&
                       tested.result.problems.empty() && interrupted == 0;
   const SelfTestResult& r = tested.result;
-  const ArmAxes moves = axesWithin(factsOf(arm->profile()).moves);
+  const ArmAxes moves = axesWithin(arm->traits().moves);
   const ArmAxes& drives = tested.axes;
   if (options.json) {
     sayJson(describe(tested, *arm, passed));
   } else {
     say("input      {} positions a second, the longest pause {} ms, {} reports thrown away\n",
         rounded(static_cast<double>(r.positions) / std::max(r.seconds, 1e-9)),
-        rounded(1e3 * r.slowest), arm->reads().dropped);
-    say("output     {} writes, the longest {} ms\n", arm->writes().count,
-        rounded(1e-6 * static_cast<double>(arm->writes().longest_ns)));
+        rounded(1e3 * r.slowest), arm->traffic().dropped);
+    say("output     {} writes, the longest {} ms\n", arm->traffic().writes,
+        rounded(1e-6 * static_cast<double>(arm->traffic().longest_ns)));
     say("position   steps of ");
-    for (std::size_t i = 0; i < arm->profile().joints.size(); ++i) {
-      say("{}{}", i == 0 ? "" : ", ", rounded(1e6 * arm->resolution()[i]));
+    const std::vector<double> steps = arm->steps();
+    for (const double& step : steps) {
+      say("{}{}", &step == &steps[0] ? "" : ", ", rounded(1e6 * step));
     }
     say(" um a count, trembles by {} um rms at rest\n", rounded(1e6 * r.noise));
     for (std::size_t a = 0; a < 3; ++a) {
@@ -574,7 +573,7 @@ int test(const DevicesOptions& options) {
   }
   if (interrupted != 0) return kInterrupted;
   if (!passed) {
-    forgetTest(arm->profile(), identity);
+    forgetTest(identity);
     return kEndedEarly;
   }
   if (!ruled) {
@@ -584,17 +583,18 @@ int test(const DevicesOptions& options) {
                     kUntestedForce, kUntestedStiffness));
     return kDone;
   }
-  if (identity.empty()) {
+  if (identity.own.empty()) {
     complain(
         fmt::format("devices: it has passed, but has neither a serial number nor a port to be "
                     "remembered by: it stays held to {} N and {} N/m",
                     kUntestedForce, kUntestedStiffness));
     return kDone;
   }
-  rememberTest(arm->profile(), identity, r);
-  if (!numbered) {
+  rememberTest(identity, r);
+  if (!identity.numbered) {
     complain("devices: it has no serial number and is remembered by where it is plugged in, " +
-             identity + ": test it again elsewhere, and every other arm that is plugged in there");
+             identity.own +
+             ": test it again elsewhere, and every other arm that is plugged in there");
   }
   if (!options.json) say("passed     remembered in {}\n", testedArmsFile().string());
   return kDone;

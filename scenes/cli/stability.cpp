@@ -12,6 +12,7 @@
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/devices/stability_map.h"
+#include "palpate/devices/tested_arms.h"
 #include "palpate/engine/error.h"
 #include "palpate/scenes/build_scene.h"
 #include "palpate/scenes/cli/common.h"
@@ -135,14 +136,14 @@ void takeDevice(StabilityOptions& options, const CLI::App& verb) {
     throw Error("--device", profile.name + " gives no force", "name an arm that does");
   }
   std::string identity = name->serial;
-  if (const auto arms = testedArms(profile); identity.empty()) {
+  if (const auto arms = testedArms(identityOf(profile, "")); identity.empty()) {
     if (arms.size() > 1) {
       throw Error("--device", "several arms of that profile have been tested",
                   "say which: hid:" + profile.name + "@" + arms[0]);
     }
     if (!arms.empty()) identity = arms[0];
   }
-  const MeasuredArm arm = measuredArm(profile, identity);
+  const MeasuredArm arm = measuredArm(identityOf(profile, identity));
   const auto take = [&](const char* option, double& to, double value) {
     if (verb.count(option) == 0) to = value;
   };

@@ -20,6 +20,7 @@
 #include "palpate/devices/hid_port.h"
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/profile_facts.h"
+#include "palpate/devices/tested_arms.h"
 #include "palpate/engine/error.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/source_dir.h"
@@ -566,7 +567,7 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
   const test::TemporaryFolder folder;
   setenv("XDG_STATE_HOME", folder.path().c_str(), 1);
   const HidProfile arm = parseHidProfile(full().dump(), "arm.json");
-  CHECK_FALSE(isTested(arm, "S1"));
+  CHECK_FALSE(isTested(identityOf(arm, "S1")));
   SelfTestResult measured;
   measured.scale = {0.99, 1.0, 1.01};
   for (AxisResult& axis : measured.axes) {
@@ -579,58 +580,58 @@ TEST_CASE("what was tested is remembered by serial number and profile", "[profil
     axis.delay_error = 0.1e-3;
   }
   measured.axes[1].viscous = 0.4;
-  rememberTest(arm, "S1", measured);
-  CHECK(isTested(arm, "S1"));
-  CHECK_FALSE(isTested(arm, "S2"));
-  CHECK(testedArms(arm) == std::vector<std::string>{"S1"});
-  CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
-  CHECK(measuredArm(arm, "S1").coulomb == 0.0);
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(isTested(identityOf(arm, "S1")));
+  CHECK_FALSE(isTested(identityOf(arm, "S2")));
+  CHECK(testedArms(identityOf(arm, "")) == std::vector<std::string>{"S1"});
+  CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
+  CHECK(measuredArm(identityOf(arm, "S1")).coulomb == 0.0);
   // Half a millisecond and three standard errors to either side, never before the reading.
-  CHECK(measuredArm(arm, "S1").delay == Approx(1e-3));
-  CHECK(measuredArm(arm, "S1").doubt == Approx(0.8e-3));
+  CHECK(measuredArm(identityOf(arm, "S1")).delay == Approx(1e-3));
+  CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.8e-3));
   measured.axes[2].delay = 0.3e-3;
-  rememberTest(arm, "S1", measured);
-  CHECK(measuredArm(arm, "S1").delay == Approx(0.9e-3));
-  CHECK(measuredArm(arm, "S1").doubt == Approx(0.9e-3));
-  CHECK(measuredArm(arm, "S2").viscous == 0.0);
-  CHECK_FALSE(isTested(arm, ""));
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(measuredArm(identityOf(arm, "S1")).delay == Approx(0.9e-3));
+  CHECK(measuredArm(identityOf(arm, "S1")).doubt == Approx(0.9e-3));
+  CHECK(measuredArm(identityOf(arm, "S2")).viscous == 0.0);
+  CHECK_FALSE(isTested(identityOf(arm, "")));
   // A changed sign is another profile.
   Json other = full();
   other["kinematics"]["joints"][0]["ratio"] = -1;
-  CHECK_FALSE(isTested(parseHidProfile(other.dump(), "arm.json"), "S1"));
-  rememberTest(parseHidProfile(other.dump(), "arm.json"), "S2", measured);
-  CHECK(isTested(arm, "S1"));
+  CHECK_FALSE(isTested(identityOf(parseHidProfile(other.dump(), "arm.json"), "S1")));
+  rememberTest(identityOf(parseHidProfile(other.dump(), "arm.json"), "S2"), measured);
+  CHECK(isTested(identityOf(arm, "S1")));
   // Rubbish in the file is no test, and no trouble.
   for (const char* text : {"{", "[]", R"({"mine@S1": 3})", R"({"mine@S1": {"profile": 7}})", ""}) {
     std::ofstream(testedArmsFile()) << text;
-    CHECK_FALSE(isTested(arm, "S1"));
+    CHECK_FALSE(isTested(identityOf(arm, "S1")));
   }
   std::ofstream(testedArmsFile()) << std::string(300000, '[');
-  CHECK_FALSE(isTested(arm, "S1"));
+  CHECK_FALSE(isTested(identityOf(arm, "S1")));
   std::ofstream(testedArmsFile()) << R"({"mine@S1": )" + std::string(300000, '[') +
                                          std::string(300000, ']') + "}";
-  CHECK_FALSE(isTested(arm, "S1"));
-  rememberTest(arm, "S1", measured);
-  CHECK(isTested(arm, "S1"));
+  CHECK_FALSE(isTested(identityOf(arm, "S1")));
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(isTested(identityOf(arm, "S1")));
   // One of a test that measured no scale, or along one way only.
   for (const Json& scale : {Json(), Json(1.0)}) {
     std::ifstream in(testedArmsFile());
     Json json = Json::parse(in);
     json["mine@S1"]["scale"] = scale;
     std::ofstream(testedArmsFile()) << json;
-    CHECK_FALSE(isTested(arm, "S1"));
+    CHECK_FALSE(isTested(identityOf(arm, "S1")));
   }
   // What a planar arm has no motor for was not measured, and is not relied on.
-  rememberTest(arm, "S1", measured);
-  CHECK(measuredArm(arm, "S1").viscous == Approx(0.37));
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.37));
   measured.axes[1] = {};
-  rememberTest(arm, "S1", measured);
-  CHECK(measuredArm(arm, "S1").viscous == Approx(0.47));
-  CHECK(measuredArm(arm, "S1").delay > 0.0);
-  rememberTest(arm, "S1", measured);
-  CHECK(isTested(arm, "S1"));
-  forgetTest(arm, "S1");
-  CHECK_FALSE(isTested(arm, "S1"));
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(measuredArm(identityOf(arm, "S1")).viscous == Approx(0.47));
+  CHECK(measuredArm(identityOf(arm, "S1")).delay > 0.0);
+  rememberTest(identityOf(arm, "S1"), measured);
+  CHECK(isTested(identityOf(arm, "S1")));
+  forgetTest(identityOf(arm, "S1"));
+  CHECK_FALSE(isTested(identityOf(arm, "S1")));
   setenv("XDG_STATE_HOME", "state", 1);
   CHECK(testedArmsFile().is_absolute());
   unsetenv("XDG_STATE_HOME");
