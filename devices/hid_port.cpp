@@ -1,5 +1,6 @@
 #include "palpate/devices/hid_port.h"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -79,6 +80,12 @@ class HidPort final : public ReportPort {
   [[nodiscard]] bool sendFeature(std::span<const std::byte> report) noexcept override {
     return hid_send_feature_report(out_, reinterpret_cast<const unsigned char*>(report.data()),
                                    report.size()) >= 0;
+  }
+  [[nodiscard]] bool getFeature(std::span<std::byte> report, std::size_t& size) noexcept override {
+    const int n = hid_get_feature_report(out_, reinterpret_cast<unsigned char*>(report.data()),
+                                         report.size());
+    size = n > 0 ? std::min(static_cast<std::size_t>(n), report.size()) : 0;
+    return n > 0;
   }
   [[nodiscard]] int guardDescriptor() const noexcept override { return guard_; }
 
@@ -272,6 +279,35 @@ void claim(int descriptor, const std::string& path, const Say& say) {
     std::string who = pid.empty() ? "another program" : processOf(pid);
     if (orphaned) who.assign("the guardian of a program that has ended (").append(pid).append(")");
     throw DeviceError(path, who + " has it",
+                      "end that first: two programs on one arm would each send a force");
+  }
+}
+
+std::vector<std::string> effectNodes(const std::string& path, const std::filesystem::path& sys) {
+  namespace fs = std::filesystem;
+  std::vector<std::string> nodes;
+  std::error_code error;
+  const fs::path inputs = sys / fs::path(path).filename() / "device" / "input";
+  for (const auto& input : fs::directory_iterator(inputs, error)) {
+    // A bitmap in words, as "300040000 0".
+    std::ifstream in(input.path() / "capabilities" / "ff");
+    std::string bits;
+    std::getline(in, bits);
+    if (bits.find_first_not_of("0 \n") == std::string::npos) continue;
+    std::error_code hidden;
+    for (const auto& node : fs::directory_iterator(input.path(), hidden)) {
+      const std::string name = node.path().filename();
+      if (name.rfind("event", 0) == 0) nodes.push_back("/dev/input/" + name);
+    }
+  }
+  return nodes;
+}
+
+void refuseEffects(const std::string& path, const std::vector<std::string>& nodes) {
+  for (const std::string& node : nodes) {
+    const auto programs = whoHas(node);
+    if (programs.empty()) continue;
+    throw DeviceError(path, programs[0] + " has its effects, by " + node,
                       "end that first: two programs on one arm would each send a force");
   }
 }

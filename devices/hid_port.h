@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <span>
@@ -40,6 +41,15 @@ class ReportPort {
   [[nodiscard]] virtual bool write(std::span<const std::byte> report) noexcept = 0;
   /// A feature report, its number first. False: refused or gone. With writes.
   [[nodiscard]] virtual bool sendFeature(std::span<const std::byte> report) noexcept = 0;
+  /// Asks for a feature report. With writes; blocks as they do.
+  ///
+  /// @param report  Its number (0: none) first, and room for the longest.
+  /// @param size    Its bytes, the number among them.
+  /// @return        False: refused, or gone, or nothing can be asked for here.
+  [[nodiscard]] virtual bool getFeature(std::span<std::byte> /*report*/,
+                                        std::size_t& /*size*/) noexcept {
+    return false;
+  }
   /// A descriptor of its own that takes what write() does, for a guardian; -1: there is none.
   [[nodiscard]] virtual int guardDescriptor() const noexcept { return -1; }
 };
@@ -84,6 +94,15 @@ using Say = std::function<void(const std::string&)>;
 /// the second: that is waited for, up to kLongestClaim, and said.
 void claim(int descriptor, const std::string& path, const Say& say = {});
 inline constexpr double kLongestClaim = 2.0;  ///< [s]
+
+/// Where the kernel's own driver lets programs play effects on a HID device (hid-pidff): nodes as
+/// /dev/input/event5. None where it does not.
+///
+/// @param sys  Where the system shows its HID devices.
+[[nodiscard]] std::vector<std::string> effectNodes(
+    const std::string& path, const std::filesystem::path& sys = "/sys/class/hidraw");
+/// Throws DeviceError where a program of this user has one of them open to write: who.
+void refuseEffects(const std::string& path, const std::vector<std::string>& nodes);
 
 /// Programs of this user that have a path open to write, as "name (pid)"; those of others cannot be
 /// seen.

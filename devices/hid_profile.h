@@ -1,4 +1,4 @@
-/// What palpate knows of an arm that speaks raw HID: how it is found, where the numbers are in its
+/// What palpate knows of an arm that speaks HID: how it is found, where the numbers are in its
 /// reports, its geometry and its limits. A JSON file (devices/hid_profile.schema.json);
 /// docs/profiles.md says how to write one.
 #pragma once
@@ -92,6 +92,15 @@ struct HidStep {
   std::vector<std::byte> bytes;                        ///< kFeature: the whole report.
 };
 
+inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
+
+/// An axis of a device of USB's PID class, which says of itself neither metres nor newtons.
+struct PidAxisSpec {
+  int axis = 0;        ///< 0 is x: its usage in the device's descriptor, and the arm's axis.
+  double way = 0.0;    ///< From its least position to its most [m]; < 0: it goes the other way.
+  double force = 0.0;  ///< At full magnitude and gain [N]; < 0: it pushes the other way.
+};
+
 /// What may be asked of the arm. All [SI]; needed wherever there are motors.
 struct HidLimits {
   double force = 0.0;             ///< [N]
@@ -121,6 +130,10 @@ struct HidProfile {
                                   ///< no output.
   std::vector<HidReportSpec> input;     ///< At least one; of several each has its id.
   std::optional<HidReportSpec> output;  ///< None: input only.
+  /// Axes of a device of USB's PID class, x before y; empty: it is none. What it has else is in its
+  /// own descriptor (describedBy); until that is known `input` and `output` are shares of ways and
+  /// forces.
+  std::vector<PidAxisSpec> pid;
   std::vector<HidFlag> flags;  ///< What it must say, and may not, for any force to be given.
   std::shared_ptr<const Kinematics> kinematics;  ///< From joints to the tip; not null.
   std::vector<HidJoint> joints;                  ///< As many as the kinematics has.

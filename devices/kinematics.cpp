@@ -1,6 +1,7 @@
 #include "palpate/devices/kinematics.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <vector>
@@ -24,23 +25,27 @@ void requireLengths(const char* model, std::initializer_list<double> lengths) {
   }
 }
 
-class Cartesian final : public Kinematics {
+class Slides final : public Kinematics {
  public:
-  [[nodiscard]] std::size_t joints() const noexcept override { return 3; }
+  explicit Slides(std::span<const int> axes) : axes_(axes.begin(), axes.end()) {}
+  [[nodiscard]] std::size_t joints() const noexcept override { return axes_.size(); }
   [[nodiscard]] ArmPose at(const Joints& joints) const noexcept override {
-    return on(2, Vec3::Zero(), joints);
+    return on(axes_.size() - 1, Vec3::Zero(), joints);
   }
-  [[nodiscard]] std::size_t links() const noexcept override { return 3; }
+  [[nodiscard]] std::size_t links() const noexcept override { return axes_.size(); }
   [[nodiscard]] ArmPose on(std::size_t link, const Vec3& place,
                            const Joints& joints) const noexcept override {
     ArmPose pose;
     pose.position_D = place;
     for (std::size_t i = 0; i <= link; ++i) {
-      pose.jacobian[i] = Vec3::Unit(static_cast<Eigen::Index>(i));
+      pose.jacobian[i] = Vec3::Unit(axes_[i]);
       pose.position_D += joints[i] * pose.jacobian[i];
     }
     return pose;
   }
+
+ private:
+  std::vector<int> axes_;
 };
 
 class Chain final : public Kinematics {
@@ -276,7 +281,11 @@ class Delta final : public Kinematics {
 }  // namespace
 
 std::shared_ptr<const Kinematics> makeCartesian() {
-  return std::make_shared<const Cartesian>();
+  return makeSlides(std::array{0, 1, 2});
+}
+
+std::shared_ptr<const Kinematics> makeSlides(std::span<const int> axes) {
+  return std::make_shared<const Slides>(axes);
 }
 
 std::shared_ptr<const Kinematics> makeChain(std::span<const ChainLink> links, const Vec3& tip) {

@@ -43,7 +43,7 @@ class Kinematics {
   Kinematics& operator=(const Kinematics&) = delete;
   virtual ~Kinematics() = default;
 
-  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< 2 to kMostJoints.
+  [[nodiscard]] virtual std::size_t joints() const noexcept = 0;  ///< 1 to kMostJoints.
   /// For finite joints every number is finite. RT: no allocation; under 0.5 us.
   [[nodiscard]] virtual ArmPose at(const Joints& joints) const noexcept PALPATE_NONBLOCKING = 0;
 
@@ -66,6 +66,10 @@ class Kinematics {
 /// Three slides: the joints are the position. Link i moves with the slides up to i, in the arm's
 /// axes.
 [[nodiscard]] std::shared_ptr<const Kinematics> makeCartesian();
+/// The same along some of the axes only: 0 is x.
+///
+/// @pre 1 to 3, each once.
+[[nodiscard]] std::shared_ptr<const Kinematics> makeSlides(std::span<const int> axes);
 
 /// One link of a chain by Denavit and Hartenberg: turn about z by joint + turn, shift along z by
 /// `along`, along the new x by `across`, turn about it by `twist`. Its own frame is the one that it

@@ -1,0 +1,635 @@
+/// Arms of USB's PID class that are made of memory: how they are found out, driven, lost and let go
+/// of, and what their firmware does otherwise.
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <deque>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/devices/pid_device.h"
+#include "palpate/devices/stability.h"
+#include "palpate/engine/error.h"
+#include "tests/fuzz/pid_entry.h"
+#include "tests/support/counters.h"
+#include "tests/support/pid_model.h"
+#include "tests/support/random.h"
+
+using namespace palpate;
+using namespace std::chrono_literals;
+using Catch::Contains;
+using test::PidModel;
+using test::PidShape;
+
+namespace {
+
+/// The clock of devices and of what drives them: it stands still until a test lets time pass.
+std::atomic<std::int64_t> virtual_now{1000000000};
+std::int64_t virtualNow() noexcept {
+  return virtual_now;
+}
+double seconds() {
+  return 1e-9 * static_cast<double>(virtual_now);
+}
+void pass(double time) {
+  virtual_now += std::llround(1e9 * time);
+}
+
+/// A device on its wire.
+class Wire {
+ public:
+  explicit Wire(PidShape shape = {}) : model(shape), raw(static_cast<std::size_t>(shape.axes)) {}
+  void say(std::vector<std::byte> report) {
+    const std::lock_guard lock(mutex);
+    waits.push_back(std::move(report));
+  }
+  double share(int axis) {
+    const std::lock_guard lock(mutex);
+    return model.share(axis, seconds());
+  }
+  int playing() {
+    const std::lock_guard lock(mutex);
+    return model.playing(seconds());
+  }
+  long outputs() {
+    const std::lock_guard lock(mutex);
+    return model.outputs();
+  }
+
+  std::mutex mutex;
+  PidModel model;
+  std::vector<int> raw;  ///< Where it is.
+  std::uint32_t buttons = 0;
+  std::deque<std::vector<std::byte>> waits;
+  std::vector<std::byte> fixed;  ///< Said instead of `raw`; takes no memory.
+  double takes = 0.0;            ///< What a write takes [s].
+  double strongest = 0.0;        ///< What its motors have given at most.
+  bool there = true;
+};
+
+class WirePort final : public ReportPort {
+ public:
+  explicit WirePort(Wire& wire) : wire_(wire) {}
+  [[nodiscard]] Got read(std::span<std::byte> to, std::size_t& size) noexcept override {
+    const std::lock_guard lock(wire_.mutex);
+    if (!wire_.there) return Got::kGone;
+    std::vector<std::byte> report;
+    if (!wire_.waits.empty()) {
+      report = wire_.waits.front();
+      wire_.waits.pop_front();
+    } else if (!(asked_ = !asked_)) {
+      return Got::kNothing;
+    } else if (!wire_.fixed.empty()) {
+      size = wire_.fixed.size();
+      std::copy_n(wire_.fixed.begin(), size, to.begin());
+      return Got::kReport;
+    } else {
+      report = wire_.model.input(wire_.raw, wire_.buttons);
+    }
+    size = std::min(report.size(), to.size());
+    std::copy_n(report.begin(), size, to.begin());
+    return Got::kReport;
+  }
+  [[nodiscard]] bool write(std::span<const std::byte> report) noexcept override {
+    return take(report);
+  }
+  [[nodiscard]] bool sendFeature(std::span<const std::byte> report) noexcept override {
+    return take(report);
+  }
+  [[nodiscard]] bool getFeature(std::span<std::byte> report, std::size_t& size) noexcept override {
+    const std::lock_guard lock(wire_.mutex);
+    const auto answer = wire_.model.feature(std::to_integer<int>(report[0]));
+    size = std::min(answer.size(), report.size());
+    std::copy_n(answer.begin(), size, report.begin());
+    return wire_.there && size > 0;
+  }
+  [[nodiscard]] int guardDescriptor() const noexcept override { return 0; }
+
+ private:
+  bool take(std::span<const std::byte> report) noexcept {
+    pass(wire_.takes);
+    const std::lock_guard lock(wire_.mutex);
+    if (!wire_.there) return false;
+    wire_.model.output(report, seconds());
+    for (int a = 0; a < 3; ++a) {
+      wire_.strongest = std::max(wire_.strongest, std::abs(wire_.model.share(a, seconds())));
+    }
+    return true;
+  }
+  Wire& wire_;
+  bool asked_ = false;  ///< Every other look finds one.
+};
+
+/// 0.2 m and 8 N an axis; y goes and pushes the other way.
+HidProfile stick(int axes) {
+  HidProfile profile;
+  profile.name = "stick";
+  profile.source = "stick.json";
+  std::vector<int> directions;
+  for (int a = 0; a < axes; ++a) {
+    const double sign = a == 1 ? -1.0 : 1.0;
+    profile.pid.push_back({a, sign * 0.2, sign * 8.0});
+    directions.push_back(a);
+  }
+  profile.kinematics = makeSlides(directions);
+  profile.output.emplace();
+  profile.output_rate = 1e9;  // no test in virtual time waits for
+  profile.limits = {5.0, 2000.0, 1000.0, 5.0, 0.1, 0.05, 3.0, 0.0, 0.0};
+  return profile;
+}
+
+std::unique_ptr<PidDevice> open(Wire& wire, bool tested = true, HidHost host = {},
+                                double rate = 1e9, int axes = 0) {
+  host.now = virtualNow;
+  HidProfile profile = stick(axes == 0 ? static_cast<int>(wire.raw.size()) : axes);
+  profile.output_rate = rate;
+  return std::make_unique<PidDevice>(profile, wire.model.descriptor(),
+                                     std::make_unique<WirePort>(wire), tested, std::move(host));
+}
+
+template <class What>
+void await(What what) {
+  const auto end = std::chrono::steady_clock::now() + 600s;
+  while (!what()) {
+    if (std::chrono::steady_clock::now() > end) FAIL("it did not come in 600 s");
+    std::this_thread::sleep_for(100us);
+  }
+}
+
+/// Sends a force: it has gone out when this returns.
+void send(PidDevice& device, const Vec3& force) {
+  const std::int64_t before = device.traffic().writes;
+  device.write(force);
+  await([&] { return device.traffic().writes > before; });
+}
+
+std::string refusal(Wire& wire) {
+  try {
+    (void)open(wire);
+  } catch (const DeviceError& error) {
+    return error.what();
+  }
+  return "none";
+}
+
+PidMap mapOf(const PidModel& model) {
+  const auto device = parseHidDescriptor(model.descriptor());
+  REQUIRE(device);
+  return readPidMap(*device, "arm");
+}
+
+}  // namespace
+
+TEST_CASE("a PID device of either kind and one to three axes is read, driven and let go of",
+          "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  shape.axes = GENERATE(1, 2, 3);
+  CAPTURE(shape.rhino, shape.axes);
+  Wire wire(shape);
+  {
+    const auto device = open(wire);
+    CHECK(wire.model.made() == shape.axes);
+    CHECK(wire.playing() == shape.axes);
+    CHECK(wire.model.active());
+    CHECK(wire.model.gainShare() == 1.0);
+    CHECK(wire.strongest == 0.0);
+    CHECK(device->info().limits.peak == 5.0);
+    CHECK(device->steps().size() == static_cast<std::size_t>(shape.axes));
+    const double step = 0.2 / (2.0 * wire.model.full());
+    CHECK(device->steps()[0] == Approx(step));
+
+    (void)device->read();
+    const std::vector<double> parts{0.5, -0.25, 1.0};
+    Vec3 stands = Vec3::Zero();
+    for (int a = 0; a < shape.axes; ++a) {
+      wire.raw[static_cast<std::size_t>(a)] =
+          static_cast<int>(std::lround(parts[static_cast<std::size_t>(a)] * wire.model.full()));
+      stands[a] = (a == 1 ? -0.1 : 0.1) * parts[static_cast<std::size_t>(a)];
+    }
+    const HandState hand = device->read();
+    CHECK((hand.position - stands).norm() < 2.0 * step);
+    CHECK(hand.ready);
+    CHECK(hand.fault == Fault::kNone);
+    Vec3 along = Vec3::Zero();
+    along.head(shape.axes).setOnes();
+    CHECK(hand.drives.isApprox(Mat3(along.asDiagonal())));
+
+    const Vec3 force(2.0, -1.0, 0.5);
+    send(*device, force);
+    for (int a = 0; a < shape.axes; ++a) {
+      CAPTURE(a);
+      // A direction of 8 bits turns a quarter into another by 0.3 degrees.
+      CHECK(wire.share(a) * (a == 1 ? -8.0 : 8.0) == Approx(force[a]).margin(0.02));
+    }
+    send(*device, Vec3::Zero());
+    for (int a = 0; a < shape.axes; ++a) CHECK(wire.share(a) == 0.0);
+    send(*device, {4.0, 0.0, 0.0});
+  }
+  CHECK(wire.model.made() == (shape.free ? 0 : shape.axes));
+  CHECK(wire.playing() == 0);
+  CHECK_FALSE(wire.model.active());
+  CHECK(wire.model.strange() == 0);
+}
+
+TEST_CASE("what a PID device has not is not sent", "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  const int without = GENERATE(0, 1, 2, 3, 4, 5, 6, 7);
+  CAPTURE(shape.rhino, without);
+  bool* all[] = {&shape.pool,    &shape.gain,  &shape.free,   &shape.create,
+                 &shape.control, &shape.state, &shape.extras, &shape.duration};
+  *all[without] = false;
+  Wire wire(shape);
+  if (!shape.control) wire.model.setActive(true);
+  {
+    const auto device = open(wire);
+    CHECK(device->read().ready);
+    send(*device, {2.0, -1.0, 0.0});
+    CHECK(wire.share(0) * 8.0 == Approx(2.0).margin(0.02));
+    CHECK(wire.share(1) * -8.0 == Approx(-1.0).margin(0.02));
+    CHECK((device->zeroForce().descriptor < 0) == !shape.control);
+    const std::string& source = device->info().source;
+    CHECK((source.find("it has no guardian") == std::string::npos) == shape.control);
+    CHECK((source.find("ends after 0.5 s at most") == std::string::npos) == !shape.duration);
+    CHECK((source.find("it knows no durations") == std::string::npos) == shape.duration);
+  }
+  CHECK(wire.playing() == 0);
+  CHECK(wire.model.strange() == 0);
+}
+
+TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing when it is opened",
+          "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  shape.wakes_with = 4000;  // firmware that oscillates, or remembers
+  Wire wire(shape);
+  const auto device = open(wire, false);
+  CHECK(wire.strongest == 0.0);
+  CHECK(wire.model.gainShare() <= PidDevice::kUntestedGain);
+  CHECK(wire.model.gainShare() > 0.09);
+  CHECK(device->info().limits.peak == Approx(0.8));  // of 8 N
+  CHECK(device->info().max_stiffness <= kUntestedStiffness);
+  CHECK_THAT(device->info().source, Contains("a tenth of its full force"));
+  // Told more than that it gives no more, and what it gives is what was asked for.
+  send(*device, {0.5, 0.0, 0.0});
+  CHECK(8.0 * wire.share(0) == Approx(0.5).epsilon(0.03));
+  CHECK(8.0 * wire.share(0) <= 0.5);
+  send(*device, {100.0, 0.0, 0.0});
+  CHECK(8.0 * wire.share(0) <= 0.8);
+}
+
+TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  {
+    shape.load_status = 2;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire), Contains("arm stick: it has no memory left for an effect: "));
+    // What it was told is undone.
+    CHECK_FALSE(wire.model.active());
+  }
+  {
+    shape.load_status = 3;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire),
+               Contains("it makes no constant force: it says that the effect failed:"));
+  }
+  {
+    shape.load_status = 0;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire), Contains("it does not say where the effect is: plug it in again"));
+  }
+  {
+    shape.load_status = 1;
+    shape.load_zero = true;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire), Contains("it has given the effect the index 0"));
+  }
+  {
+    shape.load_zero = false;
+    shape.load_refused = 1000;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire), Contains("it does not answer where the effect is"));
+  }
+  {
+    shape.load_refused = 5;  // one that takes its time is waited for
+    Wire wire(shape);
+    CHECK(refusal(wire) == "none");
+  }
+  {
+    shape.at_once = 1;
+    Wire wire(shape);
+    CHECK_THAT(refusal(wire), Contains("it plays at most 1 effects at once, and an axis needs one: "
+                                       "leave axes out"));
+    shape.at_once = 0;  // not known
+    Wire other(shape);
+    CHECK(refusal(other) == "none");
+  }
+}
+
+TEST_CASE("an effect ends by itself, is renewed in time, and never lasts for ever", "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  shape.duration_bits = GENERATE(8, 16);
+  shape.longest = GENERATE(1e9, 65.0);
+  CAPTURE(shape.rhino, shape.duration_bits, shape.longest);
+  Wire wire(shape);
+  const auto device = open(wire);
+  for (const std::int64_t raw : wire.model.durations()) {
+    CHECK(raw > 0);
+    CHECK(raw < (1 << shape.duration_bits) - 1);
+    CHECK(raw == (shape.duration_bits == 8 ? 254 : 500));
+  }
+  // Two minutes and more, a force all the time.
+  const Vec3 force(2.0, 1.0, 0.0);
+  for (int i = 0; i < 6500; ++i) {
+    send(*device, force);
+    REQUIRE(wire.share(0) > 0.2);
+    pass(0.02);
+  }
+  // Renewed four times a duration, not at every force.
+  const double times =
+      wire.model.starts() / 2.0 / (130.0 / (shape.duration_bits == 8 ? 0.254 : 0.5));
+  CHECK(times > 3.0);
+  CHECK(times < 4.6);
+  // Nobody writes.
+  pass(0.51);
+  CHECK(wire.share(0) == 0.0);
+  CHECK(wire.playing() == 0);
+  send(*device, force);
+  CHECK(wire.share(0) > 0.2);
+}
+
+TEST_CASE("firmware that starts no effect anew while it plays is started after its end",
+          "[hid][pid]") {
+  PidShape shape;
+  shape.deaf_to_starts = true;
+  Wire wire(shape);
+  const auto device = open(wire);
+  double without = 0.0;
+  double longest = 0.0;
+  for (int i = 0; i < 1000; ++i) {
+    send(*device, {2.0, 0.0, 0.0});
+    without = wire.share(0) > 0.2 ? 0.0 : without + 0.01;
+    longest = std::max(longest, without);
+    pass(0.01);
+  }
+  CHECK(longest <= 0.25 * PidPort::kDuration + 0.011);
+}
+
+TEST_CASE("only magnitudes that change are sent", "[hid][pid]") {
+  Wire wire;
+  const auto device = open(wire);
+  send(*device, {1.0, 1.0, 0.0});
+  const auto sent = [&](const Vec3& force) {
+    const long before = wire.outputs();
+    send(*device, force);
+    return wire.outputs() - before;
+  };
+  CHECK(sent({1.0, 1.0, 0.0}) == 0);
+  CHECK(sent({1.0, 2.0, 0.0}) == 1);
+  CHECK(sent({0.5, 2.0, 0.0}) == 1);
+  CHECK(sent({0.0, 0.0, 0.0}) == 2);
+  CHECK(sent({0.0, 0.0, 5.0}) == 0);  // it has no z
+  CHECK(wire.share(0) == 0.0);
+  CHECK(sent({NAN, 0.0, 0.0}) == 0);
+}
+
+TEST_CASE("what a PID device says of its state cuts the force", "[hid][pid]") {
+  Wire wire;
+  const auto device = open(wire);
+  const auto says = [&](bool active, bool power, bool safety) {
+    wire.model.setActive(active);
+    wire.model.setPower(power);
+    wire.model.setSafety(safety);
+    wire.say(wire.model.state());
+    return device->read();
+  };
+  (void)device->read();
+  // What it has never said means nothing.
+  CHECK(says(true, false, false).fault == Fault::kNone);
+  CHECK(device->read().ready);
+  // Power comes: a force would begin at once. It comes in as at the beginning.
+  const HandState powered = says(true, true, false);
+  CHECK(powered.fault == Fault::kNone);
+  CHECK_FALSE(powered.ready);
+  CHECK(device->read().ready);
+  CHECK(says(true, false, false).fault == Fault::kPower);
+  CHECK(device->read().fault == Fault::kPower);
+  CHECK(says(true, true, true).fault == Fault::kNone);
+  CHECK(says(true, true, false).fault == Fault::kSwitch);
+  CHECK(says(true, true, true).fault == Fault::kNone);
+  CHECK(says(false, true, true).fault == Fault::kPower);
+}
+
+TEST_CASE("actuators that a guardian has stopped come back with no force", "[hid][pid]") {
+  PidShape shape;
+  shape.stops_deaf = true;
+  Wire wire(shape);
+  const auto device = open(wire);
+  wire.say(wire.model.state());
+  (void)device->read();
+  (void)device->read();
+  send(*device, {2.0, 0.0, 0.0});
+  CHECK(wire.share(0) > 0.2);
+  const ZeroForce zero = device->zeroForce();
+  CHECK(zero.descriptor >= 0);
+  {
+    const std::lock_guard lock(wire.mutex);
+    wire.model.output(zero.bytes, seconds());
+  }
+  CHECK(wire.share(0) == 0.0);
+  wire.say(wire.model.state());
+  CHECK(device->read().fault == Fault::kPower);
+  // As long as a force is written nothing is switched on.
+  pass(2.0);
+  send(*device, {2.0, 0.0, 0.0});
+  CHECK_FALSE(wire.model.active());
+  send(*device, Vec3::Zero());
+  CHECK(wire.model.active());
+  CHECK(wire.playing() == 2);
+  wire.say(wire.model.state());
+  CHECK(device->read().fault == Fault::kNone);
+  send(*device, {2.0, 0.0, 0.0});
+  CHECK(wire.share(0) > 0.2);
+}
+
+TEST_CASE("one report stops either kind", "[hid][pid]") {
+  PidShape shape;
+  shape.rhino = GENERATE(false, true);
+  Wire wire(shape);
+  const auto device = open(wire);
+  send(*device, {2.0, 1.0, 0.0});
+  CHECK(wire.share(0) > 0.2);
+  const ZeroForce zero = device->zeroForce();
+  CHECK(zero.bytes.size() == 2);
+  CHECK(std::to_integer<int>(zero.bytes[0]) == wire.model.id("control"));
+  wire.model.output(zero.bytes, seconds());
+  CHECK(wire.share(0) == 0.0);
+  CHECK(wire.share(1) == 0.0);
+  CHECK(wire.model.active());  // it is not switched off
+}
+
+TEST_CASE("how stiff a PID device may be follows from how long its reports take", "[hid][pid]") {
+  PidShape shape;
+  shape.axes = 2;
+  Wire wire(shape);
+  wire.takes = 0.005;
+  {
+    const auto device = open(wire);
+    CHECK(device->info().output_rate == Approx(100.0));  // of 5 ms, two axes
+    ArmParams arm;
+    arm.viscous = PidDevice::kLikelyViscous;
+    arm.delay = 0.011;
+    CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0)));
+    CHECK(device->info().max_stiffness < 40.0);
+    CHECK(device->traits().stiffness == device->info().max_stiffness);
+    CHECK_THAT(device->info().source,
+               Contains("by 100 forces a second, 11 ms late") && Contains("which is a guess"));
+  }
+  wire.takes = 0.0;
+  // What the profile says, where reports take less.
+  CHECK(open(wire, true, {}, 500.0)->info().output_rate == 500.0);
+  // As it was measured.
+  HidHost host;
+  host.measured = {2.0, 0.1, 0.003, 0.001, 0.2};
+  const auto device = open(wire, true, host, 500.0);
+  ArmParams arm;
+  arm.viscous = 2.0;
+  arm.delay = 0.004;
+  CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 500.0)));
+  CHECK_THAT(device->info().source, Contains("as measured"));
+}
+
+TEST_CASE("a PID device that comes back is made ready as at first", "[hid][pid]") {
+  Wire wire;
+  HidHost host;
+  host.find = [&]() -> std::unique_ptr<ReportPort> {
+    const std::lock_guard lock(wire.mutex);
+    if (!wire.there) return nullptr;
+    wire.model = PidModel(PidShape{});
+    return std::make_unique<WirePort>(wire);
+  };
+  const auto device = open(wire, true, host);
+  send(*device, {2.0, 0.0, 0.0});
+  const std::uint32_t version = device->zeroForce().version;
+  {
+    const std::lock_guard lock(wire.mutex);
+    wire.there = false;
+  }
+  CHECK(device->read().fault == Fault::kGone);
+  {
+    const std::lock_guard lock(wire.mutex);
+    wire.there = true;
+  }
+  await([&] { return device->zeroForce().version != version; });
+  CHECK(wire.playing() == 2);
+  (void)device->read();
+  CHECK(device->read().fault == Fault::kNone);
+  send(*device, {1.0, 0.0, 0.0});
+  CHECK(wire.share(0) == Approx(0.125).margin(1e-3));
+  CHECK(wire.model.strange() == 0);
+}
+
+TEST_CASE("buttons of a PID device are told", "[hid][pid]") {
+  Wire wire;
+  const auto device = open(wire);
+  CHECK(device->info().handle.buttons.size() == 32);
+  (void)device->read();
+  wire.buttons = 0x80000005U;
+  wire.say(wire.model.state());  // another report says nothing of them
+  CHECK(device->read().handle.buttons == 0x80000005U);
+  wire.buttons = 0;
+  CHECK(device->read().handle.buttons == 0);
+}
+
+TEST_CASE("the haptic thread takes no memory for a PID device", "[hid][pid][realtime]") {
+  Wire wire;
+  const auto device = open(wire);
+  wire.fixed = wire.model.input(wire.raw);
+  const test::CountScope scope;
+  for (int i = 0; i < 100; ++i) {
+    (void)device->read();
+    device->write({0.01 * i, 0.0, 0.0});
+  }
+  CHECK(test::CountScope::counts().allocations == 0);
+}
+
+TEST_CASE("a descriptor that can do no constant force is refused, and told what is missing",
+          "[hid][pid]") {
+  const PidModel model(PidShape{});
+  CHECK(mapOf(model).buttons.size() == 32);
+  // The usage that says what a report is for is made another.
+  const auto without = [&](int usage, int instead) {
+    std::vector<std::byte> bytes = model.descriptor();
+    for (std::size_t i = 0; i + 1 < bytes.size(); ++i) {
+      const bool here = bytes[i] == std::byte{0x09} && std::to_integer<int>(bytes[i + 1]) == usage;
+      if (here) bytes[i + 1] = static_cast<std::byte>(instead);
+    }
+    const auto device = parseHidDescriptor(bytes);
+    REQUIRE(device);
+    try {
+      const PidMap map = readPidMap(*device, "arm");
+      (void)describedBy(map, stick(2));
+    } catch (const DeviceError& error) {
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  CHECK_THAT(without(0x73, 0x01), Contains("no report for the magnitude of a constant force"));
+  CHECK_THAT(without(0x70, 0x01), Contains("no report for the magnitude of a constant force"));
+  CHECK_THAT(without(0x22, 0x01), Contains("no report for the magnitude of a constant force"));
+  CHECK_THAT(without(0x77, 0x01), Contains("no report that starts and stops an effect"));
+  CHECK_THAT(without(0x7B, 0x01), Contains("no report that starts and stops an effect"));
+  CHECK_THAT(without(0x26, 0x01), Contains("nothing in its descriptor makes an effect"));
+  CHECK(without(0x31, 0x34) ==
+        "stick.json: /pid/axes/1: the device says nothing of its y: remove "
+        "this axis");
+  CHECK(without(0x99, 0x01) == "none");
+}
+
+TEST_CASE("any bytes are a PID device or none, and whatever it says is survived",
+          "[hid][pid][fuzz]") {
+  test::Random random(11);
+  std::vector<std::vector<std::byte>> seeds;
+  for (const bool rhino : {false, true}) {
+    for (const int axes : {1, 2, 3}) {
+      PidShape shape;
+      shape.rhino = rhino;
+      shape.axes = axes;
+      seeds.push_back(PidModel(shape).descriptor());
+    }
+  }
+  const auto any = [&](std::size_t count) {
+    return static_cast<std::size_t>(random.integer(static_cast<int>(count)));
+  };
+  long opened = 0;
+  const long cases = test::cases(20000);
+  for (long i = 0; i < cases; ++i) {
+    std::vector<std::byte> descriptor = seeds[any(seeds.size())];
+    for (std::size_t k = any(7); k > 0; --k) {
+      descriptor[any(descriptor.size())] = static_cast<std::byte>(any(256));
+    }
+    if (any(8) == 0) descriptor.resize(any(descriptor.size()));
+    if (any(16) == 0)
+      descriptor.insert(descriptor.end(), any(300), static_cast<std::byte>(any(256)));
+    // The pool, a block for each axis, then input.
+    std::vector<std::byte> says(any(400));
+    for (std::byte& b : says) b = static_cast<std::byte>(any(256));
+    if (any(4) != 0) {
+      const std::vector<int> good{4, 19, 0, 1, 16, 3, 18, 1, 1, 3, 18, 2, 1};
+      for (std::size_t k = 0; k < std::min(good.size(), says.size()); ++k) {
+        if (any(20) != 0) says[k] = static_cast<std::byte>(good[k]);
+      }
+    }
+    opened += static_cast<long>(test::fuzzPid(descriptor, says));
+  }
+  CHECK(20 * opened > cases - 100);
+}
