@@ -385,6 +385,17 @@ void checkFacts(const Node& root, const HidProfile& profile) {
   }
 }
 
+/// A rate of what is sent, where anything is.
+void checkRates(const Node& root, const HidProfile& profile, bool drives) {
+  if (drives != (profile.output_rate > 0.0)) {
+    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
+  }
+  if (drives && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
+    root.child("rate").child("output").fail(
+        fmt::format("{:g} reports a second", profile.output_rate), "give 1 to 100,000");
+  }
+}
+
 /// Reports that a device can tell apart, with fields that a reader of the file can.
 void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile) {
   const Node input = root.child("input");
@@ -412,13 +423,6 @@ void takeReports(const ProfileFile& file, const Node& root, HidProfile& profile)
     root.child("output").fail("a device numbers all its reports or none",
                               "give every report an \"id\", or none");
   }
-  if (profile.output.has_value() != (profile.output_rate > 0.0)) {
-    root.fail("an output and its rate belong together", "give both \"output\" and rate/output");
-  }
-  if (profile.output && (profile.output_rate < 1.0 || profile.output_rate > 1e5)) {
-    root.child("rate").child("output").fail(
-        fmt::format("{:g} reports a second", profile.output_rate), "give 1 to 100,000");
-  }
 }
 
 /// Joints and what they stand for.
@@ -443,6 +447,61 @@ void takeKinematics(const ProfileFile& file, const Node& root, const Fields& fie
     if (!profile.masses[i].link) continue;
     (void)root.child("gravity").child("masses").element(i).child("link").whole(0, last);
   }
+}
+
+/// Axes of a PID device, each once and in order; until its descriptor is known positions are shares
+/// of ways, forces shares of what is full.
+void takePid(const Node& root, HidProfile& profile) {
+  const Node axes = root.child("pid").child("axes");
+  std::vector<PidAxisSpec>& all = profile.pid;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const Node at = axes.element(i);
+    const bool twice =
+        std::any_of(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(i),
+                    [&](const PidAxisSpec& other) { return other.axis == all[i].axis; });
+    if (twice) at.child("axis").fail("the axis stands twice", "name each once");
+    if (2.0 * profile.limits.workspace_radius > std::abs(all[i].way) * (1.0 + 1e-9)) {
+      at.child("way").fail(fmt::format("the workspace is {:.4g} m wide, and the grip goes {:.4g} m",
+                                       2.0 * profile.limits.workspace_radius, std::abs(all[i].way)),
+                           "mend it, or make limits/workspace_radius smaller");
+    }
+    const double share = profile.limits.force / std::abs(all[i].force);
+    if (share > 1.0 || share < kLeastAsked) {
+      at.child("force").fail(
+          fmt::format("limits/force is {:.4g} N, and this gives {:.4g}", profile.limits.force,
+                      std::abs(all[i].force)),
+          "mend it, or make limits/force smaller: no axis gives more than it has");
+    }
+  }
+  std::sort(all.begin(), all.end(),
+            [](const PidAxisSpec& a, const PidAxisSpec& b) { return a.axis < b.axis; });
+  std::vector<int> directions;
+  profile.input.emplace_back();
+  profile.output.emplace();
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    ReportField share;
+    share.name = kAxisNames[static_cast<std::size_t>(all[i].axis)];
+    share.bit = static_cast<std::uint32_t>(32 * i);
+    share.bits = 32;
+    share.type = ReportField::Type::kFloat;
+    ReportField force = share;
+    share.scale = all[i].way;
+    force.scale = 1.0 / all[i].force;
+    force.least = -1.0;
+    force.most = 1.0;
+    force.bounded = true;
+    profile.input[0].fields.push_back(share);
+    profile.output->fields.push_back(force);
+    HidJoint joint;
+    joint.from = {0, i};
+    joint.to = i;
+    profile.joints.push_back(joint);
+    directions.push_back(all[i].axis);
+  }
+  profile.input[0].size = profile.output->size = 4 * all.size();
+  profile.kinematics = makeSlides(directions);
+  // Reports a second are shared by as many axes.
+  profile.output_rate /= static_cast<double>(all.size());
 }
 
 /// What one part says of the arm against what another does.
@@ -505,7 +564,7 @@ void checkTogether(const Node& root, const HidProfile& profile) {
               "remove \"output\" or \"rate_control\"");
   }
   if (profile.output) {
-    checkOutput(root.child("output").child("fields"), profile);
+    if (profile.pid.empty()) checkOutput(root.child("output").child("fields"), profile);
     checkFacts(root, profile);
   }
 }
@@ -530,14 +589,21 @@ void checkSources(const Node& root, const HidProfile& profile) {
 
 HidProfile checkedProfile(ProfileFile file, const JsonNode& root) {
   HidProfile profile = std::move(file.profile);
-  takeReports(file, root, profile);
+  checkRates(root, profile, file.output || !profile.pid.empty());
+  if (profile.pid.empty()) {
+    takeReports(file, root, profile);
+  } else {
+    takePid(root, profile);
+  }
   const Fields fields(profile);
   for (std::size_t i = 0; i < file.flags.size(); ++i) {
     const Node at = root.child("flags").element(i);
     profile.flags.push_back(flagOf(file.flags[i], at, fields, profile));
   }
-  takeKinematics(file, root, fields, profile);
-  checkSequences(root.child("input"), profile);
+  if (profile.pid.empty()) {
+    takeKinematics(file, root, fields, profile);
+    checkSequences(root.child("input"), profile);
+  }
   const auto& q = file.rotation_wxyz;
   profile.world_from_device =
       Eigen::Quaterniond(q[0], q[1], q[2], q[3]).normalized().toRotationMatrix();

@@ -8,6 +8,8 @@
 #include <fmt/format.h>
 
 #include "palpate/devices/hid_descriptor.h"
+#include "palpate/devices/pid_descriptor.h"
+#include "palpate/devices/pid_device.h"
 #include "palpate/devices/tested_arms.h"
 
 namespace palpate {
@@ -19,6 +21,17 @@ bool matches(const HidMatch& match, const HidDeviceName& device) {
   return match.vendor == device.vendor && match.product == device.product &&
          (!match.usage_page || *match.usage_page == device.usage_page) &&
          (!match.usage || *match.usage == device.usage);
+}
+
+/// A profile with the fields of a device that describes its reports itself, where it does.
+HidProfile asDescribed(const HidProfile& profile, const HidDeviceName& device) {
+  const auto described = parseHidDescriptor(device.descriptor);
+  if (profile.pid.empty() || !described) return profile;
+  try {
+    return describedBy(readPidMap(*described, profile.source), profile);
+  } catch (const DeviceError&) {
+    return profile;  // FoundArm::against says what is wrong with it
+  }
 }
 
 /// The profile of a name; throws where there is none.
@@ -62,6 +75,14 @@ std::string FoundArm::identity() const {
 
 std::optional<DeviceError> FoundArm::against(const HidProfile& profile) const {
   const auto described = parseHidDescriptor(device.descriptor);
+  if (!profile.pid.empty()) {
+    try {
+      if (described) (void)describedBy(readPidMap(*described, profile.source), profile);
+    } catch (const DeviceError& error) {
+      return error;
+    }
+    return std::nullopt;
+  }
   const auto complaint = described ? complaintAbout(profile, *described) : std::nullopt;
   if (!complaint) return std::nullopt;
   return DeviceError(profile.source + ": " + complaint->path, complaint->what, complaint->remedy);
@@ -111,7 +132,7 @@ std::vector<FoundArm> findArms(const std::vector<HidProfile>& profiles) {
                                      [&](const HidProfile& p) { return p.name == profile.name; });
       if (!known && std::any_of(profile.match.begin(), profile.match.end(),
                                 [&](const HidMatch& m) { return matches(m, device); })) {
-        arm.profiles.push_back(profile);
+        arm.profiles.push_back(asDescribed(profile, device));
       }
     }
     if (same != arms.end() || arm.profiles.empty()) continue;
@@ -204,7 +225,8 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
     for (const FoundArm& arm : findArms({profile})) {
       const bool same = arm.device.vendor == device.vendor &&
                         arm.device.product == device.product && arm.identity() == own;
-      if (same && !isOpenHere(arm.device.path) && !arm.against(profile)) {
+      const bool another = !profile.pid.empty() && arm.device.descriptor != device.descriptor;
+      if (same && !another && !isOpenHere(arm.device.path) && !arm.against(profile)) {
         return openHid(arm.device.path);
       }
     }
@@ -212,8 +234,16 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
   };
   const bool good = isTested(identity);
   host.measured = measuredArm(identity);
-  OpenedArm arm{std::make_unique<HidDevice>(profile, openHid(device.path, host.say), good, host),
-                identity};
+  if (!profile.pid.empty()) refuseEffects(device.path, effectNodes(device.path));
+  auto port = openHid(device.path, host.say);
+  OpenedArm arm;
+  arm.identity = identity;
+  if (profile.pid.empty()) {
+    arm.device = std::make_unique<HidDevice>(profile, std::move(port), good, host);
+  } else {
+    arm.device =
+        std::make_unique<PidDevice>(profile, device.descriptor, std::move(port), good, host);
+  }
   if (asked.say && !good && profile.output) {
     asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
                           arm.device->info().name, kUntestedForce, kUntestedStiffness,

@@ -371,6 +371,32 @@ JsonObject<HidLimits> limitsRows() {
       .needs("heating", "continuous", kHeat, kBoth);
 }
 
+/// An axis of a PID device.
+JsonType<PidAxisSpec> pidAxisType() {
+  const auto not_zero = [](double value) { return value != 0.0; };
+  const JsonSchema no_zero = {{"not", {{"const", 0}}}};
+  return JsonObject<PidAxisSpec>()
+      .need("axis",
+            jsonWord<int>({{"x", 0}, {"y", 1}, {"z", 2}})
+                .says("Its usage in the device's own descriptor, and the arm's axis."),
+            &PidAxisSpec::axis)
+      .need("way",
+            jsonUpTo(kMostLength, "metres")
+                .where(not_zero, "it is 0", "measure how far the grip goes")
+                .also(no_zero)
+                .says("How far the grip goes from the least position to the most [m]; negative "
+                      "where it goes the other way."),
+            &PidAxisSpec::way)
+      .need("force",
+            jsonUpTo(kMostForce, "newtons")
+                .where(not_zero, "it is 0", "measure its force at the grip")
+                .also(no_zero)
+                .says("At the grip at full magnitude and gain [N]; negative where it pushes the "
+                      "other way."),
+            &PidAxisSpec::force)
+      .type();
+}
+
 struct Table {
   JsonSchema definitions;
   Rows profile;
@@ -385,6 +411,40 @@ const Table& table() {
       return jsonList(step, 0, kMostSteps, "it is not a list of at most 64 steps",
                       "write [{\"pause\": 0.1}]");
     };
+    const auto limits = [](ProfileFile& file, const HidLimits& of) { file.profile.limits = of; };
+    const Rows raw =
+        Rows()
+            .need("input",
+                  jsonList(inputType(field).defined("input", t.definitions), 1, kMostReports,
+                           "it is not a list of 1 to 16 reports",
+                           "write [{\"size\": ..., \"fields\": ...}]"),
+                  &ProfileFile::input)
+            .may("output", reportRows(field).type().defined("output", t.definitions),
+                 &ProfileFile::output)
+            .may(
+                "flags",
+                jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
+                &ProfileFile::flags)
+            .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
+                      "From joints to the tip.")
+            .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")
+            .may("open", steps(), &ProfileFile::open)
+            .may("home", steps(), &ProfileFile::home)
+            .may("close", steps(), &ProfileFile::close)
+            .may("limits", limitsRows().type(), limits)
+            .needs("output", "limits", "an arm with an output has limits", "add \"limits\"");
+    const Rows pid_rows =
+        Rows().need("axes",
+                    jsonList(pidAxisType(), 1, 3, "it is not a list of 1 to 3 axes",
+                             "write [{\"axis\": \"x\", \"way\": 0.1, \"force\": 5}]"),
+                    [](ProfileFile& file, std::vector<PidAxisSpec> axes) {
+                      file.profile.pid = std::move(axes);
+                    });
+    const Rows pid =
+        Rows()
+            .mustHold("pid", pid_rows,
+                      "A device of USB's PID class, which describes its reports itself.")
+            .need("limits", limitsRows().type(), limits);
     t.profile.remark("$schema")
         .version("palpate_arm", 1, "Version of this format.")
         .need("name",
@@ -410,30 +470,12 @@ const Table& table() {
                       .may("output", jsonPositive(),
                            [](ProfileFile& file, double rate) { file.profile.output_rate = rate; }),
                   "Reports a second, as the maker says.")
-        .need("input",
-              jsonList(inputType(field).defined("input", t.definitions), 1, kMostReports,
-                       "it is not a list of 1 to 16 reports",
-                       "write [{\"size\": ..., \"fields\": ...}]"),
-              &ProfileFile::input)
-        .may("output", reportRows(field).type().defined("output", t.definitions),
-             &ProfileFile::output)
-        .may("flags",
-             jsonList(flagType(), 0, kMostFlags, "it is not a list", "write [{\"field\": ...}]"),
-             &ProfileFile::flags)
-        .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
-                  "From joints to the tip.")
-        .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")
         .mayHold("mount", mountRows(), "How the arm's frame lies in the hand's world.")
-        .may("open", steps(), &ProfileFile::open)
-        .may("home", steps(), &ProfileFile::home)
-        .may("close", steps(), &ProfileFile::close)
-        .may("limits", limitsRows().type(),
-             [](ProfileFile& file, const HidLimits& limits) { file.profile.limits = limits; })
         .may("sources", jsonMap(jsonText(), 0, "it is not an object", "write {\"/limits\": ...}"),
              [](ProfileFile& file, std::map<std::string, std::string> sources) {
                file.profile.sources = std::move(sources);
              })
-        .needs("output", "limits", "an arm with an output has limits", "add \"limits\"");
+        .chooseByKey({raw, pid});
     return t;
   }();
   return made;
@@ -447,7 +489,7 @@ const JsonObject<ProfileFile>& profileTable() {
 
 JsonSchema profileTableSchema() {
   return jsonFileSchema("palpate arm, version 1",
-                        "A force-feedback arm that speaks raw HID: how it is found, its reports, "
+                        "A force-feedback arm that speaks HID: how it is found, its reports, "
                         "geometry and limits. docs/profiles.md.",
                         table().profile.schema(), table().definitions);
 }

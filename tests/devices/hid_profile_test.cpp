@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <fcntl.h>
+#include <filesystem>
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -23,6 +24,7 @@
 #include "palpate/devices/tested_arms.h"
 #include "palpate/engine/error.h"
 #include "tests/support/json_schema.h"
+#include "tests/support/pid_model.h"
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_files.h"
 
@@ -798,4 +800,129 @@ TEST_CASE("damaged profiles are refused or read, never worse", "[profile]") {
     }
   }
   SUCCEED();
+}
+
+TEST_CASE("a PID device's profile gives its ways in metres and its forces in newtons",
+          "[profile][pid]") {
+  const Json good = Json::parse(R"({
+    "palpate_arm": 1, "name": "stick", "firmware": "f",
+    "match": [{"vendor": "1209", "product": "FFB0"}],
+    "rate": {"input": 1000, "output": 500},
+    "pid": {"axes": [{"axis": "y", "way": -0.2, "force": 8},
+                     {"axis": "x", "way": 0.3, "force": -10}]},
+    "mount": {"rotation_wxyz": [0.7071067811865476, 0, 0, 0.7071067811865476]},
+    "limits": {"force": 5, "stiffness": 800, "damping": 4, "workspace_radius": 0.1},
+    "sources": {"/pid": "a ruler and a spring scale"}})");
+  REQUIRE(trouble(good) == "none");
+  REQUIRE(schemaAccepts(good));
+  const HidProfile arm = parseHidProfile(good.dump(), "arm.json");
+  REQUIRE(arm.pid.size() == 2);
+  CHECK(arm.pid[0].axis == 0);  // in order
+  CHECK(arm.pid[0].way == 0.3);
+  CHECK(arm.pid[1].force == 8.0);
+  CHECK(arm.output_rate == 250.0);  // forces a second: each is a report an axis
+  const ProfileFacts facts = factsOf(arm);
+  CHECK(facts.off < 1e-6);
+  CHECK(facts.moves.isApprox(Mat3(Vec3(1, 1, 0).asDiagonal())));
+  REQUIRE(facts.motors.size() == 2);
+  CHECK(facts.motors[0].asked == Approx(5.0));  // of all that it gives [N]
+  CHECK(facts.motors[0].room == Approx(10.0));
+
+  struct Bad {
+    const char* pointer;
+    Json value;
+    const char* says;
+    bool schema;
+  };
+  for (const Bad& bad : std::vector<Bad>{
+           {"/pid/axes", Json::array(), "/pid/axes: it is not a list of 1 to 3 axes", true},
+           {"/pid/axes/0/axis", "rx", "/pid/axes/0/axis: \"rx\" is not known", true},
+           {"/pid/axes/0/axis", "x", "/pid/axes/1/axis: the axis stands twice", false},
+           {"/pid/axes/0/way", 0, "/pid/axes/0/way: it is 0", true},
+           {"/pid/axes/0/way", 200, "200 is more than 2 metres", true},
+           {"/pid/axes/0/way", 0.19, "the workspace is 0.2 m wide, and the grip goes 0.19", false},
+           {"/pid/axes/0/force", 0, "/pid/axes/0/force: it is 0", true},
+           {"/pid/axes/0/force", 4, "limits/force is 5 N, and this gives 4", false},
+           {"/pid/axes/0/force", 900, "900 is more than 100 newtons", true},
+           {"/limits/force", 0.001, "limits/force is 0.001 N, and this gives 8", false},
+           {"/input", Json::array(), "none or several of its kinds: give one of input, pid", true},
+           {"/output", Json::object(), "/output: \"pid\" has no such key", true},
+           {"/kinematics", Json::object(), "/kinematics: \"pid\" has no such key", true},
+           {"/rate/output", 0.5, "0.5 reports a second", false},
+           {"/firmware", "", "add \"firmware\"", false},
+       }) {
+    Json json = good;
+    json[Json::json_pointer(bad.pointer)] = bad.value;
+    CAPTURE(bad.pointer, bad.value.dump());
+    CHECK_THAT(trouble(json), Contains("arm.json") && Contains(bad.says));
+    if (bad.schema) CHECK_FALSE(schemaAccepts(json));
+  }
+  // No force without limits, nor without a rate.
+  for (const char* needed : {"limits", "pid"}) {
+    Json json = good;
+    json.erase(needed);
+    CAPTURE(needed);
+    CHECK(trouble(json) != "none");
+    CHECK_FALSE(schemaAccepts(json));
+  }
+  Json slow = good;
+  slow["rate"].erase("output");
+  CHECK_THAT(trouble(slow), Contains("an output and its rate belong together"));
+}
+
+TEST_CASE("a PID device is held against its profile", "[profile][pid]") {
+  const HidProfile arm = parseHidProfile(R"({
+    "palpate_arm": 1, "name": "stick", "firmware": "f",
+    "match": [{"vendor": "1209", "product": "FFB0"}], "rate": {"input": 1000, "output": 500},
+    "pid": {"axes": [{"axis": "x", "way": 0.2, "force": 8}, {"axis": "z", "way": 0.2, "force": 8}]},
+    "limits": {"force": 5, "stiffness": 800, "damping": 4, "workspace_radius": 0.1}})",
+                                         "arm.json");
+  test::PidShape shape;
+  shape.axes = 3;
+  FoundArm found;
+  found.device.descriptor = test::PidModel(shape).descriptor();
+  CHECK_FALSE(found.against(arm));
+  shape.axes = 2;
+  found.device.descriptor = test::PidModel(shape).descriptor();
+  REQUIRE(found.against(arm));
+  CHECK(std::string(found.against(arm)->what()) ==
+        "arm.json: /pid/axes/1: the device says nothing of its z: remove this axis");
+}
+
+TEST_CASE("whoever plays effects on a device has it", "[profile][pid]") {
+  namespace fs = std::filesystem;
+  const test::TemporaryFolder folder;
+  const fs::path input = folder / "hidraw3" / "device" / "input" / "input7";
+  fs::create_directories(input / "capabilities");
+  fs::create_directories(input / "event5");
+  fs::create_directories(input / "js0");
+  CHECK(effectNodes("/dev/hidraw3", folder / "").empty());
+  std::ofstream(input / "capabilities" / "ff") << "0 0\n";
+  CHECK(effectNodes("/dev/hidraw3", folder / "").empty());
+  std::ofstream(input / "capabilities" / "ff") << "300040000 0\n";
+  CHECK(effectNodes("/dev/hidraw3", folder / "") == std::vector<std::string>{"/dev/input/event5"});
+  CHECK(effectNodes("/dev/hidraw4", folder / "").empty());
+
+  const std::string node = (folder / "event5").string();
+  std::ofstream(node) << "x";
+  CHECK_NOTHROW(refuseEffects("/dev/hidraw3", {node}));
+  std::array<int, 2> ready{};
+  REQUIRE(pipe2(ready.data(), O_CLOEXEC) == 0);
+  const pid_t other = fork();
+  if (other == 0) {
+    (void)open(node.c_str(), O_RDWR);
+    (void)!write(ready[1], "x", 1);
+    pause();
+    _exit(0);
+  }
+  char word = 0;
+  REQUIRE(read(ready[0], &word, 1) == 1);
+  CHECK_THROWS_WITH(refuseEffects("/dev/hidraw3", {node}),
+                    Contains("/dev/hidraw3: ") &&
+                        Contains("(" + std::to_string(other) + ") has its effects, by " + node));
+  kill(other, SIGKILL);
+  waitpid(other, nullptr, 0);
+  close(ready[0]);
+  close(ready[1]);
+  CHECK_NOTHROW(refuseEffects("/dev/hidraw3", {node}));
 }
