@@ -1,4 +1,5 @@
-/// An arm with dynamics of its own, in a virtual machine: virtual_arm uhid|usb LOG.
+/// An arm with dynamics of its own, in a virtual machine: virtual_arm uhid|usb LOG; devices of
+/// USB's PID class, behind uhid: virtual_arm pid LOG.
 ///
 /// uhid: the kernel's HID core and hidraw are real. usb: through vhci_hcd and USB/IP, in one
 /// process, usbcore and usbhid are real as well: full speed, a transaction a millisecond.
@@ -6,6 +7,7 @@
 #include <arpa/inet.h>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -17,6 +19,7 @@
 #include <memory>
 #include <poll.h>
 #include <sched.h>
+#include <span>
 #include <string>
 #include <sys/socket.h>
 #include <sys/timerfd.h>
@@ -262,6 +265,92 @@ class Usb final : public Wire {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> out_;  ///< Those that wait for a frame.
 };
 
+/// A device of USB's PID class that says that it stands where its motors push.
+class PidArm {
+ public:
+  explicit PidArm(std::size_t kind)
+      : model_(pidShape(kind)),
+        axes_(pidShape(kind).axes),
+        uhid_(open("/dev/uhid", O_RDWR | O_CLOEXEC)) {
+    if (uhid_ < 0) fail("/dev/uhid");
+    const auto& descriptor = model_.descriptor();
+    uhid_event event{};
+    event.type = UHID_CREATE2;
+    auto& create = event.u.create2;
+    std::strcpy(reinterpret_cast<char*>(create.name), "Virtual PID arm");
+    create.bus = BUS_USB;
+    create.vendor = kVendor;
+    create.product = kPidProducts[kind];
+    create.rd_size = static_cast<std::uint16_t>(descriptor.size());
+    std::memcpy(create.rd_data, descriptor.data(), descriptor.size());
+    if (write(uhid_, &event, sizeof(event)) < 0) fail("create");
+  }
+  void frame() {
+    const double now = 1e-9 * static_cast<double>(nowNs());
+    std::vector<int> stands;
+    for (int a = 0; a < axes_; ++a) {
+      stands.push_back(static_cast<int>(std::lround(model_.share(a, now) * model_.full())));
+    }
+    const auto report = model_.input(stands);
+    uhid_event event{};
+    event.type = UHID_INPUT2;
+    event.u.input2.size = static_cast<std::uint16_t>(report.size());
+    std::memcpy(event.u.input2.data, report.data(), report.size());
+    if (write(uhid_, &event, offsetof(uhid_event, u.input2.data) + report.size()) < 0) {
+      fail("input");
+    }
+  }
+  void take() {
+    uhid_event event{};
+    if (read(uhid_, &event, sizeof(event)) <= 0) return;
+    const double now = 1e-9 * static_cast<double>(nowNs());
+    uhid_event answer{};
+    if (event.type == UHID_OUTPUT) {
+      model_.output(std::as_bytes(std::span(event.u.output.data, event.u.output.size)), now);
+      return;
+    }
+    if (event.type == UHID_SET_REPORT) {
+      model_.output(std::as_bytes(std::span(event.u.set_report.data, event.u.set_report.size)),
+                    now);
+      answer.type = UHID_SET_REPORT_REPLY;
+      answer.u.set_report_reply.id = event.u.set_report.id;
+    } else if (event.type == UHID_GET_REPORT) {
+      const auto report = model_.feature(event.u.get_report.rnum);
+      answer.type = UHID_GET_REPORT_REPLY;
+      auto& reply = answer.u.get_report_reply;
+      reply.id = event.u.get_report.id;
+      reply.err = report.empty() ? EIO : 0;
+      reply.size = static_cast<std::uint16_t>(report.size());
+      std::memcpy(reply.data, report.data(), report.size());
+    } else {
+      return;
+    }
+    if (write(uhid_, &answer, sizeof(answer)) < 0) std::perror("answer");
+  }
+  [[nodiscard]] int descriptor() const { return uhid_; }
+
+ private:
+  test::PidModel model_;
+  int axes_;
+  int uhid_;
+};
+
+/// Both kinds, until they are killed.
+[[noreturn]] void runPidArms(int timer) {
+  std::array<PidArm, 2> arms{PidArm(0), PidArm(1)};
+  for (;;) {
+    std::array<pollfd, 3> waits{
+        {{timer, POLLIN, 0}, {arms[0].descriptor(), POLLIN, 0}, {arms[1].descriptor(), POLLIN, 0}}};
+    if (poll(waits.data(), waits.size(), -1) < 0) continue;
+    for (std::size_t kind = 0; kind < arms.size(); ++kind) {
+      if (waits[kind + 1].revents != 0) arms[kind].take();
+    }
+    std::uint64_t passed = 0;
+    if (waits[0].revents == 0 || read(timer, &passed, sizeof(passed)) != sizeof(passed)) continue;
+    for (PidArm& arm : arms) arm.frame();
+  }
+}
+
 class Arm {
  public:
   explicit Arm(const char* log) : log_(log) { hold(); }
@@ -361,8 +450,11 @@ class Arm {
 
 int main(int argc, char** argv) {
   if (argc != 3) return 2;
+  const bool pid = std::strcmp(argv[1], "pid") == 0;
   std::unique_ptr<Wire> wire;
-  if (std::strcmp(argv[1], "usb") == 0) {
+  if (pid) {
+    // both have their own
+  } else if (std::strcmp(argv[1], "usb") == 0) {
     wire = std::make_unique<Usb>();
   } else {
     wire = std::make_unique<Uhid>();
@@ -374,6 +466,7 @@ int main(int argc, char** argv) {
   const itimerspec period{{0, 1000000}, {0, 1000000}};
   timerfd_settime(timer, 0, &period, nullptr);
 
+  if (pid) runPidArms(timer);
   Arm arm(argv[2]);
   wire->plug();
   bool plugged = true;

@@ -6,11 +6,13 @@
 #include <cstdint>
 
 #include "palpate/devices/simulated_device.h"
+#include "tests/support/pid_model.h"
 
 namespace palpate::vm {
 
 inline constexpr std::uint16_t kVendor = 0x1209;  // pid.codes
 inline constexpr std::uint16_t kProduct = 0x0001;
+inline constexpr std::array<std::uint16_t, 2> kPidProducts{0x0002, 0x0003};  ///< One a kind.
 inline constexpr const char* kSerial = "ARM0001";
 inline constexpr double kStep = 1e-5;     // [m], of an encoder
 inline constexpr double kForce = 1e-6;    // [N], of a count that is sent
@@ -52,6 +54,14 @@ struct Out {
 #pragma pack(pop)
 static_assert(sizeof(In) == kInBytes + 1);
 static_assert(sizeof(Out) == kOutBytes + 1);
+
+/// The devices of USB's PID class: each says that it stands where its motors push.
+inline test::PidShape pidShape(std::size_t kind) {
+  test::PidShape shape;
+  shape.rhino = kind == 1;
+  shape.axes = kind == 1 ? 3 : 2;
+  return shape;
+}
 
 inline ArmParams armParams() {
   ArmParams arm;

@@ -1,7 +1,7 @@
-/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|ruler|chain VOLUME PROFILE.
-/// Runs in a virtual machine whose time counts instructions, so that limits may be tight. Ends with
-/// 1 where something did not hold, with 3 where the machine stood still and it has to be asked
-/// again.
+/// What must hold of an arm on a real kernel's HID: vm_check uhid|usb|pid|ruler|chain VOLUME
+/// PROFILE. Runs in a virtual machine whose time counts instructions, so that limits may be tight.
+/// Ends with 1 where something did not hold, with 3 where the machine stood still and it has to be
+/// asked again.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -21,6 +21,7 @@
 
 #include "palpate/devices/guardian.h"
 #include "palpate/devices/open_arm.h"
+#include "palpate/devices/pid_device.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_thread.h"
@@ -365,13 +366,13 @@ struct Felt {
   const BuiltScene built = buildScene(spec);
 
   std::vector<std::string> said;
-  auto arm = openArm("hid:" + profile_file,
-                     {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr})
-                 .device;
+  ArmHost host;
+  host.say = [&](const std::string& words) { said.push_back(words); };
+  auto arm = openArm("hid:" + profile_file, host).device;
   check(arm->info().limits.peak == 5.0, "the arm that has passed its test has its own limits");
   std::int64_t late = 0;
   {
-    Aside aside(arm->profile(), pathOfArm());
+    Aside aside(dynamic_cast<HidDevice&>(*arm).profile(), pathOfArm());
     // The arm's clock and the loop's stand to each other as they may. A force that comes about
     // when the arm steps is felt in that step or the next; virtual time knows it as before.
     std::unique_ptr<HapticThread> thread;
@@ -472,9 +473,94 @@ struct Felt {
   return true;
 }
 
+/// Raw, where a PID arm says that it stands.
+std::array<int, 3> standsAt(const Vec3& position, const std::vector<double>& steps) {
+  std::array<int, 3> raw{};
+  for (std::size_t a = 0; a < steps.size(); ++a) {
+    raw[a] = static_cast<int>(std::lround(position[static_cast<Eigen::Index>(a)] / steps[a]));
+  }
+  return raw;
+}
+
+/// A device of USB's PID class that stands where it is pushed: what was told it is what it says.
+void checkPid(std::size_t kind) {
+  const int axes = pidShape(kind).axes;
+  std::string spec;
+  for (int a = 0; a < axes; ++a) {
+    spec += std::string(a == 0 ? "" : ",") + "{\"axis\": \"" +
+            kAxisNames[static_cast<std::size_t>(a)] + "\", \"way\": 0.2, \"force\": 10}";
+  }
+  const HidProfile profile = parseHidProfile(
+      R"({"palpate_arm": 1, "name": "pid", "firmware": "f", "match": [{"vendor": "1209", "product": "000)" +
+          std::to_string(kPidProducts[kind]) + R"("}], "rate": {"input": 1000, "output": 9000},
+      "pid": {"axes": [)" +
+          spec + R"(]}, "limits": {"force": 10, "slew": 2000, "stiffness": 1000,
+      "damping": 5, "workspace_radius": 0.1}})",
+      "pid.json");
+  const auto arms = findArms({profile});
+  const std::string name = kind == 1 ? "as VPforce" : "as OpenFFBoard";
+  check(arms.size() == 1 && !arms[0].against(profile) && effectNodes(arms[0].device.path).empty(),
+        name + ": it is found, and its descriptor has all that is needed");
+  if (arms.size() != 1) return;
+  PidDevice arm(profile, arms[0].device.descriptor, openHid(arms[0].device.path), true);
+  const auto steps = arm.steps();
+  constexpr int kCycles = 2000;
+  constexpr std::size_t kKept = 8;
+  std::array<std::array<int, 3>, kKept> told{};
+  int mismatches = 0;
+  int different = 0;
+  std::size_t latest = 0;
+  const std::int64_t begin = nowNs();
+  for (int i = 0; i < kCycles; ++i) {
+    sleepUntil(begin + i * std::int64_t{1000000});
+    const HandState hand = arm.read();
+    if (hand.fault != Fault::kNone) {
+      check(false, name + ": no fault: " + wordFor(hand.fault));
+      return;
+    }
+    const auto stands = standsAt(hand.position, steps);
+    for (std::size_t a = 0; a < static_cast<std::size_t>(axes); ++a) {
+      std::size_t age = 0;
+      while (age < kKept && told[age][a] != stands[a]) ++age;
+      if (age == kKept && i > 10) ++mismatches;
+      if (age < kKept) latest = std::max(latest, age);
+      different += stands[a] != 0 ? 1 : 0;
+    }
+    const double t = 1e-3 * i;
+    const Vec3 force(6.0 * std::sin(10.0 * t), 4.0 * std::cos(20.0 * t), 5.0 * std::sin(7.0 * t));
+    arm.write(force);
+    std::rotate(told.begin(), told.end() - 1, told.end());
+    told[0] = {};
+    for (int a = 0; a < axes; ++a) {
+      told[0][static_cast<std::size_t>(a)] =
+          static_cast<int>(std::trunc(force[a] / 10.0 * (kind == 1 ? 4096 : 32767)));
+    }
+  }
+  check(mismatches == 0 && different > axes * kCycles / 2,
+        name + ": " + text(kCycles) + " forces along " + text(axes) + " axes, " + text(mismatches) +
+            " mismatches, the oldest told " + text(static_cast<double>(latest)) +
+            " cycles before; " + text(static_cast<double>(arm.traffic().writes)) +
+            " forces sent, the longest in " +
+            text(1e-3 * static_cast<double>(arm.traffic().longest_ns)) + " us; at most " +
+            text(arm.info().output_rate) + " a second");
+  const ZeroForce zero = arm.zeroForce();
+  const bool wrote = ::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) ==
+                     static_cast<ssize_t>(zero.bytes.size());
+  usleep(4000);
+  (void)arm.read();
+  check(wrote && standsAt(arm.read().position, steps) == std::array<int, 3>{},
+        name + ": its guardian's one report takes the force off");
+}
+
 /// False where it has to be asked again.
 bool run(const std::string& what, const std::string& volume, const std::string& profile_file) {
   if (what == "chain") return checkChain(volume, profile_file);
+  if (what == "pid") {
+    const StayAwake awake(false);
+    (void)becomeRealtime({}, awake);
+    for (std::size_t kind = 0; kind < kPidProducts.size(); ++kind) checkPid(kind);
+    return true;
+  }
   if (what == "ruler") {
     const HidProfile arm = readHidProfile(profile_file);
     Aside(arm, pathOfArm()).command(kRuler);
@@ -484,10 +570,10 @@ bool run(const std::string& what, const std::string& volume, const std::string& 
   const HidProfile profile = readHidProfile(profile_file);
   checkNames(profile, profile_file);
   std::vector<std::string> said;
-  const auto arm =
-      openArm("hid:" + profile_file,
-              {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr})
-          .device;
+  ArmHost host;
+  host.say = [&](const std::string& words) { said.push_back(words); };
+  const auto opened = openArm("hid:" + profile_file, host).device;
+  auto* const arm = dynamic_cast<HidDevice*>(opened.get());
   check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "another hand's"),
         "an arm that a hand has is no other hand's");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&
