@@ -244,6 +244,10 @@ OpenedArm openArm(const std::string& name, const ArmHost& asked) {
     arm.device =
         std::make_unique<PidDevice>(profile, device.descriptor, std::move(port), good, host);
   }
+  // What it may be asked for follows from what its reports take.
+  if (asked.say && !profile.pid.empty()) {
+    asked.say(fmt::format("{}: {}", arm.device->info().name, arm.device->info().source));
+  }
   if (asked.say && !good && profile.output) {
     asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}",
                           arm.device->info().name, kUntestedForce, kUntestedStiffness,

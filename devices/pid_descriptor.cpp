@@ -68,6 +68,7 @@ void addTo(PidReport& to, const DescribedFields& of) {
   for (std::uint32_t i = 0; i < std::min(of.count, kMostSideBySide); ++i) {
     const std::optional<ReportField> field = fieldAt(of, i);
     if (!field) return;
+    // Where usages end the last means the rest as well: the first of a kind is the one.
     PidField found{of.usage(i), innermost(of), *field, 1.0, of.unit != 0};
     const double range = static_cast<double>(of.most) - static_cast<double>(of.least);
     if (range > 0.0 && of.physical_most > of.physical_least) {
@@ -79,8 +80,6 @@ void addTo(PidReport& to, const DescribedFields& of) {
       found.at.least = 0.0;
       found.at.most = 1.0;
     }
-    // Where usages end the last would mean the rest as well.
-    if (to.find(found.usage) != nullptr) continue;
     if (of.bits == 1) to.choices.push_back({found.usage, {found.at, 1.0}});
     to.fields.push_back(found);
   }

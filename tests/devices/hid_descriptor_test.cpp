@@ -105,6 +105,71 @@ TEST_CASE("what is no descriptor says nothing", "[hid]") {
   CHECK(text(bytes({0x75, 8, 0x96, 0, 0x40, 0x81, 2})) == " in0:16384");
 }
 
+TEST_CASE("a descriptor's fields are known by place, ends, usages and collections", "[hid]") {
+  const auto read = [](const std::vector<int>& values) {
+    const auto descriptor = parseHidDescriptor(bytes(values));
+    REQUIRE(descriptor);
+    REQUIRE_FALSE(descriptor->fields.empty());
+    return descriptor->fields;
+  };
+  // Two of 8 bits, then one of 16 whose upper end comes before the lower; the page after a usage.
+  const auto fields =
+      read({0x05, 0x01, 0x09, 0x04, 0xA1, 0x01, 0x09, 0x30, 0x05, 0x0F, 0x0B, 0x31, 0,
+            1,    0,    0x15, 0,    0x25, 0xFF, 0x75, 8,    0x95, 2,    0x81, 2,    0x09,
+            0x70, 0x26, 0xFF, 0x7F, 0x16, 0x01, 0x80, 0x55, 0x0D, 0x66, 3,    0x10, 0x75,
+            16,   0x95, 1,    0x91, 6,    0x75, 8,    0xB1, 0,    0xC0, 0x81, 1});
+  REQUIRE(fields.size() == 4);
+  CHECK(fields[0].usage(0) == 0x0F0030);
+  CHECK(fields[0].usage(1) == 0x010031);
+  CHECK(fields[0].usage(2) == 0x010031);  // where they end the last goes on
+  CHECK(fields[0].most == 255);
+  CHECK(fields[0].inside == std::vector<std::uint32_t>{0x010004});
+  CHECK_FALSE(fields[0].array);
+  CHECK(fields[1].way == Way::kOutput);
+  CHECK(fields[1].bit == 0);
+  CHECK(fields[1].least == -32767);
+  CHECK(fields[1].most == 32767);
+  CHECK(fields[1].exponent == -3);
+  CHECK(fields[1].unit == 0x1003);
+  CHECK(fields[1].relative);
+  CHECK(fields[1].physical_most == 32767.0);
+  CHECK(fields[2].array);
+  CHECK(fields[2].usages.empty());  // they were the one before's
+  CHECK(fields[3].constant);
+  CHECK(fields[3].bit == 16);
+  CHECK(fields[3].inside.empty());
+  // A range, and where something is in it.
+  const auto range = read({0x05, 9, 0x19, 1, 0x29, 12, 0x75, 1, 0x95, 12, 0x81, 2})[0];
+  CHECK(range.usage(11) == 0x09000C);
+  CHECK(range.placeOf(0x090003) == 2U);
+  CHECK_FALSE(range.placeOf(0x09000D));
+
+  const auto nested = [&](int deep) {
+    std::vector<int> all;
+    for (int i = 0; i < deep; ++i) all.insert(all.end(), {0xA1, 1});
+    all.insert(all.end(), {0x75, 8, 0x95, 1, 0x81, 2});
+    return text(bytes(all));
+  };
+  CHECK(nested(32) == " in0:1");
+  CHECK(nested(33) == "none");
+  const auto used = [&](int count) {
+    std::vector<int> all;
+    for (int i = 0; i < count; ++i) all.insert(all.end(), {0x09, 1});
+    all.insert(all.end(), {0x75, 8, 0x95, 1, 0x81, 2});
+    return text(bytes(all));
+  };
+  CHECK(used(1024) == " in0:1");
+  CHECK(used(1025) == "none");
+  const auto many = [&](int count) {
+    std::vector<int> all{0x75, 1, 0x95, 1};
+    for (int i = 0; i < count; ++i) all.insert(all.end(), {0x81, 2});
+    return text(bytes(all));
+  };
+  CHECK(many(1024) == " in0:128");
+  CHECK(many(1025) == "none");
+  CHECK(text(bytes({0xC0, 0x75, 8, 0x95, 1, 0x81, 2})) == "none");
+}
+
 TEST_CASE("any bytes are a descriptor or none, never worse", "[hid]") {
   test::Random random(7);
   const std::vector<std::vector<std::byte>> seeds{virtualArm(), bytes(kRawHid)};

@@ -264,6 +264,20 @@ TEST_CASE("what a PID device has not is not sent", "[hid][pid]") {
   CHECK(wire.model.strange() == 0);
 }
 
+TEST_CASE("an effect that can be neither freed nor stopped with all is stopped by itself",
+          "[hid][pid]") {
+  PidShape shape;
+  shape.free = shape.control = false;
+  Wire wire(shape);
+  wire.model.setActive(true);
+  {
+    const auto device = open(wire);
+    send(*device, {2.0, 0.0, 0.0});
+    CHECK(wire.playing() == 2);
+  }
+  CHECK(wire.playing() == 0);
+}
+
 TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing when it is opened",
           "[hid][pid]") {
   PidShape shape;
@@ -593,6 +607,16 @@ TEST_CASE("a descriptor that can do no constant force is refused, and told what 
         "stick.json: /pid/axes/1: the device says nothing of its y: remove "
         "this axis");
   CHECK(without(0x99, 0x01) == "none");
+
+  // A magnitude from 0 on only pulls.
+  std::vector<std::byte> bytes = model.descriptor();
+  for (std::size_t i = 0; i + 4 < bytes.size(); ++i) {
+    if (bytes[i] != std::byte{0x70} || bytes[i + 1] != std::byte{0x16}) continue;
+    bytes[i + 2] = bytes[i + 3] = std::byte{0};
+  }
+  const auto pulls = parseHidDescriptor(bytes);
+  REQUIRE(pulls);
+  CHECK_THROWS_WITH(readPidMap(*pulls, "arm"), Contains("its constant force cannot pull and push"));
 }
 
 TEST_CASE("any bytes are a PID device or none, and whatever it says is survived",
