@@ -70,6 +70,7 @@ class Wire {
   std::vector<std::byte> fixed;  ///< Said instead of `raw`; takes no memory.
   double takes = 0.0;            ///< What a write takes [s].
   double strongest = 0.0;        ///< What its motors have given at most.
+  double together = 0.0;         ///< And all of them in sum.
   bool there = true;
 };
 
@@ -117,9 +118,12 @@ class WirePort final : public ReportPort {
     const std::lock_guard lock(wire_.mutex);
     if (!wire_.there) return false;
     wire_.model.output(report, seconds());
+    double together = 0.0;
     for (int a = 0; a < 3; ++a) {
+      together += std::abs(wire_.model.share(a, seconds()));
       wire_.strongest = std::max(wire_.strongest, std::abs(wire_.model.share(a, seconds())));
     }
+    wire_.together = std::max(wire_.together, together);
     return true;
   }
   Wire& wire_;
@@ -414,6 +418,16 @@ TEST_CASE("only magnitudes that change are sent", "[hid][pid]") {
   CHECK(sent({0.0, 0.0, 5.0}) == 0);  // it has no z
   CHECK(wire.share(0) == 0.0);
   CHECK(sent({NAN, 0.0, 0.0}) == 0);
+}
+
+TEST_CASE("what is taken off an axis goes before what is added to another", "[hid][pid]") {
+  Wire wire;
+  const auto device = open(wire);
+  for (const Vec3& force : {Vec3(4, 0, 0), Vec3(0, 4, 0), Vec3(4, 0, 0)}) {
+    send(*device, force);
+    pass(0.2);  // an effect is renewed as well
+  }
+  CHECK(wire.together == Approx(0.5).margin(1e-3));
 }
 
 TEST_CASE("what a PID device says of its state cuts the force", "[hid][pid]") {
