@@ -828,6 +828,16 @@ TEST_CASE("a PID device's profile gives its ways in metres and its forces in new
   CHECK(facts.motors[0].asked == Approx(5.0));  // of all that it gives [N]
   CHECK(facts.motors[0].room == Approx(10.0));
 
+  // The one that docs/profiles.md shows.
+  std::ifstream in(test::sourceDir() + "/docs/profiles.md");
+  std::ostringstream page;
+  page << in.rdbuf();
+  const std::string fence = "```json\n";
+  const std::size_t begin = page.str().find(fence) + fence.size();
+  const Json shown = Json::parse(page.str().substr(begin, page.str().find("```", begin) - begin));
+  CHECK(trouble(shown) == "none");
+  CHECK(schemaAccepts(shown));
+
   struct Bad {
     const char* pointer;
     Json value;
