@@ -24,10 +24,7 @@ HidProfile parseHidProfile(const std::string& text, const std::string& source) {
   profileTable().read(root, file);
   HidProfile profile = checkedProfile(std::move(file), root);
   profile.source = source;
-  profile.fingerprint = 14695981039346656037ULL;  // FNV-1a
-  for (const char c : json.dump()) {
-    profile.fingerprint = (profile.fingerprint ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
-  }
+  profile.fingerprint = fingerprintOf(json.dump());
   return profile;
 }
 

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "palpate/devices/arm.h"
 #include "palpate/devices/hid_report.h"
 #include "palpate/devices/kinematics.h"
 

@@ -15,6 +15,8 @@
 #include "palpate/devices/arm_watch.h"
 #include "palpate/devices/guardian.h"
 #include "palpate/devices/open_arm.h"
+#include "palpate/devices/open_device.h"
+#include "palpate/devices/plugin_process.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/devices/self_test.h"
 #include "palpate/devices/tested_arms.h"
@@ -501,7 +503,7 @@ int test(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.carries = kMostForce;  // in a few centimetres, and the hand has let go of it
-  const auto [arm, identity] = openArm(options.test, host);
+  const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }

@@ -706,7 +706,7 @@ TEST_CASE("unplugged it is gone, plugged in again it is there, and its count beg
     arm.giveCounts(7, 0, 0);
     return std::make_unique<FakePort>(arm);
   };
-  const auto device = open(arm, slides(), true, {find, nullptr, nullptr});
+  const auto device = open(arm, slides(), true, {{}, find});
   arm.giveCounts(30000, 0, 0);
   CHECK(device->read().position.x() == Approx(0.3));
   const std::uint32_t version = device->zeroForce().version;
@@ -729,8 +729,7 @@ TEST_CASE("unplugged it is gone, plugged in again it is there, and its count beg
 
 TEST_CASE("the writer's loss is the reader's", "[hid]") {
   FakeArm arm;
-  const auto device =
-      open(arm, slides(), true, {[] { return std::unique_ptr<ReportPort>(); }, nullptr, nullptr});
+  const auto device = open(arm, slides(), true, {{}, [] { return std::unique_ptr<ReportPort>(); }});
   Held held(arm);
   device->write({1, 0, 0});
   await([&] { return arm.holding.load(); });
@@ -749,7 +748,7 @@ TEST_CASE("an arm that was homed by its pose does not come back by itself", "[hi
   const auto find = [&]() -> std::unique_ptr<ReportPort> {
     return std::make_unique<FakePort>(arm);
   };
-  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
+  const auto device = open(arm, profile, true, {{}, find});
   // The last report before the opening is home.
   arm.giveCounts(0, 0, 0);
   CHECK((device->read().position - Vec3(0, 0, 0.05)).norm() < 1e-12);
@@ -827,9 +826,8 @@ TEST_CASE("an opening is a sequence: commands, waits and what fails them", "[hid
     arm.giveCounts(0, 0, 0, 5);
   });
   std::vector<std::string> said;
-  const HidDevice device(
-      profile, std::make_unique<FakePort>(arm), true,
-      {nullptr, [&](const std::string& words) { said.push_back(words); }, nullptr});
+  const HidDevice device(profile, std::make_unique<FakePort>(arm), true,
+                         {{[&](const std::string& words) { said.push_back(words); }}});
   button.join();
   CHECK(said == std::vector<std::string>{"arm slides: press the button"});
 }
@@ -864,7 +862,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   });
   const auto began = std::chrono::steady_clock::now();
   CHECK_THROWS_AS(HidDevice(profile, std::make_unique<FakePort>(stopped), true,
-                            {nullptr, nullptr, [&] { return stop.load(); }}),
+                            {{nullptr, [&] { return stop.load(); }}}),
                   DeviceError);
   CHECK(std::chrono::steady_clock::now() - began < 30s);  // of 60
   user.join();
@@ -873,7 +871,7 @@ TEST_CASE("what an arm needs afterwards is done as it is written, after a failed
   profile.home.clear();
   FakeArm silent;
   CHECK_THROWS_WITH(HidDevice(profile, std::make_unique<FakePort>(silent), true,
-                              {nullptr, nullptr, [] { return true; }}),
+                              {{nullptr, [] { return true; }}}),
                     Contains("it was not made ready"));
   CHECK(closed(silent));
 }
@@ -1198,7 +1196,7 @@ TEST_CASE("a counter that may have gone round unseen is homed again", "[hid][saf
     arm.giveCounts(0, 0, 0);
     return std::make_unique<FakePort>(arm);
   };
-  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
+  const auto device = open(arm, profile, true, {{}, find});
   arm.giveCounts(2000, 0, 0);
   CHECK(device->read().position.x() == Approx(0.02));
   device->write({1, 0, 0});
@@ -1312,7 +1310,7 @@ TEST_CASE("what an arm that is back said while it was prepared is known", "[hid]
     arm.giveCounts(0, 0, 0, 3);
     return std::make_unique<FakePort>(arm);
   };
-  const auto device = open(arm, profile, true, {find, nullptr, nullptr});
+  const auto device = open(arm, profile, true, {{}, find});
   CHECK(device->read().fault == Fault::kNone);
   arm.there = false;
   CHECK(device->read().fault == Fault::kGone);
@@ -1470,7 +1468,7 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
       arm.giveCounts(0, 0, 4000);
       return std::make_unique<FakePort>(arm);
     };
-    auto device = open(arm, slides(), true, {find, nullptr, nullptr});
+    auto device = open(arm, slides(), true, {{}, find});
     arm.giveCounts(0, 0, z);
     struct Patient final : public Device {
       HidDevice& inner;
