@@ -184,6 +184,18 @@ std::vector<palpate_plugin_found> PluginLibrary::find() const {
   return found;
 }
 
+std::string PluginLibrary::only(const std::string& serial) const {
+  if (!serial.empty()) return serial;
+  const std::vector<palpate_plugin_found> found = find();
+  if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
+  if (found.size() == 1) return found[0].serial;
+  std::string which;
+  for (const palpate_plugin_found& one : found) {
+    which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
+  }
+  throw DeviceError(name_, "that may be several", "name one of " + which);
+}
+
 PluginDevice PluginLibrary::open(const std::string& serial) const {
   std::array<char, kErrorRoom> error{};
   palpate_plugin_device* device = factory_->open(serial.c_str(), error.data(), error.size() - 1);

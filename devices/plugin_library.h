@@ -45,7 +45,10 @@ class PluginLibrary {
   /// Those that are plugged in, at most kMostFound. Throws DeviceError: it cannot know.
   [[nodiscard]] std::vector<palpate_plugin_found> find() const;
   static constexpr std::size_t kMostFound = 32;
-  /// Opens one; empty: any. Throws DeviceError, in the plug-in's words.
+  /// The serial number of the one arm that is there, or `serial` where it is not empty. Throws
+  /// DeviceError: there is none, or several, which ones.
+  [[nodiscard]] std::string only(const std::string& serial) const;
+  /// Opens one. Throws DeviceError, in the plug-in's words.
   [[nodiscard]] PluginDevice open(const std::string& serial) const;
 
  private:

@@ -38,8 +38,9 @@ class PluginPort {
 
   /// As the plug-in said, whole (sized); nothing of it is checked.
   [[nodiscard]] virtual const palpate_plugin_facts& facts() const noexcept = 0;
-  /// By which its test is remembered: the plug-in's version.
-  [[nodiscard]] virtual std::string version() const = 0;
+  [[nodiscard]] virtual std::string version() const = 0;  ///< Of the plug-in.
+  /// Of the arm that was opened; empty: it has none.
+  [[nodiscard]] virtual std::string serial() const = 0;
   /// True: it has the extension for its weight.
   [[nodiscard]] virtual bool carries() const noexcept = 0;
 

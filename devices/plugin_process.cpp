@@ -206,6 +206,15 @@ std::optional<SentFacts> factsIn(const PluginMessage& message) {
   return sent;
 }
 
+/// Likewise of an arm that was found.
+std::optional<palpate_plugin_found> foundIn(const PluginMessage& message) {
+  palpate_plugin_found one{};
+  if (message.kind != PluginMessage::kFound || message.size != sizeof(one)) return std::nullopt;
+  std::memcpy(&one, message.bytes.data(), sizeof(one));
+  one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
+  return one;
+}
+
 /// Memory of a PluginLink, shared with a child.
 class SharedLink {
  public:
@@ -238,6 +247,7 @@ struct Life {
   std::unique_ptr<Child> child;
   SentFacts facts{};
   std::string version;
+  std::string own;  ///< Serial number.
 
   Life(const std::filesystem::path& program, const std::filesystem::path& file,
        const std::string& serial, const std::function<void(const std::string&)>& say,
@@ -264,6 +274,7 @@ struct Life {
         lines.resize(3);
         version = lines[1];
       }
+      if (const auto found = foundIn(message)) own = found->serial;
       if (message.kind == PluginMessage::kFacts) {
         if (const auto sent = factsIn(message)) {
           facts = *sent;
@@ -298,8 +309,11 @@ class ProcessPort final : public PluginPort {
         serial_(std::move(serial)),
         host_(host),
         life_(std::make_unique<Life>(program_, file_, serial_, host_.say, host_.stop)),
+        version_(life_->version),
         facts_(life_->facts),
         guard_(fcntl(life_->zero.get(), F_DUPFD_CLOEXEC, 3)) {
+    // When it is started again it is for this very arm.
+    serial_ = life_->own;
     now_ = life_.get();
     mender_ = std::thread([this] { mendLoop(); });
   }
@@ -309,7 +323,8 @@ class ProcessPort final : public PluginPort {
   }
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_.facts; }
-  [[nodiscard]] std::string version() const override { return life_->version; }
+  [[nodiscard]] std::string version() const override { return version_; }
+  [[nodiscard]] std::string serial() const override { return serial_; }
   [[nodiscard]] bool carries() const noexcept override { return facts_.carries; }
   [[nodiscard]] std::uint32_t openings() const noexcept override { return openings_; }
 
@@ -418,6 +433,7 @@ class ProcessPort final : public PluginPort {
   std::string serial_;
   ArmHost host_;
   std::unique_ptr<Life> life_;  ///< The mending thread's.
+  std::string version_;
   SentFacts facts_;
   Descriptor guard_;  ///< Its number stays, whatever it leads to.
   std::atomic<Life*> now_{nullptr};
@@ -432,7 +448,8 @@ class InsidePort final : public PluginPort {
  public:
   InsidePort(const std::filesystem::path& file, const std::string& serial, const ArmHost& host)
       : library_(file, {host.say, host.stop}),
-        device_(library_.open(serial)),
+        serial_(library_.only(serial)),
+        device_(library_.open(serial_)),
         facts_(device_.facts()) {
     if ((facts_.has & PALPATE_PLUGIN_FORCE) != 0 &&
         !(facts_.watchdog > 0.0 && facts_.watchdog <= kLongestWatchdog)) {
@@ -445,6 +462,7 @@ class InsidePort final : public PluginPort {
   }
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_; }
   [[nodiscard]] std::string version() const override { return library_.version(); }
+  [[nodiscard]] std::string serial() const override { return serial_; }
   [[nodiscard]] bool carries() const noexcept override { return device_.carries(); }
   [[nodiscard]] bool read(PluginNews& news) noexcept override {
     news_.read = device_.read(news_.reading);
@@ -460,6 +478,7 @@ class InsidePort final : public PluginPort {
 
  private:
   PluginLibrary library_;
+  std::string serial_;
   PluginDevice device_;
   palpate_plugin_facts facts_;
   PluginNews news_;
@@ -504,13 +523,9 @@ std::vector<FoundPlugin> findPlugins(double patience) {
         } else if (message.kind == PluginMessage::kFailed) {
           (found.arms.empty() ? found.trouble : found.arms.back().trouble) =
               errorOf(message).what();
-        } else if (message.kind == PluginMessage::kFound &&
-                   message.size == sizeof(palpate_plugin_found) &&
-                   found.arms.size() < PluginLibrary::kMostFound) {
-          palpate_plugin_found one{};
-          std::memcpy(&one, message.bytes.data(), sizeof(one));
-          one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
-          found.arms.push_back({one.serial, one.model, std::nullopt, {}});
+        } else if (const auto one = foundIn(message);
+                   one && found.arms.size() < PluginLibrary::kMostFound) {
+          found.arms.push_back({one->serial, one->model, std::nullopt, {}});
         } else if (message.kind == PluginMessage::kFacts && !found.arms.empty()) {
           if (const auto sent = factsIn(message)) found.arms.back().facts = sent->facts;
         }
@@ -547,14 +562,14 @@ OpenedArm openPluginArm(const std::string& name, const ArmHost& asked) {
   auto port = parsed->inside ? openPluginInside(file, parsed->serial, asked)
                              : openPluginProcess(file, parsed->serial, asked);
   const std::string known = "plugin:" + parsed->name;
-  const ArmIdentity identity = identityOf(port->facts(), known, port->version(), parsed->serial);
+  const ArmIdentity identity = identityOf(port->facts(), known, port->version(), port->serial());
   ArmHost host = asked;
   const bool good = isTested(identity);
   host.measured = measuredArm(identity);
   OpenedArm arm{std::make_unique<PluginArm>(std::move(port), known, good, host), identity};
   if (asked.say && !good && arm.device->traits().drives) {
-    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}", name,
-                          kUntestedForce, kUntestedStiffness, name));
+    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}@{}", name,
+                          kUntestedForce, kUntestedStiffness, known, identity.own));
   }
   return arm;
 }

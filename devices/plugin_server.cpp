@@ -198,7 +198,12 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   }
   const PluginLibrary plugin(file, host());
   introduce(plugin);
-  const PluginDevice device = plugin.open(serial);
+  palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
+  const std::string own = plugin.only(serial);
+  own.copy(chosen.serial, sizeof(chosen.serial) - 1);
+  (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
+                          std::as_bytes(std::span(&chosen, 1)));
+  const PluginDevice device = plugin.open(own);
   the_device = &device;
   sendFacts(device);
   device.prepare();

@@ -174,11 +174,102 @@ int show(const DevicesOptions& options) {
   return kDone;
 }
 
+/// The name and the limits of a plug-in's arm, as openAnyArm has them.
+struct NamedPluginArm {
+  std::string name;
+  std::optional<DeviceInfo> info;  ///< As once it is tested; none where it cannot be used.
+  bool tested = false;
+  std::string trouble;
+};
+
+NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
+  NamedPluginArm named;
+  const std::string of = "plugin:" + plugin.name;
+  named.name = of + (arm.serial.empty() ? "" : "@" + arm.serial);
+  named.trouble = arm.trouble;
+  if (!arm.facts) return named;
+  try {
+    named.info = infoFor(*arm.facts, named.name, true);
+    named.tested = isTested(identityOf(*arm.facts, of, plugin.version, arm.serial));
+  } catch (const Error& error) {
+    named.trouble = error.what();
+  }
+  return named;
+}
+
+OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
+  OrderedJson all = OrderedJson::array();
+  const auto orNull = [](const std::string& text) {
+    return text.empty() ? OrderedJson() : OrderedJson(text);
+  };
+  for (const FoundPlugin& plugin : plugins) {
+    OrderedJson json;
+    json["name"] = plugin.name;
+    json["file"] = plugin.file.string();
+    json["description"] = plugin.what;
+    json["version"] = plugin.version;
+    json["licence"] = plugin.licence;
+    json["trouble"] = orNull(plugin.trouble);
+    json["arms"] = OrderedJson::array();
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      OrderedJson one;
+      one["device"] = named.name;
+      one["model"] = arm.model;
+      one["tested"] = named.tested;
+      one["trouble"] = orNull(named.trouble);
+      if (named.info) {
+        const DeviceInfo& info = *named.info;
+        one["limits"] = {{"force", info.limits.peak},
+                         {"stiffness", info.max_stiffness},
+                         {"damping", info.max_damping},
+                         {"slew", info.limits.slew},
+                         {"workspace_radius", info.workspace_radius},
+                         {"input_rate", arm.facts->rate},
+                         {"output_rate", info.output_rate}};
+        one["buttons"] = info.handle.buttons;
+        one["orientation"] = info.handle.orientation;
+        one["gripper"] = info.handle.gripper;
+        one["source"] = info.source;
+      }
+      json["arms"].push_back(one);
+    }
+    all.push_back(json);
+  }
+  return all;
+}
+
+void sayPlugins(const std::vector<FoundPlugin>& plugins) {
+  for (const FoundPlugin& plugin : plugins) {
+    if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      say("{}\n  {}, by {} {}\n", named.name, sentence(arm.model), sentence(plugin.what),
+          plugin.version);
+      if (named.info && named.info->hand) {
+        const DeviceInfo& info = *named.info;
+        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+            rounded(info.limits.peak), rounded(info.max_stiffness), rounded(info.max_damping),
+            rounded(arm.facts->rate), rounded(info.output_rate), rounded(info.workspace_radius));
+        say("    {}\n", sentence(info.source));
+        if (!named.tested) {
+          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+              kUntestedStiffness, named.name);
+        }
+      } else if (named.info) {
+        say("  moves the hand, gives no force\n");
+      }
+      if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
+    }
+  }
+}
+
 int list(const DevicesOptions& options) {
   std::vector<std::string> notes;
   const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
   for (const std::string& note : notes) complain(note);
   const std::vector<FoundArm> arms = findArms(profiles);
+  const std::vector<FoundPlugin> plugins = findPlugins();
   std::vector<std::string> others;
   for (const HidDeviceName& device : listHid()) {
     if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
@@ -212,6 +303,7 @@ int list(const DevicesOptions& options) {
                                  {"facts", factsIn(profile)},
                                  {"sources", profile.sources}});
     }
+    out["plugins"] = inJson(plugins);
     out["notes"] = notes;
     out["known"] = OrderedJson::array();
     for (const KnownArm& arm : knownArms()) {
@@ -226,7 +318,12 @@ int list(const DevicesOptions& options) {
     sayJson(out);
     return kDone;
   }
-  if (arms.empty()) say("no arm is plugged in that a profile knows\n");
+  const bool none = std::all_of(plugins.begin(), plugins.end(),
+                                [](const FoundPlugin& plugin) { return plugin.arms.empty(); });
+  if (arms.empty()) {
+    say("no arm is plugged in that a profile {}knows\n", none ? "or plug-in " : "");
+  }
+  sayPlugins(plugins);
   for (const FoundArm& arm : arms) {
     for (const HidProfile& profile : arm.profiles) {
       say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description),
@@ -254,7 +351,10 @@ int list(const DevicesOptions& options) {
   for (const std::string& other : others) say("{}\n", sentence(other));
   say("\nprofiles: ");
   for (const HidProfile& p : profiles) say("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
-  say("; your own in {}\n\nlimits of known arms, by their sources:\n", hidProfileFolder().string());
+  say("; your own in {}\nplug-ins: ", hidProfileFolder().string());
+  for (const FoundPlugin& p : plugins) say("{}{}", &p == &plugins[0] ? "" : ", ", p.name);
+  say("{} (docs/plugins.md)\n\nlimits of known arms, by their sources:\n",
+      plugins.empty() ? "none" : "");
   for (const KnownArm& arm : knownArms()) {
     say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
         rounded(arm.stiffness), rounded(arm.damping), rounded(arm.workspace_radius), arm.transport,

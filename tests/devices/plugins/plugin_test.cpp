@@ -69,6 +69,7 @@ struct FakePort final : PluginPort {
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
   [[nodiscard]] std::string version() const override { return "1"; }
+  [[nodiscard]] std::string serial() const override { return "S"; }
   [[nodiscard]] bool carries() const noexcept override { return weight; }
   [[nodiscard]] std::uint32_t openings() const noexcept override { return opened; }
   [[nodiscard]] bool read(PluginNews& news) noexcept override {

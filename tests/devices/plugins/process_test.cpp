@@ -101,6 +101,9 @@ TEST_CASE("what is no plug-in of this version is refused in a line", "[plugin]")
   const PluginLibrary library(kOdd, {});
   CHECK(library.what() == "arms with troubles");
   CHECK(library.find().size() == 2);
+  CHECK(library.only("good") == "good");
+  CHECK(refusal([&] { (void)library.only(""); }).find("plugin:odd@good, plugin:odd@mute") !=
+        std::string::npos);
   CHECK(refusal([&] { (void)library.open("nobody"); }).find("no arm of that number") !=
         std::string::npos);
   CHECK(refusal([&] { (void)library.open("mute").facts(); }).find("does not say what it is") !=
