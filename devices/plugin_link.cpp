@@ -9,6 +9,8 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include "palpate/engine/realtime.h"
+
 namespace palpate {
 
 std::string PluginMessage::text() const {
@@ -45,10 +47,13 @@ std::optional<PluginMessage> pluginMessageOf(std::span<const std::byte> bytes) {
 void waitForWord(std::atomic<std::uint32_t>& word, std::uint32_t seen,
                  std::int64_t until) noexcept {
   constexpr std::int64_t kSecond = 1000000000;
+  // From now on: the kernel's clock for this is not the one of deadlines.
+  const std::int64_t wait = until - nowNs();
+  if (wait <= 0) return;
   timespec time{};
-  time.tv_sec = until / kSecond;
-  time.tv_nsec = until % kSecond;
-  syscall(SYS_futex, &word, FUTEX_WAIT_BITSET, seen, &time, nullptr, FUTEX_BITSET_MATCH_ANY);
+  time.tv_sec = wait / kSecond;
+  time.tv_nsec = wait % kSecond;
+  syscall(SYS_futex, &word, FUTEX_WAIT, seen, &time, nullptr, 0);
 }
 
 void wakeWord(std::atomic<std::uint32_t>& word) noexcept {
