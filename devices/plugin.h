@@ -51,7 +51,7 @@ typedef struct palpate_plugin_host {
   void (*say)(const char* words);
   /** Not 0: the user has ended the program, so that nothing is waited for any more. [any] */
   int (*ends)(void);
-  /** CLOCK_MONOTONIC [ns]. [any] */
+  /** CLOCK_BOOTTIME [ns]. [any] */
   int64_t (*now)(void);
   /** The host's extension of this name; null: it has none. [main] */
   const void* (*extension)(const char* name);

@@ -25,7 +25,9 @@ namespace palpate {
 /// arm whose sensor has died grows stale (WatchLimits::stale) whatever its plug-in says of the
 /// time, and where the same position comes as new for ever the force fades (StillFade). A write
 /// that is not taken for 20 ms beyond a period is Fault::kWrite, a plug-in that has ended, or whose
-/// arm is unplugged, Fault::kGone; numbers that are not finite are Fault::kNotFinite.
+/// arm is unplugged, Fault::kGone; numbers that are not finite are Fault::kNotFinite. Where its
+/// process has taken the force off, having had no order for a while, it is Fault::kLate: a force
+/// that came and went with such pauses would be no force.
 class PluginArm final : public Arm {
  public:
   /// Throws DeviceError where its facts will not do (infoFor).
@@ -67,6 +69,7 @@ class PluginArm final : public Arm {
   PluginOrder order_;
   std::uint32_t written_seen_ = 0;  ///< PluginNews::written,
   std::int64_t written_at_ = 0;     ///< and since when it is that while more is sent [ns].
+  std::uint32_t stops_seen_ = 0;    ///< PluginNews::stops.
   std::int64_t longest_ = 0;        ///< [ns], from an order until it was seen to be written.
   std::int64_t writes_ = 0;
   double given_ = 1.0;

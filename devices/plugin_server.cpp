@@ -29,6 +29,7 @@ std::int64_t nsOf(double seconds) noexcept {
 
 void PluginServer::stop() noexcept {
   stopped_ = true;
+  ++stops_;
   device_.stop();
 }
 
@@ -44,18 +45,24 @@ void PluginServer::give(std::int64_t now) noexcept {
     news_.written = order_.number;
     news_.given = stopped_ ? 0.0 : device_.given();
     drives_ = !stopped_ && (!isZero(order_.force) || order_.carry > 0.0);
-    link_.news.store(news_);
+    tell();
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
     // Nobody gives orders any more.
     drives_ = false;
     device_.carry(0.0);
     stop();
+    tell();
   }
+}
+
+void PluginServer::tell() noexcept {
+  news_.stops = stops_;
+  link_.news.store(news_);
 }
 
 void PluginServer::read() noexcept {
   news_.read = device_.read(news_.reading);
-  link_.news.store(news_);
+  tell();
 }
 
 std::int64_t PluginServer::nextReading(std::int64_t now) noexcept {
@@ -212,6 +219,8 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     (void)becomeRealtime({}, StayAwake(false));
     server.loop();
   });
+  // Ready is what turns: locking its memory may have taken a while.
+  while (link.heart == 0 && !programEnded()) std::this_thread::yield();
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
   std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
   constexpr int kLook = 2;  // [ms]

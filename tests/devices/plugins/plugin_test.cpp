@@ -332,6 +332,14 @@ TEST_CASE("a force that is not taken in time is a fault", "[plugin]") {
   CHECK(fake.port->orders.back().force.force[0] == 0.0);
 }
 
+TEST_CASE("a force that a plug-in's process took off stays off", "[plugin]") {
+  Fake fake;
+  CHECK(fake.fresh().fault == Fault::kNone);
+  fake.port->next.stops = 1;
+  CHECK(fake.fresh().fault == Fault::kLate);
+  CHECK(fake.fresh().fault == Fault::kNone);  // a loop has latched it
+}
+
 TEST_CASE("a plug-in's weight comes in slowly and goes at once", "[plugin]") {
   Fake fake;
   (void)fake.fresh();
