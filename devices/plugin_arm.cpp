@@ -151,7 +151,7 @@ HandState PluginArm::read() noexcept {
     opening_ = opening;
     taken_ = 0;
     heard_at_ = kNever;
-    order_.number = written_seen_ = stops_seen_ = 0;
+    order_.number = written_seen_ = withheld_seen_ = 0;
     news_ = {};
   }
   // Nobody has looked for a while, and it may have moved meanwhile.
@@ -176,8 +176,8 @@ HandState PluginArm::read() noexcept {
     if (says(PALPATE_PLUGIN_OPEN)) hand.fault = Fault::kSwitch;
   }
   // Its process has taken the force off: no order came in time, or a guardian wanted it so.
-  if (news_.stops != stops_seen_ && hand.fault == Fault::kNone) hand.fault = Fault::kLate;
-  stops_seen_ = news_.stops;
+  if (news_.withheld != withheld_seen_ && hand.fault == Fault::kNone) hand.fault = Fault::kLate;
+  withheld_seen_ = news_.withheld;
   if (news_.written != written_seen_) {
     if (news_.written == order_.number) longest_ = std::max(longest_, now - written_at_);
     written_seen_ = news_.written;

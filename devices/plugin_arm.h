@@ -67,10 +67,10 @@ class PluginArm final : public Arm {
   std::int64_t read_at_ = 0;        ///< [ns]
   std::uint32_t opening_ = 1;       ///< PluginPort::openings.
   PluginOrder order_;
-  std::uint32_t written_seen_ = 0;  ///< PluginNews::written,
-  std::int64_t written_at_ = 0;     ///< and since when it is that while more is sent [ns].
-  std::uint32_t stops_seen_ = 0;    ///< PluginNews::stops.
-  std::int64_t longest_ = 0;        ///< [ns], from an order until it was seen to be written.
+  std::uint32_t written_seen_ = 0;   ///< PluginNews::written,
+  std::int64_t written_at_ = 0;      ///< and since when it is that while more is sent [ns].
+  std::uint32_t withheld_seen_ = 0;  ///< PluginNews::withheld.
+  std::int64_t longest_ = 0;         ///< [ns], from an order until it was seen to be written.
   std::int64_t writes_ = 0;
   double given_ = 1.0;
   bool carries_ = false;  ///< carry() has allowed it,

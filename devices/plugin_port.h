@@ -24,8 +24,8 @@ struct PluginNews {
   std::int32_t read = PALPATE_PLUGIN_NOTHING;  ///< What the last read came to,
   std::int32_t wrote = PALPATE_PLUGIN_OK;      ///< and the last write.
   std::uint32_t written = 0;                   ///< PluginOrder::number of that write.
-  std::uint32_t stops = 0;  ///< Counts how often the force was taken off, not by an order.
-  double given = 1.0;       ///< By the heat extension.
+  std::uint32_t withheld = 0;  ///< Counts orders with a force that were not given: it was stopped.
+  double given = 1.0;          ///< By the heat extension.
 };
 
 /// An arm that is open and prepared. read() and write() are one thread's.

@@ -29,7 +29,6 @@ std::int64_t nsOf(double seconds) noexcept {
 
 void PluginServer::stop() noexcept {
   stopped_ = true;
-  ++stops_;
   device_.stop();
 }
 
@@ -38,31 +37,28 @@ void PluginServer::give(std::int64_t now) noexcept {
   if (count != seen_ && link_.order.load(order_)) {
     seen_ = count;
     ordered_at_ = now;
-    if (isZero(order_.force)) stopped_ = false;
+    const bool zero = isZero(order_.force);
+    if (zero) stopped_ = false;
+    const bool stopped = stopped_;
+    if (stopped) ++news_.withheld;
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
-    device_.carry(stopped_ ? 0.0 : order_.carry);
-    news_.wrote = device_.write(stopped_ ? none : order_.force);
+    device_.carry(stopped ? 0.0 : order_.carry);
+    news_.wrote = device_.write(stopped ? none : order_.force);
     news_.written = order_.number;
-    news_.given = stopped_ ? 0.0 : device_.given();
-    drives_ = !stopped_ && (!isZero(order_.force) || order_.carry > 0.0);
-    tell();
+    news_.given = stopped ? 0.0 : device_.given();
+    drives_ = !stopped && (!zero || order_.carry > 0.0);
+    link_.news.store(news_);
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
     // Nobody gives orders any more.
     drives_ = false;
     device_.carry(0.0);
     stop();
-    tell();
   }
-}
-
-void PluginServer::tell() noexcept {
-  news_.stops = stops_;
-  link_.news.store(news_);
 }
 
 void PluginServer::read() noexcept {
   news_.read = device_.read(news_.reading);
-  tell();
+  link_.news.store(news_);
 }
 
 std::int64_t PluginServer::nextReading(std::int64_t now) noexcept {

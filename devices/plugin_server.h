@@ -39,15 +39,13 @@ class PluginServer {
   /// The newest order to the arm, or zero force where that is what there is to give.
   void give(std::int64_t now) noexcept;
   void read() noexcept;
-  void tell() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 
   PluginLink& link_;
   const PluginDevice& device_;
   std::int64_t period_;
   std::atomic<bool> ended_{false};
-  std::atomic<std::uint32_t> stops_{0};  ///< PluginNews::stops.
-  std::atomic<bool> stopped_{false};     ///< Orders are not given until one is zero.
+  std::atomic<bool> stopped_{false};  ///< Orders are not given until one is zero.
 
   PluginOrder order_;
   PluginNews news_;

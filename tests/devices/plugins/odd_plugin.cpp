@@ -151,7 +151,7 @@ void carry(palpate_plugin_device* device, double share) {
   oddOf(device).arm->carried = share;
 }
 double given(palpate_plugin_device* device) {
-  return oddOf(device).is("warm") ? 0.5 : 1.0;
+  return oddOf(device).is("warm") ? 0.25 : 1.0;
 }
 
 const void* deviceExtension(palpate_plugin_device* /*device*/, const char* name) {

@@ -335,7 +335,7 @@ TEST_CASE("a force that is not taken in time is a fault", "[plugin]") {
 TEST_CASE("a force that a plug-in's process took off stays off", "[plugin]") {
   Fake fake;
   CHECK(fake.fresh().fault == Fault::kNone);
-  fake.port->next.stops = 1;
+  fake.port->next.withheld = 1;
   CHECK(fake.fresh().fault == Fault::kLate);
   CHECK(fake.fresh().fault == Fault::kNone);  // a loop has latched it
 }
