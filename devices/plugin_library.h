@@ -76,6 +76,7 @@ class PluginDevice {
 
   // RT, as far as the plug-in is.
   [[nodiscard]] int read(palpate_plugin_reading& reading) const noexcept {
+    reading.size = sizeof(reading);
     return device_->read(device_, &reading);
   }
   [[nodiscard]] int write(const palpate_plugin_force& force) const noexcept {

@@ -84,6 +84,8 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   Odd& odd = oddOf(device);
   OddArm& arm = *odd.arm;
   ++arm.reads;
+  // As one that was compiled for a host that knows all of it.
+  if (reading->size < sizeof(palpate_plugin_reading)) return PALPATE_PLUGIN_NOTHING;
   if (arm.trouble != 0) begins(odd);
   if (odd.is("crash")) crash();
   if (odd.is("abort")) std::abort();
