@@ -24,9 +24,8 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
 #include "palpate/engine/haptic_thread.h"
-#include "tests/devices/plugins/odd_arm.h"
+#include "tests/fuzz/plugin_entry.h"
 #include "tests/support/random.h"
-#include "tests/support/scenes.h"
 
 using namespace palpate;
 using namespace palpate::test;
@@ -377,19 +376,14 @@ TEST_CASE("whatever a plug-in says a hand is finite or a fault", "[plugin]") {
   Random random(7);
   palpate_plugin_facts facts = goodFacts();
   facts.has |= PALPATE_PLUGIN_VELOCITY | PALPATE_PLUGIN_DEADMAN;
-  Fake fake(facts);
-  HandWatch watch(fake.arm->info().watch);
-  double t = 0.0;
-  long passed = 0;
+  PluginFuzz fuzz(facts);
   for (long i = 0; i < count; ++i) {
-    the_time += 1'000'000;
-    t += 0.001;
-    PluginNews& news = fake.port->next;
+    PluginNews& news = fuzz.news();
     if (i % 3 == 0) {
       news = {};
       news.reading.state = PALPATE_PLUGIN_READY | PALPATE_PLUGIN_HELD;
-      news.reading.taken = the_time;
-      news.written = static_cast<std::uint32_t>(fake.port->orders.size());
+      news.reading.taken = fuzzTime();
+      news.written = static_cast<std::uint32_t>(i);
     }
     auto bytes = std::as_writable_bytes(std::span(&news, 1));
     const int changes = random.integer(6);
@@ -397,24 +391,40 @@ TEST_CASE("whatever a plug-in says a hand is finite or a fault", "[plugin]") {
       bytes[static_cast<std::size_t>(random.integer(static_cast<int>(bytes.size())))] =
           static_cast<std::byte>(random.integer(256));
     }
-    HandState hand = fake.arm->read();
-    const Fault fault = watch.look(hand, t);
-    if (fault != Fault::kNone) watch.forget();
-    passed += static_cast<long>(fault == Fault::kNone);
-    const double given = fake.arm->given();
-    bool finite = given >= 0.0 && given <= 1.0 && std::isfinite(hand.handle.gripper);
-    for (const double q : hand.handle.orientation) finite = finite && std::abs(q) <= 1.0 + 1e-9;
-    for (const double q : hand.handle.joints) finite = finite && std::isfinite(q);
-    finite = finite && hand.handle.buttons < 8;
-    if (fault == Fault::kNone) {
-      finite = finite && hand.position.allFinite() && hand.velocity.allFinite() &&
-               hand.velocity.norm() < 5.1 && hand.age >= 0.0 && hand.age <= 0.05;
-    }
-    REQUIRE(finite);
-    fake.arm->write(Vec3(0.1, 0.0, 0.0));
-    if (fake.port->orders.size() > 1000) fake.port->orders.clear();
+    const std::string wrong = fuzz.tick();
+    REQUIRE(wrong.empty());
   }
-  CHECK(passed > count / 10);
+  CHECK(fuzz.passed() > count / 10);
+}
+
+TEST_CASE("mutated facts of a plug-in are limits or refused", "[plugin]") {
+  const long count = cases(20000);
+  Random random(13);
+  long taken = 0;
+  for (long i = 0; i < count; ++i) {
+    palpate_plugin_facts facts = goodFacts();
+    // The numbers, not the texts: those are most of it.
+    auto bytes = std::as_writable_bytes(std::span(&facts, 1));
+    const int numbers = static_cast<int>(offsetof(palpate_plugin_facts, button));
+    const int changes = random.integer(4);
+    for (int k = 0; k < changes; ++k) {
+      bytes[static_cast<std::size_t>(random.integer(numbers))] =
+          static_cast<std::byte>(random.integer(256));
+    }
+    try {
+      const DeviceInfo info = infoFor(facts, "plugin:fake", true);
+      ++taken;
+      bool good = info.limits.peak > 0.0 && info.limits.peak <= 1e3 && info.limits.slew > 0.0;
+      good = good && info.max_stiffness > 0.0 && std::isfinite(info.max_stiffness);
+      good = good && info.workspace_radius > 0.0 && info.handle.buttons.size() <= 32;
+      good = good && info.handle.joints <= kMostJoints && info.watch.stale <= 0.5;
+      REQUIRE(good);
+      (void)limitsInLoop(info, 1000.0);
+    } catch (const DeviceError& error) {
+      REQUIRE(std::string(error.what()).find("plugin:fake: ") == 0);
+    }
+  }
+  CHECK(taken > count / 10);
 }
 
 TEST_CASE("mutated messages of a plug-in's process are messages or none", "[plugin]") {
@@ -433,14 +443,10 @@ TEST_CASE("mutated messages of a plug-in's process are messages or none", "[plug
       bytes[at] = static_cast<std::byte>(random.integer(256));
     }
     if (random.integer(4) == 0) bytes.resize(static_cast<std::size_t>(random.integer(6000)));
-    const auto back = pluginMessageOf(bytes);
-    if (!back) continue;
-    ++taken;
-    const std::string text = back->text();
-    REQUIRE(text.size() <= PluginMessage::kMostBytes);
-    REQUIRE(std::none_of(text.begin(), text.end(), [](char c) {
-      return std::iscntrl(static_cast<unsigned char>(c)) != 0 && c != '\n';
-    }));
+    bool is = false;
+    const std::string wrong = fuzzPluginMessage(bytes, is);
+    REQUIRE(wrong.empty());
+    taken += static_cast<long>(is);
   }
   CHECK(taken > count / 20);
   CHECK_FALSE(pluginMessageOf({}).has_value());
