@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "palpate/engine/device.h"
@@ -49,6 +50,13 @@ struct ArmIdentity {
   std::uint64_t fingerprint = 0;  ///< Of all that describes it.
   bool numbered = true;           ///< `own` is a serial number.
 };
+
+/// Tells descriptions of arms apart: FNV-1a.
+[[nodiscard]] constexpr std::uint64_t fingerprintOf(std::string_view text) noexcept {
+  std::uint64_t print = 14695981039346656037ULL;
+  for (const char c : text) print = (print ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
+  return print;
+}
 
 /// What has come and gone since an arm was opened.
 struct ArmTraffic {

@@ -169,6 +169,49 @@ HidFlag flagOf(const FileFlag& file, const Node& node, const Fields& fields,
   return flag;
 }
 
+HidTurn turnOf(const FileTurn& file, const Node& node, const Fields& fields,
+               const HidProfile& profile) {
+  HidTurn turn = file.turn;
+  if (turn.joint) {
+    if (*turn.joint >= profile.joints.size()) {
+      node.child("joint").fail("the model has no such joint",
+                               fmt::format("it has 0 to {}", profile.joints.size() - 1));
+    }
+    return turn;
+  }
+  turn.from = fields.input(node.child("from"), file.from);
+  if (profile.input[turn.from.report].fields[turn.from.field].wraps) {
+    node.child("from").fail("a counter is followed where it is a joint's",
+                            "name the joint, or remove its \"wraps\"");
+  }
+  return turn;
+}
+
+void takeHandle(const ProfileFile& file, const Node& root, const Fields& fields,
+                HidProfile& profile) {
+  if (!root.has("handle")) return;
+  const Node at = root.child("handle");
+  for (std::size_t i = 0; i < file.buttons.size(); ++i) {
+    const FileButton& from = file.buttons[i];
+    const Node one = at.child("buttons").element(i);
+    HidButton button = from.button;
+    button.field = fields.input(one.child("field"), from.field);
+    const ReportField& of = profile.input[button.field.report].fields[button.field.field];
+    if (button.equals < of.least || button.equals > of.most) {
+      one.fail(fmt::format("{} is never {}", of.name, button.equals),
+               "mend equals, or the field's type and bits");
+    }
+    profile.handle.buttons.push_back(std::move(button));
+  }
+  for (std::size_t i = 0; i < file.orientation.size(); ++i) {
+    profile.handle.orientation.push_back(
+        turnOf(file.orientation[i], at.child("orientation").element(i), fields, profile));
+  }
+  if (file.gripper) {
+    profile.handle.gripper = turnOf(*file.gripper, at.child("gripper"), fields, profile);
+  }
+}
+
 /// What a motor can hold for ever is less than what its field gives.
 void checkHeat(const Node& at, const HidProfile& profile, const HidJoint& joint) {
   if (joint.continuous == 0.0) return;
@@ -602,6 +645,7 @@ HidProfile checkedProfile(ProfileFile file, const JsonNode& root) {
   }
   if (profile.pid.empty()) {
     takeKinematics(file, root, fields, profile);
+    takeHandle(file, root, fields, profile);
     checkSequences(root.child("input"), profile);
   }
   const auto& q = file.rotation_wxyz;

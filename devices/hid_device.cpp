@@ -7,6 +7,8 @@
 #include <unistd.h>
 #include <utility>
 
+#include <Eigen/Geometry>
+
 #include "palpate/devices/pace.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/engine/error.h"
@@ -45,6 +47,12 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   info.workspace_radius = limits.workspace_radius;
   info.watch.stale = limits.stale;
   info.watch.max_speed = limits.speed;
+  for (const HidButton& button : profile.handle.buttons) {
+    info.handle.buttons.push_back(button.name);
+  }
+  info.handle.orientation = !profile.handle.orientation.empty();
+  info.handle.gripper = profile.handle.gripper.has_value();
+  info.handle.joints = profile.joints.size();
   const auto source = profile.sources.find("/limits");
   info.source = source != profile.sources.end() ? source->second : profile.source;
   if (held) {
@@ -396,6 +404,41 @@ void HidDevice::follow(double dt) noexcept {
   if (position_W_.norm() > reach) position_W_ *= reach / position_W_.norm();
 }
 
+void HidDevice::lookAtHandle() noexcept {
+  Handle handle;
+  std::copy(joints_.begin(), joints_.begin() + static_cast<std::ptrdiff_t>(profile_.joints.size()),
+            handle.joints.begin());
+  const HidHandle& of = profile_.handle;
+  for (std::size_t i = 0; i < of.buttons.size(); ++i) {
+    const bool pressed = input_.known(of.buttons[i].field.report) &&
+                         input_.raw(of.buttons[i].field) == of.buttons[i].equals;
+    handle.buttons |= static_cast<std::uint32_t>(pressed) << i;
+  }
+  const auto angleOf = [&](const HidTurn& turn) {
+    if (turn.joint) return joints_[*turn.joint];
+    const ReportField& field = profile_.input[turn.from.report].fields[turn.from.field];
+    return (field.scale * input_.raw(turn.from) + field.offset) / turn.ratio + turn.home;
+  };
+  if (of.gripper) handle.gripper = angleOf(*of.gripper);
+  Eigen::Quaterniond turned(profile_.world_from_device);
+  for (const HidTurn& turn : of.orientation) {
+    turned = turned * Eigen::AngleAxisd(angleOf(turn), turn.axis);
+  }
+  turned.normalize();
+  if (!of.orientation.empty()) {
+    handle.orientation = {turned.w(), turned.x(), turned.y(), turned.z()};
+  }
+  // Fields may be floats, and those anything: then it stays as it was.
+  bool finite = std::isfinite(handle.gripper) && turned.coeffs().allFinite();
+  for (const double joint : handle.joints) finite = finite && std::isfinite(joint);
+  if (!finite) {
+    handle.joints = handle_.joints;
+    handle.gripper = handle_.gripper;
+    handle.orientation = handle_.orientation;
+  }
+  handle_ = handle;
+}
+
 HandState HidDevice::read() noexcept {
   HandState hand;
   const std::int64_t now = host_.now();
@@ -458,6 +501,8 @@ HandState HidDevice::read() noexcept {
     if (got == Got::kReport || (got == Got::kNothing && silent())) follow(moves);
   }
   hand.position = position_W_;
+  lookAtHandle();
+  hand.handle = handle_;
   hand.drives = drivesHere();
   hand.age = silent() ? 0.0 : 1e-9 * static_cast<double>(now - heard_at_);
   hand.ready = pose_.reachable && (heard_ || silent());

@@ -175,6 +175,8 @@ class HidDevice final : public Arm {
   /// Until a field has its value. Throws DeviceError: it has not come to that.
   void waitFor(ReportPort& port, HidInput& input, const HidStep& step,
                const std::function<bool()>& stop);
+  /// What the arm says beside where its tip is.
+  void lookAtHandle() noexcept;
   /// No flag of a report is older than it may be; `hand` is stale, or not ready, where one is.
   void lookAtFlags(std::int64_t now, HandState& hand) noexcept;
   /// No force waits for longer than it may, in its writer or in a write.
@@ -241,6 +243,7 @@ class HidDevice final : public Arm {
   Mat3 drives_W_ = Mat3::Identity();   ///< ProfileFacts::drives.
   std::vector<std::size_t> undriven_;  ///< Joints that move the tip and have no motor.
   Vec3 position_W_ = Vec3::Zero();
+  Handle handle_;
   double given_ = 1.0;
   std::vector<MotorHeat> heat_;  ///< Of joints' motors.
   double cool_ = 1.0;            ///< Share of the force that their heat leaves.

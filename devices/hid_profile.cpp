@@ -24,10 +24,7 @@ HidProfile parseHidProfile(const std::string& text, const std::string& source) {
   profileTable().read(root, file);
   HidProfile profile = checkedProfile(std::move(file), root);
   profile.source = source;
-  profile.fingerprint = 14695981039346656037ULL;  // FNV-1a
-  for (const char c : json.dump()) {
-    profile.fingerprint = (profile.fingerprint ^ static_cast<unsigned char>(c)) * 1099511628211ULL;
-  }
+  profile.fingerprint = fingerprintOf(json.dump());
   return profile;
 }
 
@@ -41,16 +38,21 @@ HidProfile readHidProfile(const std::filesystem::path& file) {
 
 namespace {
 
-/// The name that a file seems to give that is no profile, perhaps not even JSON; empty: none.
-std::string nameIn(const std::filesystem::path& file) {
+/// The names that a file seems to give, its own or a button's, that is no profile, perhaps not even
+/// JSON.
+std::set<std::string> namesIn(const std::filesystem::path& file) {
+  constexpr const char* kKey = "\"name\"";
   std::ifstream in(file);
   std::ostringstream text;
   text << in.rdbuf();
   const std::string all = text.str();
-  const std::size_t colon = all.find(':', all.find("\"name\""));
-  const std::size_t begin = all.find('"', colon);
-  const std::size_t end = begin == std::string::npos ? begin : all.find('"', begin + 1);
-  return end == std::string::npos ? "" : all.substr(begin + 1, end - begin - 1);
+  std::set<std::string> names;
+  for (std::size_t at = all.find(kKey); at != std::string::npos; at = all.find(kKey, at + 1)) {
+    const std::size_t begin = all.find('"', all.find(':', at));
+    const std::size_t end = begin == std::string::npos ? begin : all.find('"', begin + 1);
+    if (end != std::string::npos) names.insert(all.substr(begin + 1, end - begin - 1));
+  }
+  return names;
 }
 
 }  // namespace
@@ -87,7 +89,7 @@ std::vector<HidProfile> hidProfiles(const std::filesystem::path& folder,
     } catch (const DeviceError& e) {
       notes.emplace_back(e.what());
       broken.insert(file.stem());
-      broken.insert(nameIn(file));
+      broken.merge(namesIn(file));
     }
   }
   for (const auto& [name, text] : kHidProfiles) {

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "palpate/devices/arm.h"
 #include "palpate/devices/hid_report.h"
 #include "palpate/devices/kinematics.h"
 
@@ -77,6 +78,31 @@ struct HidMass {
   double mass = 0.0;                ///< [kg]
   std::optional<std::size_t> link;  ///< Of the kinematics; none: it is at the tip.
   Vec3 centre = Vec3::Zero();       ///< In the link's frame (Kinematics::on) [m].
+};
+
+/// A button that its user presses: pressed while its field has the value.
+struct HidButton {
+  std::string name;     ///< In HandleInfo::buttons.
+  FieldRef field;       ///< The field that is looked at.
+  double equals = 1.0;  ///< Its raw number while it is pressed.
+};
+
+/// An encoder of the handle, or one of the arm's joints that turns it.
+struct HidTurn {
+  std::optional<std::size_t> joint;  ///< Of HidProfile::joints; then `from` means nothing.
+  FieldRef from;                     ///< The field of its encoder: angle = value / ratio + home.
+  double ratio = 1.0;                ///< As HidJoint::ratio.
+  double home = 0.0;                 ///< The angle where the field is zero [rad].
+  Vec3 axis = Vec3::UnitZ();         ///< In the frame that the turns before it leave; unit.
+};
+
+/// What an arm has beside where its tip is (Handle).
+struct HidHandle {
+  std::vector<HidButton> buttons;  ///< At most HandleInfo::kMostButtons.
+  /// From the arm's frame to the handle's, in turn: R_D = R(axis 1, angle 1) R(axis 2, angle 2) ...
+  /// Empty: how it is held is not measured.
+  std::vector<HidTurn> orientation;
+  std::optional<HidTurn> gripper;  ///< How far it is open; its axis means nothing.
 };
 
 /// A step of a sequence: what a device needs before or after it is felt.
@@ -144,6 +170,7 @@ struct HidProfile {
   Vec3 origin_D = Vec3::Zero();               ///< p_W = world_from_device (p_D - origin_D).
   std::vector<HidMass> masses;                ///< That its motors carry; empty: none.
   Vec3 down_D = -Vec3::UnitZ();               ///< Where the masses fall to.
+  HidHandle handle;                           ///< Buttons, orientation, gripper.
   std::vector<HidStep> open,                  ///< Before its first report is waited for.
       home,                                   ///< After it: until the arm knows where it is.
       close;         ///< At the end, and where opening or homing has failed.

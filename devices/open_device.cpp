@@ -11,6 +11,7 @@
 #include "palpate/devices/faulty_device.h"
 #include "palpate/devices/open_arm.h"
 #include "palpate/devices/path_device.h"
+#include "palpate/devices/plugin_process.h"
 #include "palpate/devices/replay_device.h"
 #include "palpate/engine/error.h"
 
@@ -77,6 +78,14 @@ std::unique_ptr<Device> openRecorded(const std::string& name, const DeviceOption
   return device;
 }
 
+}  // namespace
+
+OpenedArm openAnyArm(const std::string& name, const ArmHost& host) {
+  return parsePluginName(name) ? openPluginArm(name, host) : openArm(name, host);
+}
+
+namespace {
+
 std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions& options) {
   if (!options.realtime) {
     throw DeviceError("--device", "an arm lives in real time", "add --realtime");
@@ -86,7 +95,7 @@ std::unique_ptr<Device> openRealArm(const std::string& name, const DeviceOptions
   host.stop = options.stop;
   if (options.passive) host.tank = TankUse::kAct;
   host.refill = options.refill;
-  auto arm = openArm(name, host).device;
+  auto arm = openAnyArm(name, host).device;
   if (options.passive && arm->info().limits.tank.use != TankUse::kAct) {
     throw Error("--passive",
                 "the friction of " + arm->info().name + " is not known, or less than its steps",
@@ -108,9 +117,10 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name == "mouse") return openMouse(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
   if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
-  if (parseArmName(name)) return openRealArm(name, options);
+  if (parseArmName(name) || parsePluginName(name)) return openRealArm(name, options);
   throw DeviceError("--device", "\"" + name + "\" is not in this version",
-                    "use simulated, simulated:TROUBLE, path:FILE.csv, replay:FILE or hid:PROFILE");
+                    "use simulated, simulated:TROUBLE, path:FILE.csv, replay:FILE, hid:PROFILE or "
+                    "plugin:NAME");
 }
 
 }  // namespace palpate

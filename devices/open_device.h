@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "palpate/devices/open_arm.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/device.h"
 
@@ -32,9 +33,14 @@ struct DeviceOptions {
 /// - `path:FILE.csv`: a hand that follows a path exactly; - is standard input
 /// - `replay:FILE`, `replay:FILE@SECONDS`: a hand that was recorded, from there on
 /// - `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json`: an arm (openArm)
+/// - `plugin:NAME`, `plugin:NAME@SERIAL`: an arm of a plug-in, which runs in a process of its own;
+/// `plugin-inside:NAME` in this one (openPluginArm)
 ///
 /// Throws Error: what is wrong with it, and what to write. Slow: an arm may home itself.
 [[nodiscard]] std::unique_ptr<Device> openDevice(const std::string& name,
                                                  const DeviceOptions& options);
+
+/// The last two, for what is asked of arms alone. Throws as openDevice.
+[[nodiscard]] OpenedArm openAnyArm(const std::string& name, const ArmHost& host);
 
 }  // namespace palpate

@@ -51,7 +51,7 @@ typedef struct palpate_plugin_host {
   void (*say)(const char* words);
   /** Not 0: the user has ended the program, so that nothing is waited for any more. [any] */
   int (*ends)(void);
-  /** CLOCK_MONOTONIC [ns]. [any] */
+  /** CLOCK_BOOTTIME [ns]. [any] */
   int64_t (*now)(void);
   /** The host's extension of this name; null: it has none. [main] */
   const void* (*extension)(const char* name);
@@ -89,8 +89,8 @@ typedef struct palpate_plugin_facts {
   double speed;            /**< No hand on it may be faster [m/s]; 0: 3. */
   double continuous;       /**< What it can hold for ever [N]; 0: all. */
   double heating;          /**< Time constant of its motors' heat [s]. */
-  double watchdog;         /**< It takes the force off by itself where none has come for so long
-                                [s]; 0: it never does. */
+  double watchdog;     /**< The arm itself, not a thread of the plug-in, takes the force off where
+                            none has come for so long [s]; 0: it never does. */
   double resolution;   /**< Step of the position for one count of its encoders [m]; 0: unknown. */
   uint32_t joints;     /**< That it measures, at most 6. */
   uint32_t buttons;    /**< At most 32. */
@@ -149,7 +149,8 @@ typedef struct palpate_plugin_device {
    * waits to be. [haptic] */
   int (*write)(struct palpate_plugin_device* device, const palpate_plugin_force* force);
   /** Zero force, now, whatever else goes on; write gives none after it until it is called with zero
-   *  force again. [any] */
+   *  force again. When it returns the process may end, also from a handler of a crash: it returns
+   * when the zero has been sent or cannot be, within 20 ms. [any] */
   void (*stop)(struct palpate_plugin_device* device);
   /** Switches it off and frees it. Not while another function runs. [main] */
   void (*close)(struct palpate_plugin_device* device);
@@ -161,8 +162,9 @@ typedef struct palpate_plugin_device {
 typedef struct palpate_plugin_factory {
   uint32_t size;
   uint32_t zero;
-  /** Fills in up to `room` of those that are plugged in; each `size` is set by the caller. Returns
-   * how many there are, negative where it cannot know. [main] */
+  /** Fills in up to `room` of those that are plugged in; each `size` is set by the caller, and
+   *  is the way from one to the next. Returns how many there are, negative where it cannot know.
+   * [main] */
   int (*find)(palpate_plugin_found* found, int room);
   /** Opens one; an empty serial is any. Null: in `error` why, with a remedy. [main] */
   palpate_plugin_device* (*open)(const char* serial, char* error, size_t room);

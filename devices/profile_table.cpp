@@ -290,6 +290,71 @@ Rows gravityRows() {
             });
 }
 
+/// Where in a FileTurn a number goes.
+auto to(double HidTurn::*member) {
+  return [member](FileTurn& turn, double value) { turn.turn.*member = value; };
+}
+
+JsonObject<FileTurn> encoderRows(const char* unit) {
+  return JsonObject<FileTurn>()
+      .need("from", jsonName(), &FileTurn::from)
+      .may("ratio",
+           jsonNumber()
+               .where([](double ratio) { return ratio != 0.0; }, "it is 0",
+                      "write the encoder's radians a radian, 1 without gear")
+               .also({{"not", {{"const", 0}}}})
+               .says("Encoder radians a radian; negative where it turns the other way."),
+           to(&HidTurn::ratio))
+      .may("home", jsonUpTo(kMostAngle, "radians").says(unit), to(&HidTurn::home));
+}
+
+JsonObject<FileTurn> jointRows() {
+  return JsonObject<FileTurn>().need(
+      "joint",
+      jsonWhole(0, static_cast<int>(kMostJoints) - 1)
+          .says("One of the kinematics' joints that turns it, 0 the first."),
+      [](FileTurn& turn, int joint) { turn.turn.joint = static_cast<std::size_t>(joint); });
+}
+
+JsonObject<FileTurn> axisRows(JsonObject<FileTurn> rows) {
+  return rows.need("axis",
+                   jsonNumbers<3>()
+                       .as<Vec3>([](const auto& v) { return Vec3(v[0], v[1], v[2]); })
+                       .where([](const Vec3& axis) { return isLength(axis.norm()); },
+                              "it is no direction", "write [0, 0, 1]")
+                       .says("It turns about this, in the frame that the turns before it leave; "
+                             "the first in the arm's."),
+                   [](FileTurn& turn, const Vec3& axis) { turn.turn.axis = axis.normalized(); });
+}
+
+Rows handleRows() {
+  const JsonType<FileButton> button =
+      JsonObject<FileButton>()
+          .need("name", jsonName(),
+                [](FileButton& to, std::string name) { to.button.name = std::move(name); })
+          .need("field", jsonName(), &FileButton::field)
+          .may("equals", jsonNumber().says("Raw, while it is pressed; default 1."),
+               [](FileButton& to, double equals) { to.button.equals = equals; })
+          .type();
+  const JsonType<FileTurn> turn =
+      JsonObject<FileTurn>()
+          .chooseByKey(
+              {axisRows(jointRows()), axisRows(encoderRows("[rad] where the field is 0."))})
+          .type();
+  return Rows()
+      .may("buttons",
+           jsonList(button, 0, HandleInfo::kMostButtons, "it is not a list of at most 32 buttons",
+                    "write [{\"name\": \"dark\", \"field\": ...}]"),
+           &ProfileFile::buttons)
+      .may("orientation",
+           jsonList(turn, 1, 2 * kMostJoints, "it is not a list of 1 to 12 turns",
+                    "write [{\"joint\": 0, \"axis\": [0, 0, 1]}, ...]")
+               .says("How the handle is held: turns from the arm's frame to its own, in turn."),
+           &ProfileFile::orientation)
+      .may("gripper", encoderRows("How far it is open where the field is 0 [rad].").type(),
+           &ProfileFile::gripper);
+}
+
 Rows mountRows() {
   return Rows()
       .may("origin",
@@ -428,6 +493,8 @@ const Table& table() {
             .mustHold("kinematics", kinematicsRows(jointType().defined("joint", t.definitions)),
                       "From joints to the tip.")
             .mayHold("gravity", gravityRows(), "What the arm's motors carry of its own weight.")
+            .mayHold("handle", handleRows(),
+                     "What the application is told beside where the tip is.")
             .may("open", steps(), &ProfileFile::open)
             .may("home", steps(), &ProfileFile::home)
             .may("close", steps(), &ProfileFile::close)

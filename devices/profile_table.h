@@ -36,7 +36,7 @@ struct FileReport {
   double stale = 0.0;
 };
 
-/// The fields of these three are names; what they are found to be is set later.
+/// The fields of these are names; what they are found to be is set later.
 struct FileFlag {
   HidFlag flag;
   std::string field;
@@ -44,6 +44,14 @@ struct FileFlag {
 struct FileJoint {
   HidJoint joint;
   std::string from, motor;
+};
+struct FileButton {
+  HidButton button;
+  std::string field;
+};
+struct FileTurn {
+  HidTurn turn;
+  std::string from;
 };
 struct FileStep {
   HidStep step;
@@ -66,6 +74,9 @@ struct ProfileFile {
   std::vector<FileReport> input;
   std::optional<FileReport> output;
   std::vector<FileFlag> flags;
+  std::vector<FileButton> buttons;
+  std::vector<FileTurn> orientation;
+  std::optional<FileTurn> gripper;
   FileGeometry geometry;
   std::function<std::shared_ptr<const Kinematics>(const FileGeometry&)> model;
   std::vector<FileJoint> joints;

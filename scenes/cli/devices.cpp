@@ -15,6 +15,8 @@
 #include "palpate/devices/arm_watch.h"
 #include "palpate/devices/guardian.h"
 #include "palpate/devices/open_arm.h"
+#include "palpate/devices/open_device.h"
+#include "palpate/devices/plugin_process.h"
 #include "palpate/devices/profile_facts.h"
 #include "palpate/devices/self_test.h"
 #include "palpate/devices/tested_arms.h"
@@ -172,11 +174,102 @@ int show(const DevicesOptions& options) {
   return kDone;
 }
 
+/// The name and the limits of a plug-in's arm, as openAnyArm has them.
+struct NamedPluginArm {
+  std::string name;
+  std::optional<DeviceInfo> info;  ///< As once it is tested; none where it cannot be used.
+  bool tested = false;
+  std::string trouble;
+};
+
+NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
+  NamedPluginArm named;
+  const std::string of = "plugin:" + plugin.name;
+  named.name = of + (arm.serial.empty() ? "" : "@" + arm.serial);
+  named.trouble = arm.trouble;
+  if (!arm.facts) return named;
+  try {
+    named.info = infoFor(*arm.facts, named.name, true);
+    named.tested = isTested(identityOf(*arm.facts, of, plugin.version, arm.serial));
+  } catch (const Error& error) {
+    named.trouble = error.what();
+  }
+  return named;
+}
+
+OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
+  OrderedJson all = OrderedJson::array();
+  const auto orNull = [](const std::string& text) {
+    return text.empty() ? OrderedJson() : OrderedJson(text);
+  };
+  for (const FoundPlugin& plugin : plugins) {
+    OrderedJson json;
+    json["name"] = plugin.name;
+    json["file"] = plugin.file.string();
+    json["description"] = plugin.what;
+    json["version"] = plugin.version;
+    json["licence"] = plugin.licence;
+    json["trouble"] = orNull(plugin.trouble);
+    json["arms"] = OrderedJson::array();
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      OrderedJson one;
+      one["device"] = named.name;
+      one["model"] = arm.model;
+      one["tested"] = named.tested;
+      one["trouble"] = orNull(named.trouble);
+      if (named.info) {
+        const DeviceInfo& info = *named.info;
+        one["limits"] = {{"force", info.limits.peak},
+                         {"stiffness", info.max_stiffness},
+                         {"damping", info.max_damping},
+                         {"slew", info.limits.slew},
+                         {"workspace_radius", info.workspace_radius},
+                         {"input_rate", arm.facts->rate},
+                         {"output_rate", info.output_rate}};
+        one["buttons"] = info.handle.buttons;
+        one["orientation"] = info.handle.orientation;
+        one["gripper"] = info.handle.gripper;
+        one["source"] = info.source;
+      }
+      json["arms"].push_back(one);
+    }
+    all.push_back(json);
+  }
+  return all;
+}
+
+void sayPlugins(const std::vector<FoundPlugin>& plugins) {
+  for (const FoundPlugin& plugin : plugins) {
+    if (!plugin.trouble.empty()) say("{}\n", sentence(plugin.trouble));
+    for (const FoundPluginArm& arm : plugin.arms) {
+      const NamedPluginArm named = namedOf(plugin, arm);
+      say("{}\n  {}, by {} {}\n", named.name, sentence(arm.model), sentence(plugin.what),
+          plugin.version);
+      if (named.info && named.info->hand) {
+        const DeviceInfo& info = *named.info;
+        say("  {} N, {} N/m, {} N s/m, {} Hz in, {} Hz out, {} m about its middle\n",
+            rounded(info.limits.peak), rounded(info.max_stiffness), rounded(info.max_damping),
+            rounded(arm.facts->rate), rounded(info.output_rate), rounded(info.workspace_radius));
+        say("    {}\n", sentence(info.source));
+        if (!named.tested) {
+          say("  untested: held to {} N and {} N/m: palpate devices --test {}\n", kUntestedForce,
+              kUntestedStiffness, named.name);
+        }
+      } else if (named.info) {
+        say("  moves the hand, gives no force\n");
+      }
+      if (!named.trouble.empty()) say("  {}\n", sentence(named.trouble));
+    }
+  }
+}
+
 int list(const DevicesOptions& options) {
   std::vector<std::string> notes;
   const std::vector<HidProfile> profiles = hidProfiles(hidProfileFolder(), notes);
   for (const std::string& note : notes) complain(note);
   const std::vector<FoundArm> arms = findArms(profiles);
+  const std::vector<FoundPlugin> plugins = findPlugins();
   std::vector<std::string> others;
   for (const HidDeviceName& device : listHid()) {
     if (device.vendor != kTeensyMaker || device.product != kTeensyBoot) continue;
@@ -210,6 +303,7 @@ int list(const DevicesOptions& options) {
                                  {"facts", factsIn(profile)},
                                  {"sources", profile.sources}});
     }
+    out["plugins"] = inJson(plugins);
     out["notes"] = notes;
     out["known"] = OrderedJson::array();
     for (const KnownArm& arm : knownArms()) {
@@ -224,7 +318,12 @@ int list(const DevicesOptions& options) {
     sayJson(out);
     return kDone;
   }
-  if (arms.empty()) say("no arm is plugged in that a profile knows\n");
+  const bool none = std::all_of(plugins.begin(), plugins.end(),
+                                [](const FoundPlugin& plugin) { return plugin.arms.empty(); });
+  if (arms.empty()) {
+    say("no arm is plugged in that a profile {}knows\n", none ? "or plug-in " : "");
+  }
+  sayPlugins(plugins);
   for (const FoundArm& arm : arms) {
     for (const HidProfile& profile : arm.profiles) {
       say("{}\n  {}, {} ({})\n", arm.nameAs(profile), sentence(profile.description),
@@ -252,7 +351,10 @@ int list(const DevicesOptions& options) {
   for (const std::string& other : others) say("{}\n", sentence(other));
   say("\nprofiles: ");
   for (const HidProfile& p : profiles) say("{}{}", &p == &profiles[0] ? "" : ", ", p.name);
-  say("; your own in {}\n\nlimits of known arms, by their sources:\n", hidProfileFolder().string());
+  say("; your own in {}\nplug-ins: ", hidProfileFolder().string());
+  for (const FoundPlugin& p : plugins) say("{}{}", &p == &plugins[0] ? "" : ", ", p.name);
+  say("{} (docs/plugins.md)\n\nlimits of known arms, by their sources:\n",
+      plugins.empty() ? "none" : "");
   for (const KnownArm& arm : knownArms()) {
     say("  {:24} {:>4} N {:>5} N/m {:>3} N s/m {:>6} m  {} ({})\n", arm.name, rounded(arm.force),
         rounded(arm.stiffness), rounded(arm.damping), rounded(arm.workspace_radius), arm.transport,
@@ -501,7 +603,7 @@ int test(const DevicesOptions& options) {
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
   host.carries = kMostForce;  // in a few centimetres, and the hand has let go of it
-  const auto [arm, identity] = openArm(options.test, host);
+  const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {
     throw Error("--test", arm->info().name + " gives no force", "there is nothing to test");
   }
@@ -536,8 +638,9 @@ int test(const DevicesOptions& options) {
         rounded(1e3 * r.slowest), arm->traffic().dropped);
     say("output     {} writes, the longest {} ms\n", arm->traffic().writes,
         rounded(1e-6 * static_cast<double>(arm->traffic().longest_ns)));
-    say("position   steps of ");
     const std::vector<double> steps = arm->steps();
+    say("position   steps of ");
+    if (steps.empty()) say("not said how many");
     for (const double& step : steps) {
       say("{}{}", &step == &steps[0] ? "" : ", ", rounded(1e6 * step));
     }
@@ -600,30 +703,109 @@ int test(const DevicesOptions& options) {
   return kDone;
 }
 
+/// Pictures of what an arm says, in place on a terminal.
+class Pictures {
+ public:
+  explicit Pictures(double seconds) : seconds_(seconds), begin_(nowNs()), next_(often()) {
+    struct sigaction action {};
+    action.sa_handler = [](int signal) { interrupted = signal; };
+    sigemptyset(&action.sa_mask);
+    for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  }
+  [[nodiscard]] double since() const { return 1e-9 * static_cast<double>(nowNs() - begin_); }
+  [[nodiscard]] bool over() const { return seconds_ > 0.0 && since() >= seconds_; }
+  /// True where it is time for the next one.
+  [[nodiscard]] bool due() {
+    const bool is = since() >= next_;
+    if (is) next_ += often();
+    return is;
+  }
+  /// False: nobody sees it.
+  [[nodiscard]] bool show(const std::string& text) const {
+    if (terminal_) sayRaw("\x1b[H\x1b[J");
+    std::istringstream lines(text + "\n");
+    for (std::string line; std::getline(lines, line);) say("{}\n", sentence(line));
+    return std::fflush(stdout) == 0;
+  }
+
+ private:
+  [[nodiscard]] double often() const { return terminal_ ? 0.25 : 0.5; }  // [s]
+  bool terminal_ = isatty(STDOUT_FILENO) == 1;
+  double seconds_;
+  std::int64_t begin_;
+  double next_;
+};
+
+/// One reading in words.
+std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::string& not_ready) {
+  const Vec3& p = hand.position;
+  std::string text =
+      fmt::format("tip at ({:.5f}, {:.5f}, {:.5f}) m in the hand's world, {:.3f} s ago\n", p.x(),
+                  p.y(), p.z(), hand.age);
+  if (hand.measured) text += fmt::format("velocity {:.3f} m/s\n", hand.velocity.norm());
+  const Handle& handle = hand.handle;
+  if (info.orientation) {
+    const auto& q = handle.orientation;
+    text += fmt::format("held at w, x, y, z = {:.4f}, {:.4f}, {:.4f}, {:.4f}\n", q[0], q[1], q[2],
+                        q[3]);
+  }
+  if (info.gripper) text += fmt::format("gripper {:.4f}\n", handle.gripper);
+  for (std::size_t i = 0; i < info.joints; ++i) {
+    text += fmt::format("joint {} {:>10.5f}\n", i + 1, handle.joints[i]);
+  }
+  for (std::size_t i = 0; i < info.buttons.size(); ++i) {
+    const bool pressed = (handle.buttons >> i & 1U) != 0;
+    text += fmt::format("{}: {}\n", info.buttons[i], pressed ? "pressed" : "not pressed");
+  }
+  if (hand.fault != Fault::kNone) {
+    text += fmt::format("fault: {}: {}\n", wordsFor(hand.fault), remedyFor(hand.fault));
+  } else if (!hand.ready) {
+    text += "not ready: " + not_ready + "\n";
+  }
+  return text;
+}
+
+/// What a plug-in's arm says; it is opened and made ready, with zero force.
+int watchPlugin(const DevicesOptions& options) {
+  Pictures pictures(options.seconds);
+  ArmHost host;
+  host.say = [](const std::string& words) { complain("devices: " + words); };
+  host.stop = [] { return interrupted != 0; };
+  const std::unique_ptr<Arm> arm = openAnyArm(options.watch, host).device;
+  while (interrupted == 0) {
+    const HandState hand = arm->read();
+    arm->write(Vec3::Zero());
+    const bool over = pictures.over();
+    if (pictures.due() || over) {
+      const std::string head =
+          fmt::format("{:.1f} s, {}; zero force\n", pictures.since(), options.watch);
+      if (!pictures.show(head + pictureOf(hand, arm->info().handle, arm->whyNotReady()))) {
+        return kEndedEarly;
+      }
+    }
+    if (over) return kDone;
+    sleepUntil(nowNs() + kPeriod);
+  }
+  return kInterrupted;
+}
+
 /// What an arm says, again and again; nothing is sent, so that another program may drive it
 /// meanwhile.
 int watch(const DevicesOptions& options) {
-  struct sigaction action {};
-  action.sa_handler = [](int signal) { interrupted = signal; };
-  sigemptyset(&action.sa_mask);
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  if (parsePluginName(options.watch)) return watchPlugin(options);
+  Pictures pictures(options.seconds);
   const bool arm = parseArmName(options.watch).has_value();
   const ChosenArm chosen = findArm(arm ? options.watch : "hid:" + options.watch,
                                    [](const std::string& words) { complain("devices: " + words); });
   const auto wrong = chosen.arm.against(chosen.profile);
   const auto port = openHidToRead(chosen.arm.device.path);
   ArmWatch watch(chosen.profile);
-  const bool terminal = isatty(STDOUT_FILENO) == 1;
-  const double often = terminal ? 0.25 : 0.5;  // [s]
-  constexpr std::int64_t kLook = 5000000;      // [ns]: a few reports; the kernel keeps 63
-  const std::int64_t begin = nowNs();
-  const auto since = [&] { return 1e-9 * static_cast<double>(nowNs() - begin); };
-  for (double next = often; interrupted == 0;) {
+  constexpr std::int64_t kLook = 5000000;  // [ns]: a few reports; the kernel keeps 63
+  while (interrupted == 0) {
     const bool gone = watch.take(*port, nowNs()) == Got::kGone;
-    const bool over = options.seconds > 0.0 && since() >= options.seconds;
-    if (since() >= next || gone || over) {
-      next += often;
-      std::string text = fmt::format("{:.1f} s, {} on {}; nothing is sent\n", since(),
+    const bool over = pictures.over();
+    if (pictures.due() || gone || over) {
+      std::string text = fmt::format("{:.1f} s, {} on {}; nothing is sent\n", pictures.since(),
                                      chosen.arm.nameAs(chosen.profile), chosen.arm.device.path);
       if (wrong) text += std::string(wrong->what()) + "\n";
       if (chosen.profile.home_at_open) {
@@ -632,10 +814,7 @@ int watch(const DevicesOptions& options) {
         text += "joints are true if it has been homed since it was switched on\n";
       }
       text += watch.picture(nowNs());
-      if (terminal) sayRaw("\x1b[H\x1b[J");
-      std::istringstream lines(text + "\n");
-      for (std::string line; std::getline(lines, line);) say("{}\n", sentence(line));
-      if (std::fflush(stdout) != 0) return kEndedEarly;
+      if (!pictures.show(text)) return kEndedEarly;
     }
     if (gone) {
       complain("devices: it was unplugged: plug it in again, and watch it again");

@@ -464,10 +464,10 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--device", options->devices,
                    "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
                    "(header t,x,y,z), "
-                   "replay:FILE[@SECONDS] (of --record), or hid[:PROFILE[@SERIAL]] (palpate "
-                   "devices); again for another hand")
+                   "replay:FILE[@SECONDS] (of --record), hid[:PROFILE[@SERIAL]] or "
+                   "plugin:NAME[@SERIAL] (palpate devices); again for another hand")
       ->take_all()
-      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:}");
+      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:,plugin:}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -509,7 +509,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:}");
+      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:,plugin:}");
   verb->add_option("--speed", options->speed,
                    "Of a recorded hand: so many times as fast as it was (default 1)");
   verb->add_option("--seconds", options->seconds,

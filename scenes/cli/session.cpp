@@ -52,6 +52,14 @@ class OnTime {
                "see to its firmware and encoders");
     }
     told_still_ = still;
+    // Less than half of what is asked for is felt as another surface.
+    const bool weak = now.input.given < 0.5;
+    if (weak && !told_weak_) {
+      complain(name_ +
+               ": its motors give less than half of the force: it is more than they may have, or "
+               "they are hot: let it rest, or use weaker modes");
+    }
+    told_weak_ = weak;
     if (const ZeroForce another = hand_.device->zeroForce(); another.version != plugging_) {
       plugging_ = another.version;
       guardian_.renew(watch_, another);
@@ -94,6 +102,7 @@ class OnTime {
   std::uint32_t plugging_ = 1;
   Fault told_ = Fault::kNone;
   bool told_still_ = false;
+  bool told_weak_ = false;
   std::optional<HapticThread> thread_;
 };
 

@@ -9,7 +9,8 @@ include(GNUInstallDirs)
 set(here ${PROJECT_SOURCE_DIR}/scenes/package)
 
 if(NOT PALPATE_ENGINE_ONLY)
-  install(TARGETS palpate RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
+  install(TARGETS palpate palpate-plugin
+    RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT programs)
   # Run by palpate alone: nobody types their names.
   install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/feel_picture.py
                    ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
@@ -82,7 +83,7 @@ endif()
 
 # The libraries that there are: of the engine alone those that need Eigen only.
 set(libraries "")
-foreach(library analytic devices engine guardian hid json openvdb options record
+foreach(library analytic devices engine guardian hid json openvdb options plugins record
         samplers scenes)
   if(TARGET palpate_${library})
     set_target_properties(palpate_${library} PROPERTIES EXPORT_NAME ${library})

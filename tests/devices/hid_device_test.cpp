@@ -247,6 +247,66 @@ constexpr double kAtOnce = 1e9;  // [Hz]
 
 }  // namespace
 
+TEST_CASE("what an arm says beside where its tip is goes to the application", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  profile.handle.buttons = {{"one", {0, 3}, 1.0}, {"two", {0, 3}, 2.0}};
+  HidTurn yaw;
+  yaw.joint = 0;
+  HidTurn roll;
+  roll.from = {0, 3};
+  roll.axis = Vec3::UnitX();
+  roll.ratio = 2.0;
+  roll.home = 0.25;
+  profile.handle.orientation = {yaw, roll};
+  profile.handle.gripper = roll;
+  // A quarter turn about z: the arm stands on its side.
+  profile.world_from_device << 0, -1, 0, 1, 0, 0, 0, 0, 1;
+  const auto device = open(arm, profile);
+  const HandleInfo& info = device->info().handle;
+  CHECK(info.buttons == std::vector<std::string>{"one", "two"});
+  CHECK(info.orientation);
+  CHECK(info.gripper);
+  CHECK(info.joints == 3);
+  arm.giveCounts(3000, 0, 0, 2);
+  const HandState hand = device->read();
+  CHECK(hand.handle.buttons == 2);
+  CHECK(hand.handle.joints[0] == Approx(0.03));
+  CHECK(hand.handle.gripper == Approx(2.0 / 2.0 + 0.25));
+  // Turned about z by the mount and the first joint, then about its own x.
+  const double half_z = 0.5 * (0.5 * std::acos(-1.0) + 0.03);
+  const double half_x = 0.5 * 1.25;
+  CHECK(hand.handle.orientation[0] == Approx(std::cos(half_z) * std::cos(half_x)));
+  CHECK(hand.handle.orientation[1] == Approx(std::cos(half_z) * std::sin(half_x)));
+  CHECK(hand.handle.orientation[2] == Approx(std::sin(half_z) * std::sin(half_x)));
+  CHECK(hand.handle.orientation[3] == Approx(std::sin(half_z) * std::cos(half_x)));
+  arm.giveCounts(3000, 0, 0, 1);
+  CHECK(device->read().handle.buttons == 1);
+}
+
+TEST_CASE("what is no number leaves a handle as it was", "[hid]") {
+  FakeArm arm;
+  HidProfile profile = slides();
+  // Its state is half of a float, whose exponent it has.
+  ReportField odd = profile.input[0].fields[3];
+  odd.name = "odd";
+  odd.type = ReportField::Type::kFloat;
+  odd.bit = 32;
+  odd.bits = 32;
+  profile.input[0].fields.push_back(odd);
+  HidTurn turn;
+  turn.from = {0, 4};
+  profile.handle.gripper = turn;
+  profile.handle.orientation = {turn};
+  const auto device = open(arm, profile);
+  arm.giveCounts(0, 0, 0, 0x3F80);  // 1.0
+  CHECK(device->read().handle.gripper == 1.0);
+  arm.giveCounts(0, 0, 0, 0x7FC0);  // not a number
+  const Handle handle = device->read().handle;
+  CHECK(handle.gripper == 1.0);
+  CHECK(handle.orientation[3] == Approx(std::sin(0.5)));
+}
+
 TEST_CASE("positions are read and forces sent, in the profile's units and frame", "[hid]") {
   FakeArm arm;
   HidProfile profile = slides();

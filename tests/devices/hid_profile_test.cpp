@@ -44,6 +44,7 @@ Json full() {
       "b": {"bit": 128, "bits": 32, "scale": 1e-6},
       "c": {"bit": 160, "bits": 32, "scale": 1e-6, "offset": 0.5},
       "d": {"bit": 192, "bits": 32, "scale": 1e-6},
+      "wrist": {"bit": 256, "bits": 16, "scale": 1e-4},
       "state": {"bit": 240, "bits": 3, "type": "unsigned"}}}],
     "output": {"id": 2, "size": 16, "fields": {
       "fa": {"bit": 48, "bits": 16, "scale": 1000, "least": -5000, "most": 5000},
@@ -55,6 +56,11 @@ Json full() {
       {"from": "a", "motor": "fa", "torque_constant": 1},
       {"from": "b", "ratio": -1, "motor": "fb", "torque_constant": 1},
       {"from": "c", "home": 0.1, "motor": "fc", "torque_constant": 2}]},
+    "handle": {"buttons": [{"name": "dark", "field": "state", "equals": 2},
+                           {"name": "light", "field": "state", "equals": 4}],
+               "orientation": [{"joint": 1, "axis": [0, 0, 2]},
+                               {"from": "wrist", "ratio": 2, "home": 0.5, "axis": [0, 1, 0]}],
+               "gripper": {"from": "wrist", "ratio": -10}},
     "mount": {"origin": [0, 0, 0.1], "rotation_wxyz": [0.7071, 0, 0, 0.7071]},
     "open": [{"feature": [3, 0, 255]}, {"pause": 0.01}],
     "home": [{"send": {"command": 1}},
@@ -91,6 +97,12 @@ TEST_CASE("a profile with everything is read", "[profile]") {
   CHECK(arm.world_from_device(1, 0) == Approx(1.0));
   CHECK(arm.sources.at("/limits") == "measured");
   CHECK(arm.output->fields.size() == 4);
+  CHECK(arm.handle.buttons[1].name == "light");
+  CHECK(arm.handle.buttons[1].equals == 4);
+  CHECK(arm.handle.orientation[0].joint == 1);
+  CHECK(arm.handle.orientation[0].axis.z() == 1.0);
+  CHECK(arm.handle.orientation[1].from.field == 5);
+  CHECK(arm.handle.gripper->ratio == -10);
 }
 
 TEST_CASE("bad profiles are refused with their path, by reader or schema", "[profile]") {
@@ -121,6 +133,19 @@ TEST_CASE("bad profiles are refused with their path, by reader or schema", "[pro
       {"/input/0/sequence", "state", "/input/0/sequence: state's bits are a flag's, which", false},
       {"/input/0/stale", 0, "/input/0/stale: 0 is not > 0", true},
       {"/input/0/stale", 3, "/input/0/stale: ", true},
+      {"/handle/buttons/0/field", "knob", "/handle/buttons/0/field: ", false},
+      {"/handle/buttons/0/equals", 8, "/handle/buttons/0: state is never 8", false},
+      {"/handle/buttons/0/name", 3, "/handle/buttons/0/name: ", true},
+      {"/handle/orientation/0/joint", 3, "joint: the model has no such joint", false},
+      {"/handle/orientation/0/axis",
+       {0, 0, 0},
+       "/handle/orientation/0/axis: it is no direc",
+       false},
+      {"/handle/orientation/1/from", "a", "from: a counter is followed where it is a joint's",
+       false},
+      {"/handle/orientation/1/ratio", 0, "/handle/orientation/1/ratio: it is 0", true},
+      {"/handle/orientation", Json::array(), "/handle/orientation: it is not a list", true},
+      {"/handle/gripper/axis", {0, 0, 1}, "/handle/gripper/axis: unknown key", true},
       {"/output/stale", 0.1, "/output/stale: unknown key", true},
       {"/output/fields/fa/most", -6000, "least is above most", false},
       {"/flags/0/field", "stat", "did you mean \"state\"?", false},

@@ -196,6 +196,16 @@ void checkNames(const HidProfile& profile, const std::string& file) {
 }
 
 /// So many seconds of reading and writing, once a millisecond.
+/// The arm of a profile's file; what it says to its user goes to `said`.
+std::unique_ptr<HidDevice> openHidArm(const std::string& file, std::vector<std::string>& said) {
+  ArmHost host;
+  host.say = [&said](const std::string& words) { said.push_back(words); };
+  std::unique_ptr<Arm> arm = openArm("hid:" + file, host).device;
+  auto& device = dynamic_cast<HidDevice&>(*arm);
+  (void)arm.release();
+  return std::unique_ptr<HidDevice>(&device);
+}
+
 void checkLoop(HidDevice& arm, Aside& aside, double seconds, bool usb) {
   std::vector<double> periods;
   std::vector<double> reads;
@@ -366,9 +376,7 @@ struct Felt {
   const BuiltScene built = buildScene(spec);
 
   std::vector<std::string> said;
-  ArmHost host;
-  host.say = [&](const std::string& words) { said.push_back(words); };
-  auto arm = openArm("hid:" + profile_file, host).device;
+  std::unique_ptr<HidDevice> arm = openHidArm(profile_file, said);
   check(arm->info().limits.peak == 5.0, "the arm that has passed its test has its own limits");
   std::int64_t late = 0;
   {
@@ -570,10 +578,7 @@ bool run(const std::string& what, const std::string& volume, const std::string& 
   const HidProfile profile = readHidProfile(profile_file);
   checkNames(profile, profile_file);
   std::vector<std::string> said;
-  ArmHost host;
-  host.say = [&](const std::string& words) { said.push_back(words); };
-  const auto opened = openArm("hid:" + profile_file, host).device;
-  auto* const arm = dynamic_cast<HidDevice*>(opened.get());
+  const std::unique_ptr<HidDevice> arm = openHidArm(profile_file, said);
   check(contains(refusal([&] { (void)openArm("hid:" + profile_file, {}); }), "another hand's"),
         "an arm that a hand has is no other hand's");
   check(arm->info().limits.peak == kUntestedForce && !said.empty() &&

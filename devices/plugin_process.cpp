@@ -1,0 +1,577 @@
+#include "palpate/devices/plugin_process.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstring>
+#include <fcntl.h>
+#include <functional>
+#include <new>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <system_error>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "palpate/devices/plugin_library.h"
+#include "palpate/devices/plugin_link.h"
+#include "palpate/devices/tested_arms.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/realtime.h"
+
+extern char** environ;
+
+namespace palpate {
+namespace {
+
+constexpr int kLook = 50;            // [ms] between looks at a process
+constexpr double kEnds = 1.0;        // [s] that one has to end when it is asked to
+constexpr double kHung = 0.5;        // [s] without a turn of its haptic thread
+constexpr double kTriesAgain = 0.5;  // [s] after one has ended by itself
+constexpr const char* kProgram = "palpate-plugin";
+constexpr std::array<std::byte, 4> kZero{};  // what a guardian writes: anything means zero
+
+/// A descriptor, closed at its end.
+class Descriptor {
+ public:
+  Descriptor() = default;
+  /// Above those that a child is given.
+  explicit Descriptor(int own) : own_(own) {
+    if (own_ < 0) throw DeviceError(kProgram, std::strerror(errno), "close some files");
+    constexpr int kAbove = 16;
+    if (own_ < kAbove) {
+      const int moved = fcntl(own_, F_DUPFD_CLOEXEC, kAbove);
+      close(std::exchange(own_, moved));
+    }
+    if (own_ < 0) throw DeviceError(kProgram, std::strerror(errno), "close some files");
+  }
+  Descriptor(Descriptor&& other) noexcept : own_(std::exchange(other.own_, -1)) {}
+  Descriptor& operator=(Descriptor&& other) noexcept {
+    std::swap(own_, other.own_);
+    return *this;
+  }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  ~Descriptor() {
+    if (own_ >= 0) close(own_);
+  }
+  [[nodiscard]] int get() const noexcept { return own_; }
+
+ private:
+  int own_ = -1;
+};
+
+std::pair<Descriptor, Descriptor> socketPair() {
+  std::array<int, 2> ends{-1, -1};
+  const int made = socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, ends.data());
+  if (made != 0) throw DeviceError(kProgram, std::strerror(errno), "close some files");
+  Descriptor first(ends[0]);
+  return {std::move(first), Descriptor(ends[1])};
+}
+
+std::filesystem::path programBeside() {
+  std::error_code error;
+  const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+  return self.parent_path() / kProgram;
+}
+
+/// A process of palpate-plugin's.
+class Child {
+ public:
+  /// @param given  Descriptors that it has as 3, 4, ...
+  Child(const std::filesystem::path& program, const std::vector<std::string>& words,
+        std::initializer_list<int> given) {
+    posix_spawn_file_actions_t files;
+    posix_spawn_file_actions_init(&files);
+    posix_spawn_file_actions_addopen(&files, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+    // What a maker's library prints is none of the program's output.
+    posix_spawn_file_actions_adddup2(&files, STDERR_FILENO, STDOUT_FILENO);
+    int next = kPluginControl;
+    for (const int own : given) posix_spawn_file_actions_adddup2(&files, own, next++);
+    posix_spawn_file_actions_addclosefrom_np(&files, next);
+    posix_spawnattr_t how;
+    posix_spawnattr_init(&how);
+    sigset_t none;
+    sigset_t all;
+    sigemptyset(&none);
+    sigfillset(&all);
+    posix_spawnattr_setsigmask(&how, &none);
+    posix_spawnattr_setsigdefault(&how, &all);
+    // A terminal's Ctrl-C is the program's.
+    posix_spawnattr_setflags(&how,
+                             POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSID);
+    std::vector<std::string> all_words{kProgram};
+    all_words.insert(all_words.end(), words.begin(), words.end());
+    std::vector<char*> arguments;
+    for (std::string& word : all_words) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    const int failed =
+        posix_spawn(&process_, program.c_str(), &files, &how, arguments.data(), environ);
+    posix_spawnattr_destroy(&how);
+    posix_spawn_file_actions_destroy(&files);
+    if (failed != 0) {
+      process_ = -1;
+      throw DeviceError(program.string(), std::strerror(failed), "check the installation");
+    }
+  }
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  ~Child() { end(0.0); }
+
+  /// True while it lives.
+  [[nodiscard]] bool lives() {
+    if (process_ > 0 && waitpid(process_, nullptr, WNOHANG) == process_) process_ = -1;
+    return process_ > 0;
+  }
+  /// Waits for its end, and ends it after `patience` [s].
+  void end(double patience) {
+    for (double waited = 0.0; lives(); waited += 1e-3) {
+      if (waited >= patience) {
+        kill(process_, SIGKILL);
+        waitpid(process_, nullptr, 0);
+        process_ = -1;
+        return;
+      }
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  }
+
+ private:
+  pid_t process_ = -1;
+};
+
+std::vector<std::string> linesOf(const std::string& text) {
+  std::vector<std::string> lines;
+  std::size_t at = 0;
+  for (std::size_t end = 0; end != std::string::npos; at = end + 1) {
+    end = text.find('\n', at);
+    lines.push_back(text.substr(at, end - at));
+    if (end == std::string::npos) break;
+  }
+  return lines;
+}
+
+DeviceError errorOf(const PluginMessage& message) {
+  std::vector<std::string> parts = linesOf(message.text());
+  parts.resize(3);
+  return {parts[0], parts[1], parts[2]};
+}
+
+/// What a process says until it has said all, is silent for `patience` [s], or has ended.
+enum class Heard : std::uint8_t { kAll, kSilent, kEnded, kStopped };
+Heard hear(int control, double patience, const std::function<bool()>& stop,
+           const std::function<void(const PluginMessage&)>& take) {
+  std::array<std::byte, sizeof(PluginMessage) + 1> buffer{};
+  double silent = 0.0;
+  for (;;) {
+    if (stop && stop()) return Heard::kStopped;
+    pollfd waits{control, POLLIN, 0};
+    if (poll(&waits, 1, kLook) == 0) {
+      silent += 1e-3 * kLook;
+      if (patience > 0.0 && silent >= patience) return Heard::kSilent;
+      continue;
+    }
+    const ssize_t size = recv(control, buffer.data(), buffer.size(), MSG_DONTWAIT);
+    if (size == 0 || (size < 0 && errno != EAGAIN && errno != EINTR)) return Heard::kEnded;
+    if (size < 0) continue;
+    const auto message = pluginMessageOf(std::span(buffer).first(static_cast<std::size_t>(size)));
+    if (!message) continue;
+    if (message->kind == PluginMessage::kDone) return Heard::kAll;
+    silent = 0.0;
+    take(*message);
+  }
+}
+
+/// Facts as they came; nothing where they are not whole.
+struct SentFacts {
+  palpate_plugin_facts facts;
+  bool carries;
+};
+std::optional<SentFacts> factsIn(const PluginMessage& message) {
+  SentFacts sent{};
+  if (message.size != sizeof(sent.facts) + 1) return std::nullopt;
+  std::memcpy(&sent.facts, message.bytes.data(), sizeof(sent.facts));
+  sent.carries = message.bytes[sizeof(sent.facts)] != 0;
+  sent.facts.source[sizeof(sent.facts.source) - 1] = '\0';
+  for (auto& name : sent.facts.button) name[sizeof(name) - 1] = '\0';
+  return sent;
+}
+
+/// Likewise of an arm that was found.
+std::optional<palpate_plugin_found> foundIn(const PluginMessage& message) {
+  palpate_plugin_found one{};
+  if (message.kind != PluginMessage::kFound || message.size != sizeof(one)) return std::nullopt;
+  std::memcpy(&one, message.bytes.data(), sizeof(one));
+  one.serial[sizeof(one.serial) - 1] = one.model[sizeof(one.model) - 1] = '\0';
+  return one;
+}
+
+/// Memory of a PluginLink, shared with a child.
+class SharedLink {
+ public:
+  SharedLink() : file_(memfd_create("palpate-plugin", MFD_CLOEXEC)) {
+    void* at = MAP_FAILED;
+    if (ftruncate(file_.get(), sizeof(PluginLink)) == 0) {
+      at = mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, file_.get(), 0);
+    }
+    if (at == MAP_FAILED) throw DeviceError(kProgram, std::strerror(errno), "free some memory");
+    link_ = new (at) PluginLink;
+    // What a plug-in does to the file does not end the program.
+    (void)fcntl(file_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL);
+  }
+  SharedLink(const SharedLink&) = delete;
+  SharedLink& operator=(const SharedLink&) = delete;
+  ~SharedLink() { munmap(link_, sizeof(PluginLink)); }
+  [[nodiscard]] PluginLink& operator*() const noexcept { return *link_; }
+  [[nodiscard]] PluginLink* operator->() const noexcept { return link_; }
+  [[nodiscard]] int file() const noexcept { return file_.get(); }
+
+ private:
+  Descriptor file_;
+  PluginLink* link_;
+};
+
+/// One life of a plug-in's process, from its start until its arm is ready and on.
+struct Life {
+  SharedLink link;
+  Descriptor control, zero;
+  std::unique_ptr<Child> child;
+  SentFacts facts{};
+  std::string version;
+  std::string own;  ///< Serial number.
+
+  Life(const std::filesystem::path& program, const std::filesystem::path& file,
+       const std::string& serial, const std::function<void(const std::string&)>& say,
+       const std::function<bool()>& stop) {
+    auto [control_here, control_there] = socketPair();
+    auto [zero_here, zero_there] = socketPair();
+    control = std::move(control_here);
+    zero = std::move(zero_here);
+    // A guardian never waits for a process that does not read.
+    (void)fcntl(zero.get(), F_SETFL, O_NONBLOCK);
+    child = std::make_unique<Child>(
+        program, std::vector<std::string>{"serve", file.string(), serial},
+        std::initializer_list<int>{control_there.get(), link.file(), zero_there.get()});
+    control_there = Descriptor();
+    zero_there = Descriptor();
+    const std::string name = "plugin:" + file.stem().string();
+    std::optional<DeviceError> error;
+    bool known = false;
+    const Heard heard = hear(control.get(), 0.0, stop, [&](const PluginMessage& message) {
+      if (message.kind == PluginMessage::kSay && say) say(name + ": " + message.text());
+      if (message.kind == PluginMessage::kFailed) error = errorOf(message);
+      if (message.kind == PluginMessage::kPlugin) {
+        std::vector<std::string> lines = linesOf(message.text());
+        lines.resize(3);
+        version = lines[1];
+      }
+      if (const auto found = foundIn(message)) own = found->serial;
+      if (message.kind == PluginMessage::kFacts) {
+        if (const auto sent = factsIn(message)) {
+          facts = *sent;
+          known = true;
+        }
+      }
+    });
+    if (error) throw *error;
+    if (heard == Heard::kStopped) {
+      throw DeviceError(name, "it was not made ready", "the program has ended");
+    }
+    if (heard != Heard::kAll || !known) {
+      throw DeviceError(name, "its process has ended before its arm was ready",
+                        "see what it has printed, and what palpate devices says of it");
+    }
+  }
+  Life(const Life&) = delete;
+  Life& operator=(const Life&) = delete;
+  ~Life() {
+    control = Descriptor();
+    if (child) child->end(kEnds);
+  }
+};
+
+/// A plug-in in a process of its own.
+class ProcessPort final : public PluginPort {
+ public:
+  ProcessPort(std::filesystem::path program, std::filesystem::path file, std::string serial,
+              const ArmHost& host)
+      : program_(std::move(program)),
+        file_(std::move(file)),
+        serial_(std::move(serial)),
+        host_(host),
+        life_(std::make_unique<Life>(program_, file_, serial_, host_.say, host_.stop)),
+        version_(life_->version),
+        facts_(life_->facts),
+        guard_(fcntl(life_->zero.get(), F_DUPFD_CLOEXEC, 3)) {
+    // When it is started again it is for this very arm.
+    serial_ = life_->own;
+    now_ = life_.get();
+    mender_ = std::thread([this] { mendLoop(); });
+  }
+  ~ProcessPort() override {
+    quit_ = true;
+    mender_.join();
+  }
+
+  [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_.facts; }
+  [[nodiscard]] std::string version() const override { return version_; }
+  [[nodiscard]] std::string serial() const override { return serial_; }
+  [[nodiscard]] bool carries() const noexcept override { return facts_.carries; }
+  [[nodiscard]] std::uint32_t openings() const noexcept override { return openings_; }
+
+  [[nodiscard]] bool read(PluginNews& news) noexcept override {
+    const Using life(now_, using_);
+    if (life.life() == nullptr) return false;
+    PluginLink& link = *life.life()->link;
+    link.ticked_at.store(nowNs(), std::memory_order_relaxed);
+    // One that is just being written is next tick's.
+    (void)link.news.load(news);
+    return true;
+  }
+  void write(const PluginOrder& order) noexcept override {
+    const Using life(now_, using_);
+    if (life.life() == nullptr) return;
+    PluginLink& link = *life.life()->link;
+    link.order.store(order);
+    link.orders.fetch_add(1, std::memory_order_release);
+    wakeWord(link.orders);
+  }
+  [[nodiscard]] ZeroForce zeroForce() const noexcept override {
+    ZeroForce zero{guard_.get(), kZero};
+    zero.version = openings_;
+    return zero;
+  }
+
+ private:
+  /// Keeps a life from being ended while it is used.
+  class Using {
+   public:
+    Using(std::atomic<Life*>& life, std::atomic<bool>& in) noexcept : in_(in) {
+      in_.store(true);
+      life_ = life.load();
+    }
+    Using(const Using&) = delete;
+    Using& operator=(const Using&) = delete;
+    ~Using() { in_.store(false); }
+    [[nodiscard]] Life* life() const noexcept { return life_; }
+
+   private:
+    std::atomic<bool>& in_;
+    Life* life_;
+  };
+
+  [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
+
+  /// Looks after the process, and starts it anew where it has ended.
+  void mendLoop() noexcept {
+    std::uint64_t heart = 0;
+    std::int64_t beat_at = nowNs();
+    std::int64_t again_at = 0;
+    while (!quit_) {
+      const std::int64_t now = nowNs();
+      if (now_ == nullptr) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+        if (now < again_at || over()) continue;
+        mend();
+        beat_at = nowNs();
+        again_at = beat_at + static_cast<std::int64_t>(1e9 * kTriesAgain);
+        continue;
+      }
+      pollfd waits{life_->control.get(), POLLIN, 0};
+      (void)poll(&waits, 1, kLook);
+      bool ended = (waits.revents & (POLLHUP | POLLERR)) != 0;
+      if (!ended && (waits.revents & POLLIN) != 0) {
+        ended = hear(life_->control.get(), 1e-3, nullptr, [&](const PluginMessage& message) {
+                  if (message.kind == PluginMessage::kSay && host_.say) host_.say(message.text());
+                }) == Heard::kEnded;
+      }
+      if (const std::uint64_t seen = life_->link->heart; seen != heart) {
+        heart = seen;
+        beat_at = nowNs();
+      }
+      const bool hangs = nowNs() - beat_at > static_cast<std::int64_t>(1e9 * kHung);
+      if (!ended && !hangs) continue;
+      now_ = nullptr;
+      while (using_) std::this_thread::sleep_for(std::chrono::microseconds(100));
+      life_->child->end(hangs ? 0.0 : kEnds);
+      if (host_.say && !quit_) {
+        host_.say(fmt::format("plugin:{}: its process {}: it is started again",
+                              file_.stem().string(), hangs ? "hung" : "has ended"));
+      }
+      again_at = nowNs() + static_cast<std::int64_t>(1e9 * kTriesAgain);
+    }
+  }
+  void mend() noexcept {
+    try {
+      auto life =
+          std::make_unique<Life>(program_, file_, serial_, host_.say, [this] { return over(); });
+      // An arm that is another one now is none that has been let in.
+      if (std::memcmp(&life->facts.facts, &facts_.facts, sizeof(facts_.facts)) != 0) {
+        if (host_.say) host_.say("plugin:" + file_.stem().string() + ": it is another arm now");
+        return;
+      }
+      if (dup3(life->zero.get(), guard_.get(), O_CLOEXEC) < 0) return;
+      life_ = std::move(life);
+      ++openings_;
+      now_ = life_.get();
+    } catch (const std::exception&) {
+      // It is tried again.
+    }
+  }
+
+  std::filesystem::path program_;
+  std::filesystem::path file_;
+  std::string serial_;
+  ArmHost host_;
+  std::unique_ptr<Life> life_;  ///< The mending thread's.
+  std::string version_;
+  SentFacts facts_;
+  Descriptor guard_;  ///< Its number stays, whatever it leads to.
+  std::atomic<Life*> now_{nullptr};
+  std::atomic<bool> using_{false};
+  std::atomic<bool> quit_{false};
+  std::atomic<std::uint32_t> openings_{1};
+  std::thread mender_;
+};
+
+/// A plug-in in this process. Made and destroyed on one thread.
+class InsidePort final : public PluginPort {
+ public:
+  InsidePort(const std::filesystem::path& file, const std::string& serial, const ArmHost& host)
+      : library_(file, {host.say, host.stop}),
+        serial_(library_.only(serial)),
+        device_(library_.open(serial_)),
+        facts_(device_.facts()) {
+    if ((facts_.has & PALPATE_PLUGIN_FORCE) != 0 &&
+        !(facts_.watchdog > 0.0 && facts_.watchdog <= kLongestWatchdog)) {
+      throw DeviceError("plugin-inside:" + file.stem().string(),
+                        "the arm has no watchdog of its own that takes its force off in 0.1 s when "
+                        "the program dies",
+                        "name it plugin:" + file.stem().string() + ", in a process of its own");
+    }
+    device_.prepare();
+  }
+  [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_; }
+  [[nodiscard]] std::string version() const override { return library_.version(); }
+  [[nodiscard]] std::string serial() const override { return serial_; }
+  [[nodiscard]] bool carries() const noexcept override { return device_.carries(); }
+  [[nodiscard]] bool read(PluginNews& news) noexcept override {
+    news_.read = device_.read(news_.reading);
+    news = news_;
+    return true;
+  }
+  void write(const PluginOrder& order) noexcept override {
+    device_.carry(order.carry);
+    news_.wrote = device_.write(order.force);
+    news_.written = order.number;
+    news_.given = device_.given();
+  }
+
+ private:
+  PluginLibrary library_;
+  std::string serial_;
+  PluginDevice device_;
+  palpate_plugin_facts facts_;
+  PluginNews news_;
+};
+
+}  // namespace
+
+std::optional<PluginName> parsePluginName(const std::string& name) {
+  PluginName parsed;
+  std::string rest;
+  if (name.rfind("plugin:", 0) == 0) {
+    rest = name.substr(7);
+  } else if (name.rfind("plugin-inside:", 0) == 0) {
+    parsed.inside = true;
+    rest = name.substr(14);
+  } else {
+    return std::nullopt;
+  }
+  const std::size_t end = rest.find('@');
+  parsed.name = rest.substr(0, end);
+  if (end != std::string::npos) parsed.serial = rest.substr(end + 1);
+  return parsed;
+}
+
+std::vector<FoundPlugin> findPlugins(double patience) {
+  std::vector<FoundPlugin> all;
+  for (const std::string& name : pluginNames()) {
+    FoundPlugin& found = all.emplace_back();
+    found.name = name;
+    try {
+      found.file = pluginFile(name);
+      auto [here, there] = socketPair();
+      Child child(programBeside(), {"list", found.file.string()}, {there.get()});
+      there = Descriptor();
+      const Heard heard = hear(here.get(), patience, nullptr, [&](const PluginMessage& message) {
+        std::vector<std::string> lines = linesOf(message.text());
+        lines.resize(3);
+        if (message.kind == PluginMessage::kPlugin) {
+          found.what = lines[0];
+          found.version = lines[1];
+          found.licence = lines[2];
+        } else if (message.kind == PluginMessage::kFailed) {
+          (found.arms.empty() ? found.trouble : found.arms.back().trouble) =
+              errorOf(message).what();
+        } else if (const auto one = foundIn(message);
+                   one && found.arms.size() < PluginLibrary::kMostFound) {
+          found.arms.push_back({one->serial, one->model, std::nullopt, {}});
+        } else if (message.kind == PluginMessage::kFacts && !found.arms.empty()) {
+          if (const auto sent = factsIn(message)) found.arms.back().facts = sent->facts;
+        }
+      });
+      if (heard == Heard::kSilent) found.trouble = "it does not answer: end what it waits for";
+      if (heard == Heard::kEnded && found.trouble.empty()) {
+        found.trouble = "its process has ended while it was asked: mend the plug-in";
+      }
+      child.end(heard == Heard::kSilent ? 0.0 : kEnds);
+    } catch (const Error& error) {
+      found.trouble = error.what();
+    }
+  }
+  return all;
+}
+
+std::unique_ptr<PluginPort> openPluginProcess(const std::filesystem::path& file,
+                                              const std::string& serial, const ArmHost& host,
+                                              const std::filesystem::path& program) {
+  return std::make_unique<ProcessPort>(program.empty() ? programBeside() : program, file, serial,
+                                       host);
+}
+
+std::unique_ptr<PluginPort> openPluginInside(const std::filesystem::path& file,
+                                             const std::string& serial, const ArmHost& host) {
+  return std::make_unique<InsidePort>(file, serial, host);
+}
+
+OpenedArm openPluginArm(const std::string& name, const ArmHost& asked) {
+  const std::optional<PluginName> parsed = parsePluginName(name);
+  if (!parsed)
+    throw DeviceError(name, "it is no plug-in", "write plugin:NAME or plugin:NAME@SERIAL");
+  const std::filesystem::path file = pluginFile(parsed->name);
+  auto port = parsed->inside ? openPluginInside(file, parsed->serial, asked)
+                             : openPluginProcess(file, parsed->serial, asked);
+  const std::string known = "plugin:" + parsed->name;
+  const ArmIdentity identity = identityOf(port->facts(), known, port->version(), port->serial());
+  ArmHost host = asked;
+  const bool good = isTested(identity);
+  host.measured = measuredArm(identity);
+  OpenedArm arm{std::make_unique<PluginArm>(std::move(port), known, good, host), identity};
+  if (asked.say && !good && arm.device->traits().drives) {
+    asked.say(fmt::format("{}: held to {} N and {} N/m: run palpate devices --test {}@{}", name,
+                          kUntestedForce, kUntestedStiffness, known, identity.own));
+  }
+  return arm;
+}
+
+}  // namespace palpate

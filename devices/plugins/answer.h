@@ -1,0 +1,129 @@
+/// What every plug-in in C++ needs about its answers: sizes, lines, frames.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+
+#include "palpate/devices/plugin.h"
+
+namespace palpate_plugins {
+
+/// A struct of the host's as we know it: what its compiler did not know of is zero.
+template <class T>
+T known(const T* theirs) {
+  T ours{};
+  std::memcpy(&ours, theirs, std::min<std::size_t>(theirs->size, sizeof ours));
+  ours.size = sizeof ours;
+  return ours;
+}
+
+/// Fills in what the host's struct has room for, and leaves its size as it is.
+template <class T>
+void give(T* theirs, const T& ours) {
+  const std::size_t size = std::min<std::size_t>(theirs->size, sizeof ours);
+  constexpr std::size_t kHead = sizeof ours.size;
+  if (size <= kHead) return;
+  std::memcpy(reinterpret_cast<char*>(theirs) + kHead, reinterpret_cast<const char*>(&ours) + kHead,
+              size - kHead);
+}
+
+/// The i-th of an array that the host's compiler has laid out.
+inline palpate_plugin_found* at(palpate_plugin_found* found, int i) {
+  return reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) +
+                                                 static_cast<std::size_t>(i) * found->size);
+}
+
+template <std::size_t kRoom>
+void copy(char (&to)[kRoom], const char* from) {
+  std::snprintf(to, kRoom, "%s", from != nullptr ? from : "");
+}
+
+/// Why not, in one line with a remedy.
+[[gnu::format(printf, 3, 4)]] inline void tell(char* error, std::size_t room, const char* format,
+                                               ...) {
+  std::va_list words;
+  va_start(words, format);
+  std::vsnprintf(error, room, format, words);
+  va_end(words);
+}
+
+/// No exception leaves a plug-in: where `work` throws, why is told and `otherwise` is returned.
+template <class Result, class Work>
+Result safely(const char* plugin, char* error, std::size_t room, Result otherwise,
+              Work work) noexcept {
+  try {
+    return work();
+  } catch (const std::exception& e) {
+    tell(error, room, "%s: %s; begin again", plugin, e.what());
+  } catch (...) {
+    tell(error, room, "%s: its library has failed; begin again", plugin);
+  }
+  return otherwise;
+}
+
+/// The axes of an arm in W: row i says what W's axis i is made of. A rotation.
+struct Frame {
+  double W_from_D[3][3];
+
+  void toW(const double (&in_D)[3], double scale, double (&in_W)[3]) const {
+    for (int i = 0; i < 3; ++i) {
+      in_W[i] = 0.0;
+      for (int j = 0; j < 3; ++j) in_W[i] += W_from_D[i][j] * in_D[j] * scale;
+    }
+  }
+
+  void toD(const double (&in_W)[3], double (&in_D)[3]) const {
+    for (int i = 0; i < 3; ++i) {
+      in_D[i] = 0.0;
+      for (int j = 0; j < 3; ++j) in_D[i] += W_from_D[j][i] * in_W[j];
+    }
+  }
+
+  /// How the handle is turned, as a quaternion w, x, y, z. The handle's axes are renamed as the
+  /// arm's are: one that is not turned in the arm's axes is not turned in W.
+  void toW(const double (&turned_D)[3][3], double (&q)[4]) const {
+    double r[3][3] = {};
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) {
+        for (int k = 0; k < 3; ++k) {
+          for (int l = 0; l < 3; ++l) {
+            r[i][j] += W_from_D[i][k] * turned_D[k][l] * W_from_D[j][l];
+          }
+        }
+      }
+    }
+    // The largest of its four numbers first, so that none is divided by a small one.
+    const double trace = r[0][0] + r[1][1] + r[2][2];
+    int first = 0;
+    double most = trace;
+    for (int i = 0; i < 3; ++i) {
+      if (r[i][i] > most) {
+        most = r[i][i];
+        first = i + 1;
+      }
+    }
+    if (first == 0) {
+      const double s = 2.0 * std::sqrt(1.0 + trace);
+      q[0] = s / 4.0;
+      q[1] = (r[2][1] - r[1][2]) / s;
+      q[2] = (r[0][2] - r[2][0]) / s;
+      q[3] = (r[1][0] - r[0][1]) / s;
+      return;
+    }
+    const int i = first - 1;
+    const int j = (i + 1) % 3;
+    const int k = (i + 2) % 3;
+    const double s = 2.0 * std::sqrt(1.0 + r[i][i] - r[j][j] - r[k][k]);
+    q[0] = (r[k][j] - r[j][k]) / s;
+    q[1 + i] = s / 4.0;
+    q[1 + j] = (r[j][i] + r[i][j]) / s;
+    q[1 + k] = (r[k][i] + r[i][k]) / s;
+  }
+};
+
+}  // namespace palpate_plugins

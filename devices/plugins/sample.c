@@ -1,0 +1,275 @@
+/* The sample of a plug-in: an arm made of numbers, to be read, copied and changed
+ * (docs/plugins.md).
+ *
+ * The tip is a mass between a spring and a damper, about a path that a slow hand takes; the force
+ * moves it. Time is the host's: what is not asked for does not happen.
+ *
+ * C99 with the compiler's own atomics; needs libc and libm.
+ */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "palpate/devices/plugin.h"
+
+static const double kMass = 0.1;                /* [kg] */
+static const double kSpring = 30.0;             /* [N/m] */
+static const double kDamper = 2.0;              /* [N s/m] */
+static const double kWeight = 0.3;              /* [N] */
+static const double kPeak = 4.0;                /* [N] */
+static const double kContinuous = 1.5;          /* What the motors hold for ever [N], */
+static const double kHeating = 20.0;            /* and how fast they grow hot [s]. */
+static const int64_t kPeriod = 1000000;         /* Of a position [ns]. */
+static const int64_t kWatchdog = 100000000;     /* [ns] */
+static const int64_t kLongest = 200 * 1000000L; /* The most that is made up for [ns]. */
+
+/* The device comes first, so that a pointer to it is one to all of this. All but `stopped` belongs
+ * to the haptic thread, and to the main one while no haptic one is. */
+typedef struct arm {
+  palpate_plugin_device device;
+  palpate_plugin_weight weight;
+  palpate_plugin_heat heat;
+  int open;
+  int ready;
+  int stopped; /* Only by __atomic: stop comes on any thread. */
+  int64_t began;
+  int64_t at; /* Time of the newest sample [ns]. */
+  int64_t written;
+  double force[3];
+  double share, next_share; /* Of the weight that is carried; from the next write on. */
+  double hot;               /* 1: as hot as it may be. */
+  double given;             /* Share of the force that the motors give. */
+  double offset[3], speed[3];
+} arm;
+
+static palpate_plugin_host host;
+static arm arms[2];
+static const char* const kSerials[2] = {"S1", "S2"};
+
+static size_t least(size_t a, size_t b) {
+  return a < b ? a : b;
+}
+
+/* Fills in what the caller's struct has room for, and leaves its size as it is: a host that is
+ * older has less, one that is newer has more. */
+static void give(void* theirs, const void* ours, size_t ours_size) {
+  uint32_t size;
+  memcpy(&size, theirs, sizeof size);
+  if (size <= sizeof size) return;
+  memcpy((char*)theirs + sizeof size, (const char*)ours + sizeof size,
+         least(size, ours_size) - sizeof size);
+}
+
+/* ---- The arm, made of numbers. A real one is asked by its maker's library instead. ---- */
+
+/* The motors' force in one period: nothing once stopped, nothing where none has come for long. */
+static void forceNow(arm* a, double out[3]) {
+  const int off =
+      __atomic_load_n(&a->stopped, __ATOMIC_ACQUIRE) || !a->ready || a->at - a->written > kWatchdog;
+  double size = 0.0;
+  for (int i = 0; i < 3; ++i) size += a->force[i] * a->force[i];
+  size = sqrt(size);
+  /* As hot as they may be, motors give what they hold for ever. */
+  a->given = a->hot >= 1.0 && size > kContinuous ? kContinuous / size : 1.0;
+  for (int i = 0; i < 3; ++i) out[i] = off ? 0.0 : a->given * a->force[i];
+  size = off ? 0.0 : a->given * size;
+  a->hot +=
+      ((size / kContinuous) * (size / kContinuous) - a->hot) * 1e-9 * (double)kPeriod / kHeating;
+  out[2] += off ? -kWeight : (a->share - 1.0) * kWeight;
+}
+
+static void step(arm* a) {
+  const double dt = 1e-9 * (double)kPeriod;
+  double force[3];
+  forceNow(a, force);
+  for (int i = 0; i < 3; ++i) {
+    const double pull = force[i] - kSpring * a->offset[i] - kDamper * a->speed[i];
+    a->speed[i] += pull / kMass * dt;
+    a->offset[i] += a->speed[i] * dt;
+  }
+  a->at += kPeriod;
+}
+
+static void measure(const arm* a, palpate_plugin_reading* r) {
+  const double t = 1e-9 * (double)(a->at - a->began);
+  const double w = 0.5; /* The hand's path: a slow circle of 2 cm [rad/s]. */
+  r->state = a->ready ? PALPATE_PLUGIN_READY : 0;
+  r->taken = a->at;
+  r->position[0] = a->offset[0] + 0.02 * sin(w * t);
+  r->position[1] = a->offset[1] + 0.02 * (cos(w * t) - 1.0);
+  r->position[2] = a->offset[2];
+  r->velocity[0] = a->speed[0] + 0.02 * w * cos(w * t);
+  r->velocity[1] = a->speed[1] - 0.02 * w * sin(w * t);
+  r->velocity[2] = a->speed[2];
+  /* The handle turns about z. */
+  r->orientation[0] = cos(0.1 * t);
+  r->orientation[3] = sin(0.1 * t);
+  r->gripper = 0.25 * (1.0 - cos(w * t));
+  /* Button 1 is pressed for one second out of ten, button 2 for the one after it. */
+  const double second = fmod(t, 10.0);
+  r->buttons = (uint32_t)(second >= 1.0 && second < 2.0) | (uint32_t)(second >= 2.0 && second < 3.0)
+                                                               << 1;
+}
+
+/* ---- What palpate calls. ---- */
+
+static int facts(palpate_plugin_device* device, palpate_plugin_facts* theirs) {
+  (void)device;
+  palpate_plugin_facts f;
+  memset(&f, 0, sizeof f);
+  f.has = PALPATE_PLUGIN_FORCE | PALPATE_PLUGIN_VELOCITY | PALPATE_PLUGIN_ORIENTATION |
+          PALPATE_PLUGIN_GRIPPER;
+  f.force = kPeak;
+  f.stiffness = 300.0;
+  f.damping = 1.0;
+  f.workspace_radius = 0.15;
+  f.rate = 1e9 / (double)kPeriod;
+  f.watchdog = 1e-9 * (double)kWatchdog;
+  /* `continuous` and `heating` stay zero: the extension of heat knows better. */
+  f.buttons = 2;
+  strcpy(f.button[0], "front");
+  strcpy(f.button[1], "rear");
+  strcpy(f.source, "made up: devices/plugins/sample.c");
+  give(theirs, &f, sizeof f);
+  return PALPATE_PLUGIN_OK;
+}
+
+static int prepare(palpate_plugin_device* device, char* error, size_t room) {
+  arm* a = (arm*)device;
+  /* Here a real arm is homed, which may take minutes: ask the host whether they are still wanted.
+   */
+  if (host.ends()) {
+    snprintf(error, room, "the program ends");
+    return PALPATE_PLUGIN_FAILED;
+  }
+  memset(a->force, 0, sizeof a->force);
+  a->share = a->next_share = 0.0;
+  a->ready = 1;
+  return PALPATE_PLUGIN_OK;
+}
+
+static int readArm(palpate_plugin_device* device, palpate_plugin_reading* theirs) {
+  arm* a = (arm*)device;
+  const int64_t now = host.now();
+  if (now - a->at < kPeriod) return PALPATE_PLUGIN_NOTHING;
+  /* After a long pause the arm has stood still meanwhile: a bounded number of steps. */
+  if (now - a->at > kLongest) a->at += (now - a->at - kLongest) / kPeriod * kPeriod;
+  while (now - a->at >= kPeriod) step(a);
+  palpate_plugin_reading r;
+  memset(&r, 0, sizeof r);
+  measure(a, &r);
+  give(theirs, &r, sizeof r);
+  return PALPATE_PLUGIN_OK;
+}
+
+static int writeArm(palpate_plugin_device* device, const palpate_plugin_force* theirs) {
+  arm* a = (arm*)device;
+  palpate_plugin_force f;
+  memset(&f, 0, sizeof f);
+  memcpy(&f, theirs, least(theirs->size, sizeof f));
+  const int zero = f.force[0] == 0.0 && f.force[1] == 0.0 && f.force[2] == 0.0;
+  memcpy(a->force, f.force, sizeof a->force);
+  a->share = a->next_share;
+  a->written = host.now();
+  /* After the zero is there: a stop ends with it, and with nothing else. */
+  if (zero) __atomic_store_n(&a->stopped, 0, __ATOMIC_RELEASE);
+  return PALPATE_PLUGIN_OK;
+}
+
+static void stopArm(palpate_plugin_device* device) {
+  __atomic_store_n(&((arm*)device)->stopped, 1, __ATOMIC_RELEASE);
+}
+
+static void closeArm(palpate_plugin_device* device) {
+  ((arm*)device)->open = 0;
+}
+
+static void carry(palpate_plugin_device* device, double share) {
+  ((arm*)device)->next_share = share;
+}
+
+static double given(palpate_plugin_device* device) {
+  return ((arm*)device)->given;
+}
+
+static const void* extensionOf(palpate_plugin_device* device, const char* name) {
+  const arm* a = (const arm*)device;
+  if (strcmp(name, PALPATE_PLUGIN_WEIGHT) == 0) return &a->weight;
+  if (strcmp(name, PALPATE_PLUGIN_HEAT) == 0) return &a->heat;
+  return NULL;
+}
+
+static int find(palpate_plugin_found* found, int room) {
+  char* at = (char*)found;
+  for (int i = 0; i < 2 && i < room; ++i) {
+    palpate_plugin_found f;
+    memset(&f, 0, sizeof f);
+    strcpy(f.serial, kSerials[i]);
+    strcpy(f.model, "an arm made of numbers");
+    give(at, &f, sizeof f);
+    /* The next one is where the host's compiler has put it. */
+    at += ((palpate_plugin_found*)at)->size;
+  }
+  return 2;
+}
+
+static palpate_plugin_device* openArm(const char* serial, char* error, size_t room) {
+  int known = 0;
+  for (int i = 0; i < 2; ++i) {
+    if (*serial != '\0' && strcmp(serial, kSerials[i]) != 0) continue;
+    known = 1;
+    arm* a = &arms[i];
+    if (a->open) continue;
+    memset(a, 0, sizeof *a);
+    const palpate_plugin_device device = {sizeof device, 0,        NULL,    facts,    prepare,
+                                          readArm,       writeArm, stopArm, closeArm, extensionOf};
+    const palpate_plugin_weight weight = {sizeof weight, 0, carry};
+    const palpate_plugin_heat heat = {sizeof heat, 0, given};
+    a->device = device;
+    a->weight = weight;
+    a->heat = heat;
+    a->given = 1.0;
+    a->began = a->at = host.now();
+    a->open = 1;
+    return &a->device;
+  }
+  if (known) {
+    snprintf(error, room, "sample: that arm is open already; close it there");
+  } else {
+    snprintf(error, room, "sample: no arm has the serial number \"%s\"; there are S1 and S2",
+             serial);
+  }
+  return NULL;
+}
+
+static int init(const palpate_plugin_host* theirs) {
+  memset(&host, 0, sizeof host);
+  memcpy(&host, theirs, least(theirs->size, sizeof host));
+  /* What every host has, it has to have. */
+  if (!host.ends || !host.now) {
+    if (host.say) host.say("sample: this palpate is too old for it; take a newer one");
+    return -1;
+  }
+  return 0;
+}
+
+static void end(void) {}
+
+static const palpate_plugin_factory kFactory = {sizeof kFactory, 0, find, openArm};
+
+static const void* factory(const char* name) {
+  return strcmp(name, PALPATE_PLUGIN_ARMS) == 0 ? &kFactory : NULL;
+}
+
+const palpate_plugin_entry palpate_plugin = {sizeof palpate_plugin,
+                                             PALPATE_PLUGIN_MAJOR,
+                                             PALPATE_PLUGIN_MINOR,
+                                             0,
+                                             "an arm made of numbers",
+                                             "1",
+                                             "as palpate's own; needs nothing",
+                                             init,
+                                             end,
+                                             factory};

@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""kill_test.py PALPATE PLUGINS: whatever ends or stops a program that feels by a plug-in, the arm has no
+force within 20 ms, and its plug-in's process ends with the program. Prints the table."""
+import contextlib
+import ctypes
+import mmap
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+PALPATE, PLUGINS = sys.argv[1], sys.argv[2]
+LIMIT = 0.020
+SLICE = 0.010   # [s] that a busy machine may take its cores away
+TRIES = 3       # the best of so many
+SIGNALS = ["SIGKILL", "SIGSTOP", "SIGTERM", "SIGSEGV"]
+
+
+class Arm(ctypes.Structure):
+    """OddArm of odd_arm.h."""
+    _fields_ = [("position", 3 * ctypes.c_double), ("force", 3 * ctypes.c_double),
+                ("carried", ctypes.c_double), ("most", ctypes.c_double),
+                ("wrote_at", ctypes.c_int64), ("trouble_at", ctypes.c_int64),
+                ("zero_at", ctypes.c_int64), ("reads", ctypes.c_uint32), ("writes", ctypes.c_uint32),
+                ("stops", ctypes.c_uint32), ("opens", ctypes.c_uint32), ("closes", ctypes.c_uint32),
+                ("trouble", ctypes.c_uint32)]
+
+    def norm(self):
+        return sum(abs(f) for f in self.force)
+
+
+def processes():
+    """Of plug-ins, by their own identities."""
+    found = set()
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and (entry / "comm").read_text().strip() == "palpate-plugin":
+                found.add(int(entry.name))
+        except OSError:
+            pass
+    return found
+
+
+def until(is_so, seconds):
+    end = time.monotonic() + seconds
+    while not is_so():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.0005)
+    return True
+
+
+class Kill(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = Path(folder.name)
+        subprocess.run([PALPATE, "make", "two-bodies", "--voxel", "3", self.folder / "two.vdb"],
+                       check=True, stdout=subprocess.DEVNULL)
+
+    @contextlib.contextmanager
+    def pressed(self, serial):
+        """A hand that presses a body with more than 0.3 N: the arm, the program, its plug-in's process."""
+        file = self.folder / "arm"
+        file.write_bytes(bytes(ctypes.sizeof(Arm)))
+        with open(file, "r+b") as handle:
+            memory = mmap.mmap(handle.fileno(), ctypes.sizeof(Arm))
+        arm = Arm.from_buffer(memory)
+        arm.position[2] = 0.09
+        others = processes()
+        environment = dict(os.environ, PALPATE_PLUGINS=PLUGINS, PALPATE_ODD_ARM=str(file),
+                           HOME=str(self.folder))
+        program = subprocess.Popen([PALPATE, "feel", self.folder / "two.vdb", "--realtime",
+                                    "--device", f"plugin:odd@{serial}", "--seconds", "60"],
+                                   env=environment, stdout=subprocess.DEVNULL,
+                                   stderr=subprocess.PIPE, start_new_session=True)
+        try:
+            self.assertTrue(until(lambda: arm.reads > 200, 30), "it never begins")
+
+            def press():
+                arm.position[2] -= 0.00002
+                arm.position[0] = 1e-6 * (arm.reads % 7)
+                return arm.norm() > 0.3
+            self.assertTrue(until(press, 30), "it never meets a surface")
+            ours = processes() - others
+            self.assertEqual(len(ours), 1)
+            yield arm, program, ours
+        finally:
+            program.kill()
+            program.communicate()
+
+    def blow(self, name):
+        """How long the arm had a force after a signal [s]."""
+        with self.pressed("good") as (arm, program, ours):
+            arm.trouble_at = time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+            os.kill(program.pid, getattr(signal, name))
+            self.assertTrue(until(lambda: arm.zero_at != 0, 20), f"{name}: the force stays")
+            time.sleep(0.1)
+            self.assertEqual(arm.norm(), 0.0, f"{name}: the force comes again")
+            if name == "SIGSTOP":
+                os.kill(program.pid, signal.SIGKILL)
+            program.communicate(timeout=20)
+            self.assertTrue(until(lambda: not ours & processes(), 20), "its process stays")
+            return 1e-9 * (arm.zero_at - arm.trouble_at)
+
+    def test_motors_that_give_less_are_told_of(self):
+        with self.pressed("warm") as (arm, program, _):
+            arm.trouble = 1
+            time.sleep(0.5)
+            os.kill(program.pid, signal.SIGTERM)
+            self.assertIn(b"its motors give less than half", program.communicate(timeout=20)[1])
+
+    def test_table(self):
+        for name in SIGNALS:
+            with self.subTest(name):
+                best = min(self.tries(name))
+                print(f"{name:8} no force after {1e3 * best:6.2f} ms", flush=True)
+                self.assertLessEqual(best, LIMIT + SLICE)
+
+    def tries(self, name):
+        for _ in range(TRIES):
+            took = self.blow(name)
+            yield took
+            if took <= LIMIT:
+                return
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])

@@ -1,0 +1,346 @@
+/// Plug-ins as they are loaded and run: in a process of their own, and in this one.
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <string>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/devices/plugin_library.h"
+#include "palpate/devices/plugin_process.h"
+#include "palpate/engine/error.h"
+#include "palpate/engine/haptic_thread.h"
+#include "tests/devices/plugins/odd_arm.h"
+#include "tests/support/scenes.h"
+
+using namespace palpate;
+using namespace palpate::test;
+
+namespace {
+
+const std::filesystem::path kPlugins = PALPATE_PLUGIN_TESTS;
+const std::filesystem::path kOdd = kPlugins / "odd.so";
+const std::filesystem::path kOther = kPlugins / "other.so";
+const std::filesystem::path kNone = kPlugins / "none.so";
+const std::filesystem::path kProgram = PALPATE_PLUGIN_PROGRAM;
+
+/// The arm that the plug-in's process sees as well.
+class Bench {
+ public:
+  Bench() {
+    std::string name = "/tmp/palpate_odd_XXXXXX";
+    const int made = mkstemp(name.data());
+    close(made);
+    file_ = name;
+    setenv(OddArm::kFile, file_.c_str(), 1);
+    arm_ = OddArm::at(file_.c_str());
+  }
+  Bench(const Bench&) = delete;
+  Bench& operator=(const Bench&) = delete;
+  ~Bench() { std::filesystem::remove(file_); }
+  OddArm* operator->() const { return arm_; }
+  OddArm& operator*() const { return *arm_; }
+
+ private:
+  std::string file_;
+  OddArm* arm_;
+};
+
+std::string refusal(const std::function<void()>& act) {
+  try {
+    act();
+    return {};
+  } catch (const Error& error) {
+    return error.what();
+  }
+}
+
+std::unique_ptr<PluginArm> openOdd(const std::string& serial, const ArmHost& host = {}) {
+  return std::make_unique<PluginArm>(openPluginProcess(kOdd, serial, host, kProgram), "plugin:odd",
+                                     true, host);
+}
+
+/// True as soon as it is; false where it is not within so long [s].
+bool within(double seconds, const std::function<bool()>& is) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
+  while (!is()) {
+    if (std::chrono::steady_clock::now() > end) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return true;
+}
+
+constexpr double kLong = 20.0;  // [s] that nothing here takes, however busy the machine
+
+/// Ticks by hand.
+HandState tick(PluginArm& arm, const Vec3& force) {
+  const HandState hand = arm.read();
+  arm.write(force);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return hand;
+}
+
+}  // namespace
+
+TEST_CASE("what is no plug-in of this version is refused in a line", "[plugin]") {
+  CHECK(refusal([] { PluginLibrary library(kNone, {}); }).find("no symbol palpate_plugin") !=
+        std::string::npos);
+  CHECK(refusal([] { PluginLibrary library(kOther, {}); }).find("of version 2.0") !=
+        std::string::npos);
+  CHECK_FALSE(refusal([] { PluginLibrary library("/nowhere/x.so", {}); }).empty());
+  const Bench bench;
+  const PluginLibrary library(kOdd, {});
+  CHECK(library.what() == "arms with troubles");
+  CHECK(library.find().size() == 2);
+  CHECK(library.only("good") == "good");
+  CHECK(refusal([&] { (void)library.only(""); }).find("plugin:odd@good, plugin:odd@mute") !=
+        std::string::npos);
+  CHECK(refusal([&] { (void)library.open("nobody"); }).find("no arm of that number") !=
+        std::string::npos);
+  CHECK(refusal([&] { (void)library.open("mute").facts(); }).find("does not say what it is") !=
+        std::string::npos);
+  CHECK(bench->closes == 1);
+}
+
+TEST_CASE("plug-ins are loaded from their folders alone", "[plugin]") {
+  const Bench bench;
+  const std::filesystem::path folder =
+      std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
+  std::filesystem::create_directories(folder);
+  std::filesystem::copy_file(kOdd, folder / "odd.so");
+  setenv("PALPATE_PLUGINS", folder.c_str(), 1);
+  CHECK(pluginFile("odd") == folder / "odd.so");
+  CHECK(refusal([] { (void)pluginFile("other"); }).find("there is ") != std::string::npos);
+  for (const char* name : {"../odd", "/etc/passwd", "", "-x", "a b"}) {
+    CHECK_FALSE(refusal([&] { (void)pluginFile(name); }).empty());
+  }
+  namespace fs = std::filesystem;
+  fs::permissions(folder, fs::perms::others_write, fs::perm_options::add);
+  CHECK(refusal([] { (void)pluginFile("odd"); }).find("anybody may write") != std::string::npos);
+  fs::permissions(folder, fs::perms::others_write, fs::perm_options::remove);
+  fs::permissions(folder / "odd.so", fs::perms::others_write, fs::perm_options::add);
+  CHECK(refusal([] { (void)pluginFile("odd"); }).find("chmod o-w") != std::string::npos);
+  unsetenv("PALPATE_PLUGINS");
+  fs::remove_all(folder);
+
+  CHECK(parsePluginName("plugin:dhd@12").value().serial == "12");
+  CHECK(parsePluginName("plugin-inside:dhd").value().inside);
+  CHECK_FALSE(parsePluginName("hid:dhd").has_value());
+}
+
+TEST_CASE("an arm of a plug-in's process is read and driven", "[plugin]") {
+  Bench bench;
+  bench->position[2] = 0.02;
+  auto arm = openOdd("good");
+  HandState hand;
+  REQUIRE(within(kLong, [&] { return (hand = tick(*arm, Vec3::Zero())).ready; }));
+  CHECK(hand.position.z() == 0.02);
+  CHECK(hand.handle.buttons == 1);
+  CHECK(hand.handle.orientation[3] == Approx(0.8));
+  CHECK(hand.handle.gripper == 0.25);
+  CHECK(hand.fault == Fault::kNone);
+  // Each force arrives, and as it was.
+  int wrong = 0;
+  for (int i = 1; i <= 100; ++i) {
+    const Vec3 force(0.01 * i, -0.02 * i, 0.005);
+    (void)arm->read();
+    arm->write(force);
+    const bool came = within(kLong, [&] { return bench->force[0] == force.x(); });
+    wrong += static_cast<int>(!came || bench->force[1] != force.y());
+  }
+  CHECK(wrong == 0);
+  arm->carry(true);
+  REQUIRE(within(kLong, [&] {
+    (void)tick(*arm, Vec3(0.1, 0.0, 0.0));
+    return bench->carried > 0.1;
+  }));
+  arm.reset();
+  CHECK(bench->norm() == 0.0);
+  CHECK(bench->carried == 0.0);
+  CHECK(bench->closes == 1);
+}
+
+TEST_CASE("a program that stops giving orders has no force", "[plugin]") {
+  Bench bench;
+  auto arm = openOdd("good");
+  REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
+  (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
+  CHECK(within(kLong, [&] { return bench->stops > 0 && bench->norm() == 0.0; }));
+  // What it asks for then is not given until it has asked for nothing.
+  (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
+  std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  CHECK(bench->norm() == 0.0);
+  CHECK(within(kLong, [&] { return arm->read().fault == Fault::kLate; }));
+  CHECK(within(kLong, [&] {
+    (void)tick(*arm, Vec3::Zero());
+    (void)tick(*arm, Vec3(0.25, 0.0, 0.0));
+    return bench->force[0] == 0.25;
+  }));
+}
+
+TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
+  Bench bench;
+  auto arm = openOdd("good");
+  REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
+  const ZeroForce zero = arm->zeroForce();
+  REQUIRE(zero.descriptor >= 0);
+  std::atomic<bool> over{false};
+  // Orders go on: it is not the silence that ends the force.
+  std::thread haptic([&] {
+    while (!over) (void)tick(*arm, Vec3(0.5, 0.0, 0.0));
+  });
+  CHECK(within(kLong, [&] { return bench->force[0] == 0.5; }));
+  CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
+  CHECK(within(kLong, [&] { return bench->norm() == 0.0; }));
+  std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  CHECK(bench->norm() == 0.0);
+  over = true;
+  haptic.join();
+}
+
+TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugin]") {
+  Bench bench;
+  const auto said = [](const std::string& serial) {
+    return refusal([&] { (void)openOdd(serial); });
+  };
+  CHECK(said("nobody").find("no arm of that number is plugged in") != std::string::npos);
+  CHECK(said("unhomed").find("it finds no stop") != std::string::npos);
+  CHECK(said("mute").find("does not say what it is") != std::string::npos);
+  CHECK(said("limitless").find("force is nan") != std::string::npos);
+  CHECK(said("stillborn").find("has ended before its arm was ready") != std::string::npos);
+  CHECK(refusal([] {
+          (void)openPluginProcess(kOdd, "good", {}, "/nowhere/palpate-plugin");
+        }).find("check the installation") != std::string::npos);
+  // A user who waits for a button may end the program.
+  std::atomic<bool> ends{false};
+  ArmHost host;
+  std::string words;
+  host.say = [&](const std::string& line) {
+    words = line;
+    ends = true;
+  };
+  host.stop = [&] { return ends.load(); };
+  CHECK(refusal([&] { (void)openOdd("slow", host); }).find("the program has ended") !=
+        std::string::npos);
+  CHECK(words.find("press its button") != std::string::npos);
+}
+
+TEST_CASE("a plug-in in this process needs an arm with a watchdog", "[plugin]") {
+  Bench bench;
+  CHECK(refusal([] { (void)openPluginInside(kOdd, "good", {}); }).find("watchdog of its own") !=
+        std::string::npos);
+  PluginArm arm(openPluginInside(kOdd, "inside", {}), "plugin:odd", true);
+  CHECK(arm.zeroForce().descriptor == -1);
+  bench->position[0] = 0.03;
+  const HandState hand = arm.read();
+  CHECK(hand.ready);
+  CHECK(hand.position.x() == 0.03);
+  arm.write(Vec3(0.0, 0.75, 0.0));
+  CHECK(bench->force[1] == 0.75);
+}
+
+TEST_CASE("a plug-in's process that ends is started again", "[plugin]") {
+  Bench bench;
+  std::atomic<int> said{0};
+  ArmHost host;
+  host.say = [&](const std::string& words) {
+    if (words.find("started again") != std::string::npos) ++said;
+  };
+  auto arm = openOdd("exit", host);
+  REQUIRE(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
+  const std::uint32_t version = arm->zeroForce().version;
+  bench->trouble = 1;
+  CHECK(within(kLong, [&] { return tick(*arm, Vec3::Zero()).fault == Fault::kGone; }));
+  bench->trouble = 0;
+  CHECK(within(kLong, [&] { return tick(*arm, Vec3::Zero()).ready; }));
+  CHECK(said >= 1);
+  CHECK(bench->opens == 2);
+  const ZeroForce zero = arm->zeroForce();
+  CHECK(zero.version != version);
+  // What a guardian has leads to the new one.
+  const std::uint32_t stops = bench->stops;
+  CHECK(::write(zero.descriptor, zero.bytes.data(), zero.bytes.size()) == 4);
+  CHECK(within(kLong, [&] { return bench->stops > stops; }));
+}
+
+/// What a loop makes of it, and how long the arm had a force. The machine may be busy: forces are
+/// off within what is asked and a scheduler's slice.
+TEST_CASE("each trouble of a plug-in ends without force", "[plugin][host]") {
+  struct Row {
+    const char* kind;
+    std::vector<Fault> faults;  ///< Any of these.
+    double limit;               ///< [s] from the trouble's begin until no force is on the arm.
+  };
+  // SAFETY: an arm that is stale, 50 ms; a process that hangs, 20 ms; what is wrong at once, a
+  // tick.
+  constexpr double kTick = 0.002;
+  const std::vector<Row> rows{
+      {"crash", {Fault::kGone, Fault::kStale}, 0.020},
+      {"abort", {Fault::kGone, Fault::kStale}, 0.020},
+      {"long", {Fault::kGone, Fault::kStale}, 0.020},
+      {"hang", {Fault::kStale, Fault::kWrite, Fault::kGone}, 0.025},
+      {"stuck", {Fault::kStale, Fault::kWrite, Fault::kGone}, 0.025},
+      {"refuse", {Fault::kWrite}, kTick},
+      {"gone", {Fault::kGone}, kTick},
+      {"nothing", {Fault::kStale}, 0.050 + kTick},
+      {"dead", {Fault::kStale}, 0.050 + kTick},
+      {"future", {Fault::kStale}, 0.050 + kTick},
+      {"nan", {Fault::kNotFinite}, kTick},
+      {"vast", {Fault::kJump, Fault::kNotFinite}, kTick},
+      {"jump", {Fault::kJump}, kTick},
+      {"hot", {Fault::kTemperature}, kTick},
+      {"unpowered", {Fault::kPower}, kTick},
+      {"open", {Fault::kSwitch}, kTick},
+      {"held", {Fault::kNone}, kTick},
+  };
+  const FieldPtr field = ballField();
+  for (const Row& row : rows) {
+    Bench bench;
+    bench->position[2] = 0.05;
+    auto arm = openOdd(row.kind);
+    LoopParams params;
+    params.rate = 1000.0;
+    HapticThread loop(*arm, params);
+    loop.publish(ballScene(field));
+    INFO(row.kind << ", then " << wordFor(loop.latest().fault));
+    // A hand that rests trembles.
+    std::atomic<bool> over{false};
+    std::thread trembles([&] {
+      for (int i = 0; !over; ++i) {
+        bench->position[0] = 1e-6 * (i % 7);
+        std::this_thread::sleep_for(std::chrono::milliseconds(3));
+      }
+    });
+    // Into the ball, as a hand goes; where the machine stood still meanwhile, out of it and anew.
+    CHECK(within(kLong, [&] {
+      bench->position[2] = 0.05;
+      std::this_thread::sleep_for(std::chrono::milliseconds(50));
+      loop.clear();
+      for (double z = 0.05; z > 0.025; z -= 0.0005) {
+        bench->position[2] = z;
+        std::this_thread::sleep_for(std::chrono::milliseconds(4));
+      }
+      return within(2.0, [&] { return bench->norm() > 0.5; });
+    }));
+    bench->trouble = 1;
+    CHECK(within(kLong, [&] { return bench->zero_at != 0; }));
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    CHECK(bench->norm() == 0.0);
+    const double took = 1e-9 * static_cast<double>(bench->zero_at - bench->trouble_at);
+    const Fault fault = loop.latest().fault;
+    std::printf("%-10s %-12s force off after %6.2f ms\n", row.kind, wordFor(fault), 1e3 * took);
+    CHECK(std::count(row.faults.begin(), row.faults.end(), fault) == 1);
+    CHECK(took <= row.limit + 0.010);
+    over = true;
+    trembles.join();
+  }
+}

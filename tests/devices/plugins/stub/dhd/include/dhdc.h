@@ -1,0 +1,93 @@
+/// The published names of Force Dimension's SDK that a plug-in uses, and an arm behind them that
+/// tests look into. Declared here anew; numbers are our own.
+#pragma once
+
+#include <atomic>
+
+#include "../../gate.h"
+
+using ushort = unsigned short;
+using uint = unsigned int;
+using uchar = unsigned char;
+
+enum { DHD_NO_ERROR, DHD_ERROR, DHD_ERROR_COM, DHD_ERROR_NO_DEVICE_FOUND, DHD_ERROR_TIMEOUT };
+enum {
+  DHD_DEVICE_OMEGA3 = 1,
+  DHD_DEVICE_OMEGA33,
+  DHD_DEVICE_OMEGA33_LEFT,
+  DHD_DEVICE_OMEGA331,
+  DHD_DEVICE_OMEGA331_LEFT,
+  DHD_DEVICE_DELTA3,
+  DHD_DEVICE_FALCON,
+  DHD_DEVICE_SIGMA331,
+};
+#define DHD_OFF 0
+#define DHD_ON 1
+#define DHD_TIMEGUARD 1
+#define DHD_MAX_STATUS 16
+#define DHD_STATUS_POWER 0
+#define DHD_STATUS_RESET 3
+#define DHD_STATUS_FORCE 5
+
+extern "C" {
+int dhdErrorGetLast();
+const char* dhdErrorGetLastStr();
+int dhdGetDeviceCount();
+int dhdOpen();
+int dhdOpenID(char ID);
+int dhdOpenSerial(int serial);
+int dhdClose(char ID = -1);
+int dhdStop(char ID = -1);
+int dhdGetSerialNumber(ushort* sn, char ID = -1);
+int dhdGetSystemType(char ID = -1);
+const char* dhdGetSystemName(char ID = -1);
+int dhdGetStatus(int status[DHD_MAX_STATUS], char ID = -1);
+int dhdSetStandardGravity(double g, char ID = -1);
+int dhdSetGravityCompensation(int val = DHD_ON, char ID = -1);
+int dhdEnableForce(uchar val, char ID = -1);
+int dhdWaitForReset(int timeout = 0, char ID = -1);
+bool dhdHasWrist(char ID = -1);
+bool dhdHasActiveWrist(char ID = -1);
+bool dhdHasGripper(char ID = -1);
+int dhdGetPositionAndOrientationFrame(double* px, double* py, double* pz, double matrix[3][3],
+                                      char ID = -1);
+int dhdGetLinearVelocity(double* vx, double* vy, double* vz, char ID = -1);
+int dhdGetGripperAngleRad(double* a, char ID = -1);
+uint dhdGetButtonMask(char ID = -1);
+int dhdSetForceAndTorqueAndGripperForce(double fx, double fy, double fz, double tx, double ty,
+                                        double tz, double fg, char ID = -1);
+int dhdEnableExpertMode();
+int dhdDisableExpertMode();
+int dhdSetWatchdog(unsigned char val, char ID = -1);
+}
+
+/// The arm; for the test while the plug-in's loop waits at the gate, but for the atomics.
+namespace stub_dhd {
+struct Arm {
+  Gate gate;
+  int count = 1;
+  int type = DHD_DEVICE_OMEGA331;
+  double position[3] = {};  // [m]
+  double velocity[3] = {};
+  double turned[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+  double gripper = 0.0;
+  bool old = false;       // asked too soon: DHD_TIMEGUARD
+  bool no_speed = false;  // not enough readings yet
+  uint buttons = 0;
+  std::atomic<bool> reset{true};
+  bool power = true;
+  bool force_on = true;
+  std::atomic<bool> lost{false};
+  double force[3] = {};
+  double force_at_stop = -1.0;  // the largest, before dhdStop took it off
+  double rest = 0.0;            // the largest torque and gripper force
+  double gravity = 9.81;        // that the weight is reckoned with [m/s^2]
+  bool carries = true;          // the weight: so an arm comes out of its box
+  int fails = 0;                // so many more positions cannot be read
+  int watchdog = 0;
+  bool expert = false;
+  int open = 0;
+};
+Arm& arm();
+void plugAnew();
+}  // namespace stub_dhd

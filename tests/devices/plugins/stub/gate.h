@@ -1,0 +1,50 @@
+/// Where a stub's loop waits for its test: a turn at a time, so that no test depends on time.
+#pragma once
+
+#include <condition_variable>
+#include <mutex>
+
+class Gate {
+ public:
+  /// The loop, at the beginning of each turn.
+  void arrive() {
+    std::unique_lock lock(mutex_);
+    ++waiting_;
+    changed_.notify_all();
+    changed_.wait(lock, [this] { return !held_ || turns_ > 0; });
+    if (held_) --turns_;
+    --waiting_;
+  }
+
+  /// From now on the loop waits; returns when it does.
+  void hold() {
+    std::unique_lock lock(mutex_);
+    held_ = true;
+    turns_ = 0;
+    changed_.wait(lock, [this] { return waiting_ > 0; });
+  }
+
+  /// One whole turn.
+  void turn(int count = 1) {
+    std::unique_lock lock(mutex_);
+    for (int i = 0; i < count; ++i) {
+      ++turns_;
+      changed_.notify_all();
+      changed_.wait(lock, [this] { return turns_ == 0 && waiting_ > 0; });
+    }
+  }
+
+  /// The loop runs by itself.
+  void release() {
+    const std::lock_guard lock(mutex_);
+    held_ = false;
+    changed_.notify_all();
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool held_ = false;
+  int waiting_ = 0;
+  int turns_ = 0;
+};

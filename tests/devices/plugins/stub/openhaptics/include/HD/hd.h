@@ -1,0 +1,112 @@
+/// The published names of OpenHaptics' HD API that a plug-in uses, and an arm behind them that
+/// tests look into. Declared here anew; numbers are our own.
+#pragma once
+
+#include <atomic>
+#include <string>
+#include <vector>
+
+#include "../../../gate.h"
+
+using HDdouble = double;
+using HDint = int;
+using HDenum = unsigned;
+using HDerror = unsigned;
+using HDushort = unsigned short;
+using HDstring = const char*;
+using HHD = unsigned;
+using HDCallbackCode = unsigned;
+using HDSchedulerHandle = unsigned long;
+struct HDErrorInfo {
+  HDerror errorCode;
+  int internalErrorCode;
+  HHD hHD;
+};
+
+#define HDCALLBACK
+using HDSchedulerCallback = HDCallbackCode (*)(void*);
+#define HD_DEFAULT_DEVICE nullptr
+#define HD_INVALID_HANDLE 0xFFFFFFFFU
+#define HD_CALLBACK_DONE 0U
+#define HD_CALLBACK_CONTINUE 1U
+#define HD_DEFAULT_SCHEDULER_PRIORITY 32767
+
+enum : HDerror {
+  HD_SUCCESS,
+  HD_BAD_HANDLE,
+  HD_WARM_MOTORS,
+  HD_EXCEEDED_MAX_FORCE,
+  HD_EXCEEDED_MAX_FORCE_IMPULSE,
+  HD_EXCEEDED_MAX_VELOCITY,
+  HD_FORCE_ERROR,
+  HD_DEVICE_FAULT,
+  HD_COMM_ERROR,
+};
+enum : HDenum {
+  HD_CURRENT_BUTTONS = 1,
+  HD_CURRENT_POSITION,
+  HD_CURRENT_VELOCITY,
+  HD_CURRENT_TRANSFORM,
+  HD_CURRENT_FORCE,
+  HD_DEVICE_MODEL_TYPE,
+  HD_DEVICE_SERIAL_NUMBER,
+  HD_USABLE_WORKSPACE_DIMENSIONS,
+  HD_CALIBRATION_STYLE,
+  HD_UPDATE_RATE,
+  HD_NOMINAL_MAX_STIFFNESS,
+  HD_NOMINAL_MAX_DAMPING,
+  HD_NOMINAL_MAX_FORCE,
+  HD_FORCE_OUTPUT,
+  HD_CALIBRATION_OK,
+  HD_CALIBRATION_NEEDS_UPDATE,
+  HD_CALIBRATION_NEEDS_MANUAL_INPUT,
+};
+#define HD_CALIBRATION_ENCODER_RESET 1
+#define HD_CALIBRATION_AUTO 2
+#define HD_CALIBRATION_INKWELL 4
+
+extern "C" {
+HHD hdInitDevice(HDstring name);
+void hdDisableDevice(HHD handle);
+void hdMakeCurrentDevice(HHD handle);
+void hdBeginFrame(HHD handle);
+void hdEndFrame(HHD handle);
+HDErrorInfo hdGetError();
+HDstring hdGetErrorString(HDerror error);
+void hdEnable(HDenum capability);
+void hdDisable(HDenum capability);
+void hdGetDoublev(HDenum name, HDdouble* values);
+void hdGetIntegerv(HDenum name, HDint* values);
+HDstring hdGetString(HDenum name);
+void hdSetDoublev(HDenum name, const HDdouble* values);
+HDenum hdCheckCalibration();
+void hdUpdateCalibration(HDenum style);
+void hdStartScheduler();
+void hdStopScheduler();
+HDSchedulerHandle hdScheduleAsynchronous(HDSchedulerCallback callback, void* data, HDushort);
+void hdUnschedule(HDSchedulerHandle handle);
+}
+
+/// The arm; for the test while its loop waits at the gate, but for the atomics.
+namespace stub_hd {
+struct Arm {
+  Gate gate;
+  bool plugged = true;
+  std::string model = "Touch";
+  double position[3] = {};  // [mm]
+  double velocity[3] = {};
+  double transform[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  int buttons = 0;
+  int style = HD_CALIBRATION_AUTO;
+  HDenum calibration = HD_CALIBRATION_NEEDS_UPDATE;
+  std::vector<HDerror> fails;  // what the next frame puts on the stack
+  std::atomic<bool> lost{false};
+  std::atomic<bool> inkwell{false};  // the stylus is in it
+  double force[3] = {};              // as the motors have it
+  bool enabled = false;
+  int open = 0;
+  int outside = 0;  // calls that belong in a frame and came outside one
+};
+Arm& arm();
+void plugAnew();
+}  // namespace stub_hd

@@ -1,0 +1,107 @@
+/// What a plug-in's process may say, whatever it is: for random bytes and for libFuzzer.
+#pragma once
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "palpate/devices/plugin_arm.h"
+#include "palpate/devices/plugin_link.h"
+#include "palpate/engine/safety.h"
+
+namespace palpate::test {
+
+inline std::int64_t& fuzzTime() noexcept {
+  static std::int64_t now = 1'000'000'000;
+  return now;
+}
+inline std::int64_t fuzzNow() noexcept {
+  return fuzzTime();
+}
+
+/// An arm whose plug-in says what it is told to.
+class PluginFuzz {
+ public:
+  explicit PluginFuzz(const palpate_plugin_facts& facts) {
+    auto port = std::make_unique<Port>();
+    port->told = facts;
+    port_ = port.get();
+    ArmHost host;
+    host.now = fuzzNow;
+    arm_ = std::make_unique<PluginArm>(std::move(port), "plugin:fuzz", true, host);
+    watch_ = HandWatch(arm_->info().watch);
+    buttons_ = facts.buttons;
+  }
+
+  [[nodiscard]] PluginNews& news() noexcept { return port_->next; }
+  /// Ticks that no fault has ended.
+  [[nodiscard]] long passed() const noexcept { return passed_; }
+
+  /// One tick; what is wrong with what a loop is given, empty: it is finite, or a fault.
+  [[nodiscard]] std::string tick() {
+    fuzzTime() += 1'000'000;
+    t_ += 1e-3;
+    HandState hand = arm_->read();
+    const Fault fault = watch_.look(hand, t_);
+    if (fault != Fault::kNone) watch_.forget();
+    arm_->write(Vec3(0.1, 0.0, 0.0));
+    const Handle& handle = hand.handle;
+    for (const double q : handle.orientation) {
+      if (!(std::abs(q) <= 1.0 + 1e-9)) return "an orientation that is none";
+    }
+    bool finite = std::isfinite(handle.gripper);
+    for (const double q : handle.joints) finite = finite && std::isfinite(q);
+    if (!finite) return "a handle that is not finite";
+    if (buttons_ < 32 && (handle.buttons >> buttons_) != 0) return "buttons that it has not";
+    if (!(arm_->given() >= 0.0 && arm_->given() <= 1.0)) return "a share that is none";
+    if (fault != Fault::kNone) return {};
+    ++passed_;
+    if (!hand.position.allFinite() || !hand.velocity.allFinite())
+      return "a hand that is not finite";
+    if (!(hand.velocity.norm() < 5.1)) return "a velocity that no hand has";
+    if (!(hand.age >= 0.0 && hand.age <= arm_->info().watch.stale)) return "an age that is none";
+    return {};
+  }
+
+ private:
+  struct Port final : PluginPort {
+    palpate_plugin_facts told{};
+    PluginNews next;
+    [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
+    [[nodiscard]] std::string version() const override { return "1"; }
+    [[nodiscard]] std::string serial() const override { return "F"; }
+    [[nodiscard]] bool carries() const noexcept override { return true; }
+    [[nodiscard]] bool read(PluginNews& to) noexcept override {
+      to = next;
+      return true;
+    }
+    void write(const PluginOrder& /*order*/) noexcept override {}
+  };
+
+  Port* port_;
+  std::unique_ptr<PluginArm> arm_;
+  HandWatch watch_;
+  std::uint32_t buttons_ = 0;
+  double t_ = 0.0;
+  long passed_ = 0;
+};
+
+/// Bytes of the socket; what is wrong, empty: they are a message or none.
+[[nodiscard]] inline std::string fuzzPluginMessage(std::span<const std::byte> bytes, bool& taken) {
+  const auto message = pluginMessageOf(bytes);
+  taken = message.has_value();
+  if (!taken) return {};
+  const std::string text = message->text();
+  if (text.size() > PluginMessage::kMostBytes) return "a text that is too long";
+  for (const char c : text) {
+    if (std::iscntrl(static_cast<unsigned char>(c)) != 0 && c != '\n') return "a text that is none";
+  }
+  return {};
+}
+
+}  // namespace palpate::test
