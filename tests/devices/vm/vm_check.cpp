@@ -380,7 +380,7 @@ struct Felt {
   check(arm->info().limits.peak == 5.0, "the arm that has passed its test has its own limits");
   std::int64_t late = 0;
   {
-    Aside aside(dynamic_cast<HidDevice&>(*arm).profile(), pathOfArm());
+    Aside aside(arm->profile(), pathOfArm());
     // The arm's clock and the loop's stand to each other as they may. A force that comes about
     // when the arm steps is felt in that step or the next; virtual time knows it as before.
     std::unique_ptr<HapticThread> thread;
