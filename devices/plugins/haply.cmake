@@ -22,5 +22,19 @@ target_include_directories(palpate_haply_messages PUBLIC ${PALPATE_INCLUDE})
 target_link_libraries(palpate_haply_messages
   PRIVATE palpate_options nlohmann_json::nlohmann_json)
 
-set_target_properties(palpate_haply_messages PROPERTIES
+# haply.so: one symbol is seen.
+add_library(palpate_plugin_haply MODULE
+  ${CMAKE_CURRENT_LIST_DIR}/haply.cpp ${CMAKE_CURRENT_LIST_DIR}/haply_service.cpp)
+target_include_directories(palpate_plugin_haply PRIVATE ${PALPATE_INCLUDE})
+target_include_directories(palpate_plugin_haply SYSTEM PRIVATE ${PALPATE_WEBSOCKETS_HEADERS})
+target_link_libraries(palpate_plugin_haply
+  PRIVATE palpate_haply_messages palpate_options Threads::Threads ${PALPATE_WEBSOCKETS_LIBRARY})
+set_target_properties(palpate_haply_messages palpate_plugin_haply PROPERTIES
   CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  # Else what the standard library shares between libraries would be seen as well.
+  target_compile_options(palpate_haply_messages PRIVATE -fno-gnu-unique)
+  target_compile_options(palpate_plugin_haply PRIVATE -fno-gnu-unique)
+endif()
+set_target_properties(palpate_plugin_haply PROPERTIES
+  PREFIX "" OUTPUT_NAME haply LIBRARY_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR}/plugins)
