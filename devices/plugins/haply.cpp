@@ -32,7 +32,7 @@ constexpr char kSource[] =
     "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; 2 N for ever and 10 s: "
     "assumed, not published";
 /// Of the workspace from the arm's base, where Haply's own example of a state is [m].
-constexpr Triple kMiddle_H{0.0, -0.12, 0.15};
+constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
@@ -137,15 +137,15 @@ std::string refusal(const Named& arm) {
 
 /// An arm that is open.
 struct Device {
-  palpate_plugin_device face{};
-  Using connection;
   Line line;
-  Triple middle_H{};
-  int buttons = 0;
-  bool turns = false;
+  palpate_plugin_device face{};
+  Triple middle_D{};
   // Of the haptic thread.
   std::uint64_t seen_losses = 0;
   std::uint64_t acknowledged = 1;
+  Using connection;  ///< Ends when `line` has been let go of.
+  bool turns = false;
+  int buttons = 0;
 };
 
 Device& of(palpate_plugin_device* device) {
@@ -189,7 +189,8 @@ int facts(palpate_plugin_device* face, palpate_plugin_facts* out) {
 
 int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
   Device& device = of(face);
-  const std::string name(device.line.id.view());
+  std::string name = "the arm ";
+  name.append(device.line.id.view()).append(" ");
   const std::int64_t since = machineNow();
   std::string said;
   for (;;) {
@@ -207,10 +208,10 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       return PALPATE_PLUGIN_OK;
     }
     if (ended() || machineNow() - since > kPrepareTime) {
-      tell(error, room, "the arm " + name + " " + wanted);
+      tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    if (wanted != said && host.say != nullptr) host.say(("the arm " + name + " " + wanted).c_str());
+    if (wanted != said && host.say != nullptr) host.say((name + wanted).c_str());
     said = wanted;
     rest();
   }
@@ -236,11 +237,11 @@ int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
   if (ready) all.state |= PALPATE_PLUGIN_READY;
   if (device.line.powered == 0) all.state |= PALPATE_PLUGIN_UNPOWERED;
   for (std::size_t i = 0; i < 3; ++i) {
-    all.position[i] = reading.arm.position_H[i] - device.middle_H[i];
-    all.velocity[i] = reading.arm.velocity_H[i];
+    all.position[i] = reading.arm.position_D[i] - device.middle_D[i];
+    all.velocity[i] = reading.arm.velocity_D[i];
     all.joints[i] = reading.arm.joints[i];
   }
-  for (std::size_t i = 0; i < 4; ++i) all.orientation[i] = reading.grip.orientation_H[i];
+  for (std::size_t i = 0; i < 4; ++i) all.orientation[i] = reading.grip.orientation_D[i];
   all.buttons = reading.grip.buttons;
   give(all, out);
   return PALPATE_PLUGIN_OK;
@@ -258,7 +259,7 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
   if (strength == 0.0) device.acknowledged = device.line.stops.load();
   if (good) {
     const double share = strength > kForce ? kForce / strength : 1.0;
-    for (std::size_t i = 0; i < 3; ++i) order.force_H[i] = wanted[i] * share;
+    for (std::size_t i = 0; i < 3; ++i) order.force_D[i] = wanted[i] * share;
   }
   order.when = host.now();
   order.acknowledged = device.acknowledged;
@@ -327,7 +328,7 @@ palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room
   device->line.id = arm->id;
   device->turns = inventory.grips;
   device->buttons = inventory.button_count;
-  if (arm->config.origin == Origin::kBase) device->middle_H = kMiddle_H;
+  if (arm->config.origin == Origin::kBase) device->middle_D = kMiddle;
   if (!service->serve(device->line)) {
     tell(error, room, "as many arms are open as can be: close one");
     return nullptr;

@@ -123,9 +123,9 @@ bool readArm(std::string_view id, const Json& of, ArmState& out) {
   const Json* state = member(&of, "state");
   if (const auto position = triple(member(state, "cursor_position"), kAxes, kFarthest)) {
     out.placed = true;
-    out.position_H = *position;
+    out.position_D = *position;
   }
-  out.velocity_H = triple(member(state, "cursor_velocity"), kAxes, kFastest).value_or(Triple{});
+  out.velocity_D = triple(member(state, "cursor_velocity"), kAxes, kFastest).value_or(Triple{});
   if (const auto degrees = triple(member(state, "angular_position"), kAngles, kWidest)) {
     for (std::size_t i = 0; i < 3; ++i) out.joints[i] = (*degrees)[i] * std::numbers::pi / 180.0;
   }
@@ -147,12 +147,12 @@ bool readGrip(std::string_view id, const Json& of, GripState& out) {
   const Json* state = member(&of, "state");
   if (const auto orientation = quaternion(member(state, "orientation"))) {
     out.turned = true;
-    out.orientation_H = *orientation;
+    out.orientation_D = *orientation;
   }
   // With a cable one button; without one a, b, c, or by number.
   if (const std::int8_t pressed = truth(member(state, "button")); pressed >= 0) {
     out.button_count = 1;
-    out.buttons = static_cast<std::uint32_t>(pressed);
+    out.buttons = pressed == 1 ? 1U : 0U;
   }
   const Json* buttons = member(state, "buttons");
   for (const auto& names : {std::array<const char*, 4>{"a", "b", "c", nullptr},
@@ -255,7 +255,7 @@ std::size_t writeForces(Generation generation, std::span<const ForceTo> forces, 
   for (const ForceTo& one : forces) {
     to << (first ? "" : ",") << R"({"device_id":")" << one.id
        << R"(","commands":{"set_cursor_force":{")" << (newer ? "vector" : "values") << R"(":{"x":)"
-       << one.force_H[0] << R"(,"y":)" << one.force_H[1] << R"(,"z":)" << one.force_H[2] << "}}}}";
+       << one.force_D[0] << R"(,"y":)" << one.force_D[1] << R"(,"z":)" << one.force_D[2] << "}}}}";
     first = false;
   }
   to << "]}";

@@ -12,7 +12,7 @@
 ///   a
 ///        force is not published where we could read it: it is recognised, and gets none.
 ///
-/// Every vector is in the service's own axes (p_H): x right, y forward, z up, right-handed ("Basis
+/// Every vector is in the service's own axes (p_D): x right, y forward, z up, right-handed ("Basis
 /// Permutation"), which are those of the hand's world; only the origin differs.
 #pragma once
 
@@ -44,7 +44,7 @@ struct DeviceId {
 
 enum class Generation : std::uint8_t { kUnknown, k30, k31, k35 };
 
-/// Where p_H begins (`preset`).
+/// Where p_D begins (`preset`).
 enum class Origin : std::uint8_t {
   kBase,    ///< At the arm's base: defaults, arm_front, and whatever has no presets.
   kCentre,  ///< In the middle of its workspace: arm_front_centered.
@@ -63,8 +63,8 @@ struct ArmConfig {
 struct ArmState {
   DeviceId id;
   bool placed = false;       ///< `position` is one: the rest is as it was where it is false.
-  Triple position_H{};       ///< [m]
-  Triple velocity_H{};       ///< [m/s]; zeros where there is none.
+  Triple position_D{};       ///< [m]
+  Triple velocity_D{};       ///< [m/s]; zeros where there is none.
   Triple joints{};           ///< [rad]; zeros where there are none.
   bool transformed = false;  ///< Somebody has moved, turned or scaled its workspace.
   // What is not said is -1.
@@ -79,7 +79,7 @@ struct ArmState {
 struct GripState {
   DeviceId id;
   bool turned = false;                    ///< `orientation` is one.
-  std::array<double, 4> orientation_H{};  ///< Unit quaternion w, x, y, z.
+  std::array<double, 4> orientation_D{};  ///< Unit quaternion w, x, y, z.
   std::uint32_t buttons = 0;
   int button_count = 0;  ///< 1 with a cable; 3 or 4 without.
 };
@@ -109,7 +109,7 @@ Verdict readMessage(std::string_view bytes, Message& out);
 /// A force for an arm.
 struct ForceTo {
   std::string_view id;
-  Triple force_H{};  ///< [N], finite.
+  Triple force_D{};  ///< [N], finite.
 };
 
 /// Room for the longest message to the service.

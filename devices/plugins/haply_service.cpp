@@ -1,13 +1,9 @@
 #include "palpate/devices/plugins/haply_service.h"
 
 #include <algorithm>
-#include <cmath>
-#include <csignal>
 #include <ctime>
 #include <libwebsockets.h>
-#include <optional>
 #include <poll.h>
-#include <pthread.h>
 #include <utility>
 
 namespace palpate::haply {
@@ -26,10 +22,6 @@ void sleepFor(int fd, std::int64_t nanoseconds) {
   pollfd one{fd, POLLIN, 0};
   const timespec time{nanoseconds / 1'000'000'000, nanoseconds % 1'000'000'000};
   ppoll(&one, fd >= 0 ? 1 : 0, &time, nullptr);
-}
-
-bool isZero(const Triple& force) {
-  return force[0] == 0.0 && force[1] == 0.0 && force[2] == 0.0;
 }
 
 int called(lws* wsi, lws_callback_reasons reason, void*, void* bytes, std::size_t size) {
@@ -105,13 +97,7 @@ bool readUrl(const std::string& url, bool anywhere, Address& out, std::string& w
 }
 
 Service::Service(Address address, std::int64_t (*now)()) : address_(std::move(address)), now_(now) {
-  // Its user's signals are for its user's threads.
-  sigset_t all;
-  sigset_t before;
-  sigfillset(&all);
-  pthread_sigmask(SIG_SETMASK, &all, &before);
   thread_ = std::thread([this] { run(); });
-  pthread_sigmask(SIG_SETMASK, &before, nullptr);
 }
 
 Service::~Service() {
@@ -148,13 +134,15 @@ Triple Service::wanted(Line& line, std::int64_t now) const {
   const Order& order = line.orders.current();
   const bool given = !line.leaves && !line.away && order.acknowledged == line.stops.load() &&
                      now - order.when < kForceHolds;
-  return given ? order.force_H : Triple{};
+  return given ? order.force_D : Triple{};
 }
 
 int Service::connected() {
   up_ = true;
   introduced_ = false;
   answered_ = false;
+  asked_ = 0;
+  got_ = 0;
   generation_ = Generation::kUnknown;
   sent_ = machineNow();
   partial_.clear();
@@ -171,7 +159,6 @@ void Service::disconnected() {
     Line* line = one.load();
     if (line == nullptr) continue;
     if (!line->away) lose(*line);
-    line->driven = false;
   }
   const std::lock_guard lock(mutex_);
   const int refusals = inventory_.refusals + (was_up ? 0 : 1);
@@ -189,6 +176,8 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
   if (!last) return;
   // What cannot be read is an answer as well: the next message may go.
   answered_ = true;
+  // The first one of a connection may come unasked.
+  got_ = std::min(got_ + 1, asked_);
   if (!too_long_) message(partial_);
   partial_.clear();
   too_long_ = false;
@@ -246,20 +235,15 @@ void Service::message(std::string_view bytes) {
 void Service::attend(std::int64_t machine) {
   const std::int64_t now = now_();
   bool served = false;
-  bool at_once = false;
   for (auto& one : lines_) {
     Line* line = one.load();
-    if (line == nullptr) continue;
+    if (line == nullptr || line->told_zero) continue;
     served = true;
     if (!line->away && now - line->heard >= kSilence) lose(*line);
-    at_once = at_once || (line->driven && isZero(wanted(*line, now))) ||
-              (line->leaves && !line->told_zero);
   }
-  const std::int64_t since = machine - sent_;
   const bool known = generation_ == Generation::k31 || generation_ == Generation::k35;
-  const bool due =
-      served && known ? (answered_ ? since >= kPeriod : since >= kAskAgain) : since >= kAskForArms;
-  if (at_once || due) lws_callback_on_writable(wsi_);
+  const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
+  if (machine - sent_ >= pause) lws_callback_on_writable(wsi_);
 }
 
 int Service::writable(lws* to) {
@@ -268,10 +252,12 @@ int Service::writable(lws* to) {
   const std::span<char> text(room.data() + LWS_PRE, kRoom);
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
+  std::array<bool, kMaxArms> leaving{};  // As long as its force was asked for, which is zero then.
   std::size_t count = 0;
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr) continue;
+    leaving[count] = line->leaves;
     served[count] = line;
     forces[count++] = {line->id.view(), wanted(*line, now)};
   }
@@ -286,13 +272,14 @@ int Service::writable(lws* to) {
     return -1;
   }
   answered_ = false;
+  ++asked_;
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
-    served[i]->driven = driving && !isZero(forces[i].force_H);
-    if (served[i]->leaves && !served[i]->told_zero && isZero(forces[i].force_H)) {
+    if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
       served[i]->told_at = sent_;
+      served[i]->told_in = asked_;
     }
   }
   return 0;
@@ -303,7 +290,8 @@ void Service::letGo(std::int64_t machine) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
     // A socket that is closed with an answer unread may take the zero force with it.
-    const bool told = line->told_zero && (answered_ || machine - line->told_at > kLeaving);
+    const bool told =
+        line->told_zero && (got_ >= line->told_in || machine - line->told_at > kLeaving);
     if (up_ && !told) continue;
     one = nullptr;
     line->left = true;
@@ -331,7 +319,6 @@ void Service::run() {
   info.port = CONTEXT_PORT_NO_LISTEN;
   info.protocols = kProtocols.data();
   info.user = this;
-  info.timeout_secs = 2;
   // Else what http_proxy names would be asked.
   info.http_proxy_address = "";
   lws_context* context = lws_create_context(&info);
@@ -339,10 +326,6 @@ void Service::run() {
     const std::int64_t machine = machineNow();
     if (context != nullptr && wsi_ == nullptr && (tried_ == 0 || machine - tried_ >= kTryAgain)) {
       connect(context, machine);
-    }
-    // One that takes a connection and says nothing.
-    if (wsi_ != nullptr && !up_ && machine - tried_ > kShakeHands) {
-      lws_set_timeout(wsi_, PENDING_TIMEOUT_USER_OK, LWS_TO_KILL_ASYNC);
     }
     if (up_) attend(machine);
     if (context != nullptr) lws_service(context, -1);

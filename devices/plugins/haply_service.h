@@ -31,10 +31,9 @@ inline constexpr std::int64_t kForceHolds = 40'000'000;  ///< [ns], so that 50 m
 inline constexpr std::int64_t kSilence = 30'000'000;     ///< [ns]
 /// By the machine's.
 inline constexpr std::int64_t kPeriod = 500'000;          ///< Between messages, once answered [ns].
-inline constexpr std::int64_t kAskAgain = 10'000'000;     ///< Where no answer comes [ns].
+inline constexpr std::int64_t kAskAgain = 5'000'000;      ///< Where no answer comes [ns].
 inline constexpr std::int64_t kAskForArms = 250'000'000;  ///< While no arm is open [ns].
 inline constexpr std::int64_t kTryAgain = 100'000'000;  ///< Until the next attempt to connect [ns].
-inline constexpr std::int64_t kShakeHands = 1'000'000'000;  ///< The longest attempt [ns].
 
 /// What a reading has, still in the service's axes.
 struct Reading {
@@ -45,30 +44,30 @@ struct Reading {
 
 /// What the haptic thread has written.
 struct Order {
-  Triple force_H{};
+  Triple force_D{};
   std::int64_t when = 0;           ///< By the host's clock [ns].
   std::uint64_t acknowledged = 1;  ///< So many stops were known when zero was written last.
 };
 
 /// An arm that is open: what the threads share of it.
 struct Line {
+  Mailbox<Reading> readings;  ///< Service thread to haptic thread.
+  Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
-  Mailbox<Reading> readings;             ///< Service thread to haptic thread.
-  Mailbox<Order> orders;                 ///< Haptic thread to service thread.
   std::atomic<std::uint64_t> stops{1};   ///< Reasons so far for no force until zero is written.
   std::atomic<std::uint64_t> losses{0};  ///< How often it has fallen silent.
-  std::atomic<bool> away{true};          ///< It is silent, or there is no connection.
   std::atomic<int> powered{-1};          ///< As ArmState, as far as it has been said.
   std::atomic<int> ready{-1};
   std::atomic<int> calibrated{-1};
+  std::atomic<bool> away{true};     ///< It is silent, or there is no connection.
   std::atomic<bool> leaves{false};  ///< It is to have zero force, and to be let go of.
   std::atomic<bool> left{false};    ///< No thread but its owner's knows it any more.
 
   // The service thread's own.
+  bool told_zero = false;    ///< Since it leaves,
+  std::int64_t told_at = 0;  ///< by the machine's clock [ns],
+  long told_in = 0;          ///< in the message of this number.
   std::int64_t heard = 0;    ///< By the host's clock [ns].
-  bool driven = false;       ///< The last force that was sent was not zero.
-  bool told_zero = false;    ///< Since it leaves.
-  std::int64_t told_at = 0;  ///< By the machine's clock [ns].
 };
 
 /// An arm that the service has named.
@@ -141,7 +140,9 @@ class Service {
   lws* wsi_ = nullptr;
   bool up_ = false;
   bool introduced_ = false;
-  bool answered_ = false;  ///< The last message has been.
+  bool answered_ = false;  ///< Something has come since the last message.
+  long asked_ = 0;         ///< Messages of this connection,
+  long got_ = 0;           ///< and answers.
   Generation generation_ = Generation::kUnknown;
   std::int64_t tried_ = 0;
   std::int64_t sent_ = 0;

@@ -31,13 +31,13 @@ inline std::string fuzzHaplyMessage(std::string_view bytes) {
   for (std::size_t i = 0; i < message.arm_count; ++i) {
     const ArmState& arm = message.arms[i];
     if (arm.id.view().empty()) return "an arm without an id";
-    if (!within(arm.position_H, kFarthest)) return "a position out of reach";
-    if (!within(arm.velocity_H, kFastest)) return "a velocity out of reason";
+    if (!within(arm.position_D, kFarthest)) return "a position out of reach";
+    if (!within(arm.velocity_D, kFastest)) return "a velocity out of reason";
     if (!within(arm.joints, 63.0)) return "an angle out of reason";
     forces[i] = {arm.id.view(), {1e-300, -4.0, 1.0 / 3.0}};
   }
   for (std::size_t i = 0; i < message.grip_count; ++i) {
-    const auto& q = message.grips[i].orientation_H;
+    const auto& q = message.grips[i].orientation_D;
     const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     if (message.grips[i].turned && !(std::abs(length - 1.0) < 1e-9)) return "no unit quaternion";
     if (message.grips[i].id.view().empty()) return "a handle without an id";

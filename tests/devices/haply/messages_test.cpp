@@ -55,8 +55,8 @@ TEST_CASE("each generation of Haply's service is known by its message", "[haply]
   const ArmState& arm = newer.arms[0];
   CHECK(arm.id.view() == "049D");
   CHECK(arm.placed);
-  CHECK(arm.position_H == Triple{0.01, -0.02, 0.03});
-  CHECK(arm.velocity_H == Triple{0.1, 0.2, -0.3});
+  CHECK(arm.position_D == Triple{0.01, -0.02, 0.03});
+  CHECK(arm.velocity_D == Triple{0.1, 0.2, -0.3});
   CHECK(arm.joints[0] == Approx(std::numbers::pi / 6));
   CHECK(arm.joints[1] == Approx(std::numbers::pi / 4));
   CHECK(arm.joints[2] == Approx(-std::numbers::pi / 2));
@@ -70,13 +70,13 @@ TEST_CASE("each generation of Haply's service is known by its message", "[haply]
   CHECK(arm.config.plain_axes);
   REQUIRE(newer.grip_count == 1);
   CHECK(newer.grips[0].turned);
-  CHECK(newer.grips[0].orientation_H == std::array<double, 4>{0.5, 0.5, -0.5, 0.5});
+  CHECK(newer.grips[0].orientation_D == std::array<double, 4>{0.5, 0.5, -0.5, 0.5});
   CHECK(newer.grips[0].buttons == 0b101);
   CHECK(newer.grips[0].button_count == 3);
 
   const Message older = readState(k31Text);
   CHECK(older.generation == Generation::k31);
-  CHECK(older.arms[0].position_H == Triple{0.078, -0.148, 0.143});
+  CHECK(older.arms[0].position_D == Triple{0.078, -0.148, 0.143});
   CHECK(older.arms[0].calibrated == 0);
   CHECK_FALSE(older.arms[0].configured);
   REQUIRE(older.grip_count == 1);
@@ -87,7 +87,7 @@ TEST_CASE("each generation of Haply's service is known by its message", "[haply]
   const Message oldest = readState(k30Text);
   CHECK(oldest.generation == Generation::k30);
   CHECK(oldest.arms[0].id.view() == "049D");
-  CHECK(oldest.arms[0].position_H == Triple{0.0, -0.1, 0.1});
+  CHECK(oldest.arms[0].position_D == Triple{0.0, -0.1, 0.1});
 }
 
 TEST_CASE("a handle's buttons by number are bits as those by letter", "[haply]") {
@@ -105,7 +105,7 @@ TEST_CASE("what is no number within reach is no position", "[haply]") {
     const Message message = readState(withX(x));
     REQUIRE(message.arm_count == 1);
     CHECK_FALSE(message.arms[0].placed);
-    CHECK(message.arms[0].position_H == Triple{});
+    CHECK(message.arms[0].position_D == Triple{});
   }
   for (const char* x : {"NaN", "1e999", "-1e999", "Infinity", "0x10", "+1", ".5"}) {
     CAPTURE(x);
@@ -173,7 +173,7 @@ TEST_CASE("forces are written as their generation wants them, to the last bit", 
   for (int i = 0; i < 1000; ++i) {
     std::array<ForceTo, 2> forces{{{"049D", {}}, {"04BA", {}}}};
     for (auto& one : forces) {
-      for (double& along : one.force_H) {
+      for (double& along : one.force_D) {
         along = random.uniform(-1.0, 1.0) * random.logUniform(1e-300, 10.0);
       }
     }
@@ -189,9 +189,9 @@ TEST_CASE("forces are written as their generation wants them, to the last bit", 
         const auto& command = json["inverse3"][k]["commands"]["set_cursor_force"];
         REQUIRE(command.size() == 1);
         const auto& force = command[generation == Generation::k35 ? "vector" : "values"];
-        REQUIRE(force["x"] == forces[k].force_H[0]);
-        REQUIRE(force["y"] == forces[k].force_H[1]);
-        REQUIRE(force["z"] == forces[k].force_H[2]);
+        REQUIRE(force["x"] == forces[k].force_D[0]);
+        REQUIRE(force["y"] == forces[k].force_D[1]);
+        REQUIRE(force["z"] == forces[k].force_D[2]);
       }
     }
   }
@@ -208,8 +208,16 @@ TEST_CASE("forces are written as their generation wants them, to the last bit", 
   CHECK(writeForces(Generation::kUnknown, four, true, room) == 0);
 }
 
-TEST_CASE("mutated messages are read or refused, and nothing else", "[haply]") {
-  const std::vector<std::string> seeds{k35Text, k31Text, k30Text};
+namespace {
+
+/// One of them.
+template <class List>
+const auto& any(Random& random, const List& list) {
+  return list[static_cast<std::size_t>(random.integer(static_cast<int>(list.size())))];
+}
+
+/// Bytes changed, lost, doubled, put in.
+std::string mutateBytes(Random& random, std::string text, const std::vector<std::string>& seeds) {
   static const std::vector<std::string> kPieces{"\"",
                                                 "{",
                                                 "}",
@@ -232,50 +240,101 @@ TEST_CASE("mutated messages are read or refused, and nothing else", "[haply]") {
                                                 "\"inverse3\":{",
                                                 "\"device_id\":\"",
                                                 "\"state\":",
-                                                "99999999999999999999999999"};
+                                                "99999999999999999999999"};
+  for (int n = 1 + random.integer(6); n > 0 && !text.empty(); --n) {
+    const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(text.size())));
+    const auto length = static_cast<std::size_t>(random.integer(300));
+    const std::string& other = any(random, seeds);
+    switch (random.integer(6)) {
+      case 0:
+        text[at] = static_cast<char>(random.integer(256));
+        break;
+      case 1:
+        text.erase(at, 1 + length / 8);
+        break;
+      case 2:
+        text.resize(at);
+        break;
+      case 3:
+        text.insert(at, any(random, kPieces));
+        break;
+      case 4:
+        text.insert(at, text.substr(at / 2, length));
+        break;
+      default:
+        text.insert(at, other.substr(at % other.size(), length));
+    }
+  }
+  return text;
+}
+
+/// Values exchanged for others, members lost and doubled: still JSON.
+std::string mutateValues(Random& random, const std::string& text) {
+  static const std::vector<nlohmann::json> kValues{nullptr,
+                                                   true,
+                                                   false,
+                                                   0,
+                                                   -0.0,
+                                                   2.0,
+                                                   -2.0,
+                                                   2.0000001,
+                                                   1e300,
+                                                   -1e-300,
+                                                   4294967296,
+                                                   1e18,
+                                                   "",
+                                                   "x",
+                                                   "049D",
+                                                   "04\"9D",
+                                                   "led_front",
+                                                   "XZY",
+                                                   "minverse",
+                                                   nlohmann::json::array(),
+                                                   nlohmann::json::object(),
+                                                   nlohmann::json::array({1, 2, 3}),
+                                                   nlohmann::json{{"x", 1}, {"y", 2}, {"z", 3}},
+                                                   nlohmann::json{{"state", nullptr}}};
+  nlohmann::json json = nlohmann::json::parse(text);
+  for (int n = 1 + random.integer(4); n > 0; --n) {
+    nlohmann::json* at = &json;
+    // A way down that ends anywhere.
+    while (at->is_structured() && !at->empty() && random.integer(12) != 0) {
+      auto it = at->begin();
+      std::advance(it, random.integer(static_cast<int>(at->size())));
+      at = &*it;
+    }
+    if (at == &json) continue;
+    if (at->is_array() && !at->empty() && random.integer(2) == 0) {
+      for (int k = random.integer(9); k > 0; --k) at->push_back(at->front());
+    } else if (at->is_object() && !at->empty() && random.integer(2) == 0) {
+      at->erase(at->begin());
+    } else {
+      *at = any(random, kValues);
+    }
+  }
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+}  // namespace
+
+TEST_CASE("mutated messages are read or refused, and nothing else", "[haply]") {
+  const std::vector<std::string> seeds{k35Text, k31Text, k30Text};
   Random random(2);
   const long count = cases(20'000);
   long states = 0;
+  Message message;
   for (long i = 0; i < count; ++i) {
-    std::string text =
-        seeds[static_cast<std::size_t>(random.integer(static_cast<int>(seeds.size())))];
-    for (int n = 1 + random.integer(6); n > 0 && !text.empty(); --n) {
-      const auto at = static_cast<std::size_t>(random.integer(static_cast<int>(text.size())));
-      const std::string& other =
-          seeds[static_cast<std::size_t>(random.integer(static_cast<int>(seeds.size())))];
-      switch (random.integer(6)) {
-        case 0:
-          text[at] = static_cast<char>(random.integer(256));
-          break;
-        case 1:
-          text.erase(at, static_cast<std::size_t>(1 + random.integer(40)));
-          break;
-        case 2:
-          text.resize(at);
-          break;
-        case 3:
-          text.insert(
-              at,
-              kPieces[static_cast<std::size_t>(random.integer(static_cast<int>(kPieces.size())))]);
-          break;
-        case 4:
-          text.insert(at, text.substr(at / 2, static_cast<std::size_t>(random.integer(200))));
-          break;
-        default:
-          text.insert(
-              at,
-              other.substr(static_cast<std::size_t>(random.integer(static_cast<int>(other.size()))),
-                           static_cast<std::size_t>(random.integer(300))));
-      }
-    }
+    const std::string& seed = any(random, seeds);
+    const std::string text =
+        i % 2 == 0 ? mutateBytes(random, seed, seeds) : mutateValues(random, seed);
     const std::string wrong = palpate::test::fuzzHaplyMessage(text);
     if (!wrong.empty()) {
       CAPTURE(text);
       FAIL(wrong);
     }
-    Message message;
     if (readMessage(text, message) == Verdict::kState) ++states;
   }
+  CAPTURE(states);
   // Enough are still messages that what is in them was looked at.
-  CHECK(states * 50 > count);
+  CHECK(states * 4 > count);
 }

@@ -59,6 +59,7 @@ struct MockService::Inside {
   Lie lie = Lie::kNone;
   std::int64_t delay = 0;
   bool mute = false;
+  bool shy = false;
   std::vector<Told> told;
   Heard heard;
   std::atomic<bool> ends{false};
@@ -120,7 +121,8 @@ struct MockService::Inside {
     if (lie == Lie::kDeep) return std::string(50'000, '[');
     const bool by_id = speaks == Speaks::k30;
     std::string out = "{";
-    if (speaks == Speaks::k35) out += "\"session_id\":7,";
+    // Whether updates have it as well is not published: here they have not.
+    if (speaks == Speaks::k35 && full) out += "\"session_id\":7,";
     out += std::string("\"inverse3\":") + (by_id ? "{" : "[");
     if (lie != Lie::kEmptyLists) out += armText(arms[0], full) + "," + armText(arms[1], full);
     out += std::string(by_id ? "}" : "]") + ",\"wireless_verse_grip\":[";
@@ -202,7 +204,7 @@ struct MockService::Inside {
         session = sessions.back().second.get();
         const std::lock_guard lock(mutex);
         session->number = ++heard.connections;
-        if (!mute) session->waiting.push_back({monotonic() + delay, true});
+        if (!mute && !shy) session->waiting.push_back({monotonic() + delay, true});
         break;
       }
       case LWS_CALLBACK_RECEIVE: {
@@ -219,6 +221,11 @@ struct MockService::Inside {
         if (session != nullptr) return writable(wsi, *session);
         break;
       case LWS_CALLBACK_CLOSED:
+        if (session != nullptr) {
+          const std::lock_guard lock(mutex);
+          ++heard.ended;
+          if (!session->waiting.empty()) ++heard.cut_off;
+        }
         std::erase_if(sessions, [&](const auto& one) { return one.first == wsi; });
         break;
       default:
@@ -315,6 +322,11 @@ void MockService::delay(std::int64_t nanoseconds) {
 void MockService::mute(bool is) {
   const std::lock_guard lock(inside_->mutex);
   inside_->mute = is;
+}
+
+void MockService::shy(bool is) {
+  const std::lock_guard lock(inside_->mutex);
+  inside_->shy = is;
 }
 
 void MockService::hangUp() {

@@ -66,6 +66,8 @@ struct Heard {
   long asked_for_all = 0;
   long introduced = 0;  ///< With a session profile.
   int connections = 0;
+  int ended = 0;
+  int cut_off = 0;  ///< Connections that ended with an answer due.
 };
 
 class MockService {
@@ -86,6 +88,8 @@ class MockService {
   void delay(std::int64_t nanoseconds);
   /// Says no word on connecting either.
   void mute(bool is);
+  /// Says its list only where it is asked for.
+  void shy(bool is);
   /// Closes what is connected.
   void hangUp();
   /// Listens no more; then again, at the same port.

@@ -18,9 +18,12 @@
 #include <functional>
 #include <limits>
 #include <mutex>
+#include <netinet/in.h>
 #include <numeric>
 #include <string>
+#include <sys/socket.h>
 #include <thread>
+#include <unistd.h>
 #include <vector>
 
 #include <catch2/catch.hpp>
@@ -321,10 +324,39 @@ TEST_CASE("where the service puts the origin in the middle it stays there", "[ha
   arm.position = {0.01, 0.02, 0.03};
   service.set(0, arm);
   const Plugin plugin(service.url());
+  // Updates, which do not say it again, have come before it is opened.
+  Hand other(plugin, "04BA");
+  REQUIRE(other.device != nullptr);
+  REQUIRE(exchanged(service, 5));
   Hand hand(plugin, "049D");
   REQUIRE(hand.device != nullptr);
   REQUIRE(hand.readNew());
   checkNear(hand.position(), {0.01, 0.02, 0.03});
+}
+
+TEST_CASE("a service that does not say what it has is asked", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  service.shy(true);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  CHECK(hand.readNew());
+  CHECK(service.heard().asked_for_all >= 1);
+}
+
+TEST_CASE("an arm that has not been heard of has no force", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  service.lie(Lie::kNoPosition);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  for (int i = 0; i < 5; ++i) {
+    CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
+    CHECK(hand.read() == PALPATE_PLUGIN_GONE);
+    REQUIRE(exchanged(service, 3));
+  }
+  CHECK(driven(service, "049D") == 0);
+  CHECK(newest(service, "049D") == Vec{});
 }
 
 TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plugin]") {
@@ -374,6 +406,21 @@ TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plu
     MockService service(Speaks::k35);
     service.mute(true);
     CHECK_THAT(refused(service, ""), Contains("restart the Haply Hub"));
+  }
+  SECTION("what takes a connection and says nothing") {
+    const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in at{};
+    at.sin_family = AF_INET;
+    at.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(at);
+    REQUIRE(bind(listener, reinterpret_cast<const sockaddr*>(&at), size) == 0);
+    REQUIRE(listen(listener, 4) == 0);
+    REQUIRE(getsockname(listener, reinterpret_cast<sockaddr*>(&at), &size) == 0);
+    const Plugin plugin("ws://127.0.0.1:" + std::to_string(ntohs(at.sin_port)));
+    const Hand hand(plugin, "");
+    CHECK(hand.device == nullptr);
+    CHECK_THAT(std::string(hand.error.data()), Contains("restart the Haply Hub"));
+    ::close(listener);
   }
   SECTION("more than can be") {
     MockService service(Speaks::k35);
@@ -574,11 +621,9 @@ TEST_CASE("a service that restarts finds no force until zero was written", "[hap
     service.begin();
   }
   REQUIRE(eventually([&] { return service.heard().connections >= 2; }));
-  // Even who did not look meanwhile is told.
-  CHECK(eventually([&] {
-    const int got = hand.read();
-    return hangs_up ? got == PALPATE_PLUGIN_GONE : got == PALPATE_PLUGIN_OK;
-  }));
+  // Who did not look meanwhile is told when the arm is back.
+  REQUIRE(eventually([&] { return hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK; }));
+  CHECK((hand.read() == PALPATE_PLUGIN_GONE) == hangs_up);
   REQUIRE(hand.readNew());
   for (int i = 0; i < 5; ++i) {
     hand.write({1.0, 0.0, 0.0});
@@ -635,6 +680,19 @@ TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugi
   hand.device->stop(hand.device);
   CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
   CHECK(service.heard().connections == 1);
+  // Closed while an answer is due: zero is told all the same.
+  for (int i = 0; i < 10; ++i) {
+    Hand other(plugin, "04BA");
+    REQUIRE(other.device != nullptr);
+    REQUIRE(other.readNew());
+    REQUIRE(drives(other, service, "04BA", {0.0, 1.0, 0.0}));
+    other.close();
+    CHECK(newest(service, "04BA") == Vec{});
+  }
+  // And the connection ends when that was answered.
+  hand.close();
+  REQUIRE(eventually([&] { return service.heard().ended == 1; }));
+  CHECK(service.heard().cut_off == 0);
 }
 
 TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[haply][plugin]") {
@@ -675,6 +733,19 @@ TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[h
   REQUIRE(eventually([&] {
     return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
   }));
+  // Each of what it wants is wanted.
+  for (bool MockArm::*const missing : {&MockArm::calibrated, &MockArm::ready, &MockArm::powered}) {
+    arm.*missing = false;
+    service.set(0, arm);
+    CHECK(eventually([&] {
+      return hand.read() == PALPATE_PLUGIN_OK && (hand.reading.state & PALPATE_PLUGIN_READY) == 0;
+    }));
+    arm.*missing = true;
+    service.set(0, arm);
+    CHECK(eventually([&] {
+      return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
+    }));
+  }
   // Its metres are no longer the hand's.
   arm.scale = 10.0;
   service.set(0, arm);
