@@ -9,8 +9,8 @@
 namespace palpate::haply {
 namespace {
 
-constexpr std::int64_t kLeaving = 100'000'000;  ///< The longest that a release waits [ns].
-constexpr std::int64_t kIdle = 10'000'000;      ///< The longest sleep without a connection [ns].
+constexpr std::int64_t kLeaving = 1'000'000'000;  ///< The longest that a release waits [ns].
+constexpr std::int64_t kIdle = 10'000'000;        ///< The longest sleep without a connection [ns].
 
 std::int64_t machineNow() {
   timespec now{};

@@ -111,7 +111,7 @@ class Service {
   [[nodiscard]] Inventory inventory();
   /// False: there are as many as it can serve. `line` lives until release() has returned.
   bool serve(Line& line);
-  /// Zero force first, where there is a connection, and until it has been answered or 0.1 s.
+  /// Zero force first, where there is a connection, and until it has been answered or 1 s.
   void release(Line& line);
 
   /// What libwebsockets calls, on the thread.
