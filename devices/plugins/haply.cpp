@@ -36,6 +36,8 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
+constexpr std::int64_t kStopTime = 20'000'000;          ///< Of the service thread, at most [ns].
+constexpr std::int64_t kStopPoll = 100'000;             ///< [ns]
 constexpr std::int64_t kPoll = 2'000'000;               ///< [ns]
 
 struct Host {
@@ -269,7 +271,14 @@ int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
 }
 
 void stop(palpate_plugin_device* face) {
-  of(face).line.stops.fetch_add(1);
+  Line& line = of(face).line;
+  const std::uint64_t stops = line.stops.fetch_add(1) + 1;
+  // When it returns the process may end: by then zero has been sent, where anything can be.
+  const std::int64_t since = machineNow();
+  while (!line.away && line.obeyed.load() < stops && machineNow() - since < kStopTime) {
+    const timespec time{0, kStopPoll};
+    nanosleep(&time, nullptr);
+  }
 }
 
 void close(palpate_plugin_device* face) {

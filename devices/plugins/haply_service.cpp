@@ -253,11 +253,13 @@ int Service::writable(lws* to) {
   std::array<ForceTo, kMaxArms> forces{};
   std::array<Line*, kMaxArms> served{};
   std::array<bool, kMaxArms> leaving{};  // As long as its force was asked for, which is zero then.
+  std::array<std::uint64_t, kMaxArms> stops{};
   std::size_t count = 0;
   for (auto& one : lines_) {
     Line* line = one.load();
     if (line == nullptr) continue;
     leaving[count] = line->leaves;
+    stops[count] = line->stops;
     served[count] = line;
     forces[count++] = {line->id.view(), wanted(*line, now)};
   }
@@ -276,6 +278,7 @@ int Service::writable(lws* to) {
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
+    if (forces[i].force_D == Triple{}) served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
       served[i]->told_at = sent_;

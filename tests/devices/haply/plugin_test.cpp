@@ -515,6 +515,33 @@ TEST_CASE("a force ends with stop() until zero has been written", "[haply][plugi
   CHECK(driven(service, "049D", again) == 0);
 }
 
+TEST_CASE("a program that is stopped and ends at once", "[.victim]") {
+  real_clock = true;
+  const Plugin plugin(std::getenv("PALPATE_HAPLY_URL"));
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  for (int i = 0; i < 20; ++i) {
+    hand.write({1.0, 0.0, 0.0});
+    std::this_thread::sleep_for(1ms);
+  }
+  hand.device->stop(hand.device);
+  _exit(0);
+}
+
+TEST_CASE("when stop() has returned the program may end", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  setenv("PALPATE_HAPLY_URL", service.url().c_str(), 1);
+  const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
+  for (int i = 1; i <= 5; ++i) {
+    REQUIRE(std::system((self + " '[.victim]' >/dev/null").c_str()) == 0);
+    REQUIRE(eventually([&] { return service.heard().ended == i; }));
+    CHECK(driven(service, "049D") > 0);
+    CHECK(newest(service, "049D") == Vec{});
+    service.forget();
+  }
+}
+
 TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
@@ -772,7 +799,7 @@ TEST_CASE("reading and writing an arm allocates nothing and takes no lock", "[ha
     for (int i = 0; i < 1000 || read < 20; ++i) {
       if (hand.read() == PALPATE_PLUGIN_OK) ++read;
       hand.write({0.0, 0.0, 0.001 * (i % 1000)});
-      hand.device->stop(hand.device);
+      if (i % 50 == 0) hand.device->stop(hand.device);
       hand.write({});
     }
     counts = CountScope::counts();
