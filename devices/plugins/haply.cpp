@@ -36,6 +36,7 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
+constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< After open, before words [ns].
 constexpr std::int64_t kStopTime = 20'000'000;          ///< Of the service thread, at most [ns].
 constexpr std::int64_t kStopPoll = 100'000;             ///< [ns]
 constexpr std::int64_t kPoll = 2'000'000;               ///< [ns]
@@ -213,8 +214,12 @@ int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
       tell(error, room, name + wanted);
       return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
     }
-    if (wanted != said && host.say != nullptr) host.say((name + wanted).c_str());
-    said = wanted;
+    // The first answer takes a moment.
+    const bool early = device.line.away && machineNow() - since < kFirstAnswer;
+    if (!early && wanted != said) {
+      if (host.say != nullptr) host.say((name + wanted).c_str());
+      said = wanted;
+    }
     rest();
   }
 }
@@ -389,7 +394,7 @@ extern "C" const palpate_plugin_entry palpate_plugin{sizeof(palpate_plugin_entry
                                                      PALPATE_PLUGIN_MAJOR,
                                                      PALPATE_PLUGIN_MINOR,
                                                      0,
-                                                     "Haply Inverse3, by Haply's Inverse Service",
+                                                     "Haply's Inverse Service",
                                                      "1.0",
                                                      "as palpate; libwebsockets: MIT",
                                                      init,

@@ -278,7 +278,8 @@ int Service::writable(lws* to) {
   sent_ = machineNow();
   introduced_ = introduced_ || driving;
   for (std::size_t i = 0; i < count; ++i) {
-    if (forces[i].force_D == Triple{}) served[i]->obeyed = stops[i];
+    // A force after those stops is one that was written after zero was.
+    served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
       served[i]->told_at = sent_;

@@ -55,7 +55,7 @@ struct Line {
   Mailbox<Order> orders;      ///< Haptic thread to service thread.
   DeviceId id;
   std::atomic<std::uint64_t> stops{1};   ///< Reasons so far for no force until zero is written.
-  std::atomic<std::uint64_t> obeyed{0};  ///< So many stops were known when zero was sent last.
+  std::atomic<std::uint64_t> obeyed{0};  ///< Those that the last message has obeyed.
   std::atomic<std::uint64_t> losses{0};  ///< How often it has fallen silent.
   std::atomic<int> powered{-1};          ///< As ArmState, as far as it has been said.
   std::atomic<int> ready{-1};

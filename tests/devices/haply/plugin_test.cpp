@@ -205,6 +205,10 @@ TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
   Hand hand(plugin, "");
   INFO(hand.error.data());
   REQUIRE(hand.device != nullptr);
+  // Asked before the first answer it asks nothing of the user.
+  std::array<char, 64> why{};
+  CHECK(hand.device->prepare(hand.device, why.data(), why.size()) == PALPATE_PLUGIN_OK);
+  CHECK(said().empty());
   palpate_plugin_facts facts{};
   facts.size = sizeof(facts);
   REQUIRE(hand.device->facts(hand.device, &facts) == PALPATE_PLUGIN_OK);
