@@ -37,7 +37,7 @@ constexpr Triple kMiddle{0.0, -0.12, 0.15};
 constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
 constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
 constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< After open, before words [ns].
-constexpr std::int64_t kStopTime = 20'000'000;          ///< Of the service thread, at most [ns].
+constexpr std::int64_t kStopTime = 15'000'000;          ///< Of the service thread, at most [ns].
 constexpr std::int64_t kStopPoll = 100'000;             ///< [ns]
 constexpr std::int64_t kPoll = 2'000'000;               ///< [ns]
 
