@@ -1,0 +1,402 @@
+/// haply.so: Haply's Inverse3 through its Inverse Service. docs/haply.md.
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "palpate/devices/plugin.h"
+#include "palpate/devices/plugins/haply_messages.h"
+#include "palpate/devices/plugins/haply_service.h"
+
+namespace {
+
+using namespace palpate::haply;
+
+// What the maker says of the Inverse3, where it says it: docs/haply.md.
+constexpr double kForce = 4.0;        ///< [N], in 80 % of the workspace; the peak is 10.
+constexpr double kStiffness = 400.0;  ///< [N/m]
+constexpr double kDamping = 3.0;      ///< [N s/m]
+constexpr double kRadius = 0.1;       ///< [m]
+constexpr double kResolution = 1e-5;  ///< [m]
+constexpr double kContinuous = 2.0;   ///< [N]; nobody says: half of what it gives.
+constexpr double kHeating = 10.0;     ///< [s]; likewise.
+constexpr double kRate = 1000.0;      ///< [Hz]; it can 4000.
+constexpr char kSource[] =
+    "4 N in 80 % of the workspace (peak 10 N) and 0.01 mm: Inverse3's data sheet; 0.1 m: Haply's "
+    "tutorial 06; 400 N/m, 3 N s/m: ranges of Haply's Unity samples; 2 N for ever and 10 s: "
+    "assumed, not published";
+/// Of the workspace from the arm's base, where Haply's own example of a state is [m].
+constexpr Triple kMiddle{0.0, -0.12, 0.15};
+
+constexpr std::int64_t kAnswerTime = 3'000'000'000;     ///< Of the service [ns].
+constexpr std::int64_t kPrepareTime = 120'000'000'000;  ///< Of the user [ns].
+constexpr std::int64_t kFirstAnswer = 1'000'000'000;    ///< After open, before words [ns].
+constexpr std::int64_t kStopTime = 15'000'000;          ///< Of the service thread, at most [ns].
+constexpr std::int64_t kStopPoll = 100'000;             ///< [ns]
+constexpr std::int64_t kPoll = 2'000'000;               ///< [ns]
+
+struct Host {
+  void (*say)(const char*) = nullptr;
+  int (*ends)() = nullptr;
+  std::int64_t (*now)() = nullptr;
+};
+Host host;
+Address address;
+std::unique_ptr<Service> service;
+int users = 0;  ///< Of `service`.
+
+std::int64_t machineNow() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000LL + now.tv_nsec;
+}
+
+void rest() {
+  const timespec time{0, kPoll};
+  nanosleep(&time, nullptr);
+}
+
+bool ended() {
+  return host.ends != nullptr && host.ends() != 0;
+}
+
+void tell(char* error, std::size_t room, const std::string& words) {
+  if (error == nullptr || room == 0) return;
+  std::snprintf(error, room, "%s", words.c_str());
+}
+
+/// As long as it lives there is a connection.
+class Using {
+ public:
+  Using() {
+    if (users++ == 0) service = std::make_unique<Service>(address, host.now);
+  }
+  ~Using() {
+    if (--users == 0) service.reset();
+  }
+  Using(const Using&) = delete;
+  Using& operator=(const Using&) = delete;
+};
+
+/// What the service has, once it has answered; empty `why`: it has.
+Inventory ask(std::string& why) {
+  const std::int64_t since = machineNow();
+  Inventory inventory = service->inventory();
+  const int refusals = inventory.refusals;
+  while (!inventory.answered) {
+    if (inventory.refusals > refusals) {
+      why = "nothing answers at " + address.words +
+            ": start the Haply Hub, or on Linux: systemctl start haply-inverse-service";
+      return inventory;
+    }
+    if (ended()) {
+      why = "the program ends";
+      return inventory;
+    }
+    if (machineNow() - since > kAnswerTime) {
+      why = "what answers at " + address.words +
+            " does not speak as Haply's service does: restart the Haply Hub, or set "
+            "PALPATE_HAPLY_URL to its address";
+      return inventory;
+    }
+    rest();
+    inventory = service->inventory();
+  }
+  if (inventory.generation == Generation::k30) {
+    why = address.words +
+          " speaks version 3.0, in which no force is told: use ws://localhost:10001 of service "
+          "3.1 or newer";
+  }
+  return inventory;
+}
+
+std::string modelOf(const Named& arm) {
+  if (arm.config.miniature) return "Haply Minverse";
+  return arm.config.left ? "Haply Inverse3 (left)" : "Haply Inverse3";
+}
+
+/// Why this arm is not one that can be felt with; empty: it is.
+std::string refusal(const Named& arm) {
+  const std::string name = "the arm " + std::string(arm.id.view());
+  if (arm.config.miniature) {
+    return name + " is a Minverse, whose limits are not known here: use an Inverse3";
+  }
+  if (arm.config.origin == Origin::kOther) {
+    return name +
+           " is mounted in a way of its own, so that nobody knows where it is: choose the "
+           "preset arm_front or arm_front_centered in the Haply Hub";
+  }
+  if (!arm.config.plain_axes) {
+    return name + " has other axes than XYZ: set its basis to XYZ in the Haply Hub";
+  }
+  return {};
+}
+
+/// An arm that is open.
+struct Device {
+  Line line;
+  palpate_plugin_device face{};
+  Triple middle_D{};
+  // Of the haptic thread.
+  std::uint64_t seen_losses = 0;
+  std::uint64_t acknowledged = 1;
+  Using connection;  ///< Ends when `line` has been let go of.
+  bool turns = false;
+  int buttons = 0;
+};
+
+Device& of(palpate_plugin_device* device) {
+  return *static_cast<Device*>(device->data);
+}
+
+/// Fills in what the caller has room for; its `size` stays.
+template <class T>
+void give(const T& from, T* to) {
+  const std::uint32_t size = to->size;
+  std::memcpy(to, &from, std::min<std::size_t>(size, sizeof(T)));
+  to->size = size;
+}
+
+int facts(palpate_plugin_device* face, palpate_plugin_facts* out) {
+  const Device& device = of(face);
+  palpate_plugin_facts all{};
+  all.has = PALPATE_PLUGIN_FORCE;
+  if (device.turns) all.has |= PALPATE_PLUGIN_ORIENTATION;
+  all.force = kForce;
+  all.stiffness = kStiffness;
+  all.damping = kDamping;
+  all.workspace_radius = kRadius;
+  all.rate = kRate;
+  all.continuous = kContinuous;
+  all.heating = kHeating;
+  all.resolution = kResolution;
+  all.joints = 3;
+  all.buttons = static_cast<std::uint32_t>(device.buttons);
+  // A handle without a cable has three with letters.
+  if (device.buttons == 3) {
+    for (std::size_t i = 0; i < 3; ++i) {
+      all.button[i][0] = static_cast<char>('a' + static_cast<int>(i));
+    }
+  }
+  static_assert(sizeof(kSource) <= sizeof(all.source));
+  std::memcpy(all.source, kSource, sizeof(kSource));
+  give(all, out);
+  return PALPATE_PLUGIN_OK;
+}
+
+int prepare(palpate_plugin_device* face, char* error, std::size_t room) {
+  Device& device = of(face);
+  std::string name = "the arm ";
+  name.append(device.line.id.view()).append(" ");
+  const std::int64_t since = machineNow();
+  std::string said;
+  for (;;) {
+    std::string wanted;
+    if (device.line.away) {
+      wanted = "is not heard of: plug it in, and see that the Haply Hub shows it";
+    } else if (device.line.powered == 0) {
+      wanted = "has no power: plug in its power supply";
+    } else if (device.line.calibrated == 0) {
+      wanted =
+          "does not know where it is: put its handle into the inkwell until its light is white";
+    } else if (device.line.ready != 1) {
+      wanted = "is not ready: see what its light and the Haply Hub say";
+    } else {
+      return PALPATE_PLUGIN_OK;
+    }
+    if (ended() || machineNow() - since > kPrepareTime) {
+      tell(error, room, name + wanted);
+      return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_FAILED;
+    }
+    // The first answer takes a moment.
+    const bool early = device.line.away && machineNow() - since < kFirstAnswer;
+    if (!early && wanted != said) {
+      if (host.say != nullptr) host.say((name + wanted).c_str());
+      said = wanted;
+    }
+    rest();
+  }
+}
+
+int read(palpate_plugin_device* face, palpate_plugin_reading* out) {
+  Device& device = of(face);
+  // A loss is told even where the arm is back before it was asked.
+  const std::uint64_t losses = device.line.losses.load();
+  if (losses != device.seen_losses) {
+    device.seen_losses = losses;
+    return PALPATE_PLUGIN_GONE;
+  }
+  if (device.line.away) return PALPATE_PLUGIN_GONE;
+  if (!device.line.readings.refresh()) return PALPATE_PLUGIN_NOTHING;
+  const Reading& reading = device.line.readings.current();
+  palpate_plugin_reading all{};
+  all.taken = reading.taken;
+  // Somebody who has moved, turned or scaled the workspace has made its metres others than the
+  // hand's.
+  const bool ready = device.line.ready == 1 && device.line.calibrated != 0 &&
+                     device.line.powered != 0 && !reading.arm.transformed;
+  if (ready) all.state |= PALPATE_PLUGIN_READY;
+  if (device.line.powered == 0) all.state |= PALPATE_PLUGIN_UNPOWERED;
+  for (std::size_t i = 0; i < 3; ++i) {
+    all.position[i] = reading.arm.position_D[i] - device.middle_D[i];
+    all.velocity[i] = reading.arm.velocity_D[i];
+    all.joints[i] = reading.arm.joints[i];
+  }
+  for (std::size_t i = 0; i < 4; ++i) all.orientation[i] = reading.grip.orientation_D[i];
+  all.buttons = reading.grip.buttons;
+  give(all, out);
+  return PALPATE_PLUGIN_OK;
+}
+
+int write(palpate_plugin_device* face, const palpate_plugin_force* force) {
+  Device& device = of(face);
+  palpate_plugin_force all{};
+  std::memcpy(&all, force, std::min<std::size_t>(force->size, sizeof(all)));
+  const Triple wanted{all.force[0], all.force[1], all.force[2]};
+  const double strength = std::hypot(wanted[0], wanted[1], wanted[2]);
+  const bool good = std::isfinite(strength);
+  Order& order = device.line.orders.draft();
+  order = {};
+  if (strength == 0.0) device.acknowledged = device.line.stops.load();
+  if (good) {
+    const double share = strength > kForce ? kForce / strength : 1.0;
+    for (std::size_t i = 0; i < 3; ++i) order.force_D[i] = wanted[i] * share;
+  }
+  order.when = host.now();
+  order.acknowledged = device.acknowledged;
+  device.line.orders.publish();
+  if (!good) return PALPATE_PLUGIN_FAILED;
+  return device.line.away ? PALPATE_PLUGIN_GONE : PALPATE_PLUGIN_OK;
+}
+
+void stop(palpate_plugin_device* face) {
+  Line& line = of(face).line;
+  const std::uint64_t stops = line.stops.fetch_add(1) + 1;
+  // When it returns the process may end: by then zero has been sent, where anything can be.
+  const std::int64_t since = machineNow();
+  while (!line.away && line.obeyed.load() < stops && machineNow() - since < kStopTime) {
+    const timespec time{0, kStopPoll};
+    nanosleep(&time, nullptr);
+  }
+}
+
+void close(palpate_plugin_device* face) {
+  const std::unique_ptr<Device> device(&of(face));
+  service->release(device->line);
+}
+
+const void* extension(palpate_plugin_device*, const char*) {
+  return nullptr;
+}
+
+int find(palpate_plugin_found* found, int room) {
+  const Using connection;
+  std::string why;
+  const Inventory inventory = ask(why);
+  if (!why.empty()) return PALPATE_PLUGIN_GONE;
+  for (std::size_t i = 0; i < inventory.arms.size() && static_cast<int>(i) < room; ++i) {
+    palpate_plugin_found all{};
+    const std::string_view serial = inventory.arms[i].id.view();
+    const std::string model = modelOf(inventory.arms[i]);
+    serial.copy(all.serial, sizeof(all.serial) - 1);
+    model.copy(all.model, sizeof(all.model) - 1);
+    // Each is of the size that its caller knows.
+    auto* to =
+        reinterpret_cast<palpate_plugin_found*>(reinterpret_cast<char*>(found) + i * found->size);
+    give(all, to);
+  }
+  return static_cast<int>(inventory.arms.size());
+}
+
+palpate_plugin_device* openArm(const char* serial, char* error, std::size_t room) {
+  auto device = std::make_unique<Device>();
+  std::string why;
+  const Inventory inventory = ask(why);
+  if (!why.empty()) {
+    tell(error, room, why);
+    return nullptr;
+  }
+  const std::string_view asked = serial == nullptr ? "" : serial;
+  const auto arm =
+      std::find_if(inventory.arms.begin(), inventory.arms.end(),
+                   [&](const Named& one) { return asked.empty() || one.id.view() == asked; });
+  if (arm == inventory.arms.end()) {
+    std::string there;
+    for (const Named& one : inventory.arms) there += " " + std::string(one.id.view());
+    tell(error, room,
+         inventory.arms.empty()
+             ? "the Haply Hub has no Inverse3: plug one in, with its power supply"
+             : "there is no Inverse3 " + std::string(asked) + ": name one of" + there);
+    return nullptr;
+  }
+  if (std::string words = refusal(*arm); !words.empty()) {
+    tell(error, room, words);
+    return nullptr;
+  }
+  device->line.id = arm->id;
+  device->turns = inventory.grips;
+  device->buttons = inventory.button_count;
+  if (arm->config.origin == Origin::kBase) device->middle_D = kMiddle;
+  if (!service->serve(device->line)) {
+    tell(error, room, "as many arms are open as can be: close one");
+    return nullptr;
+  }
+  device->face = {sizeof(palpate_plugin_device),
+                  0,
+                  device.get(),
+                  facts,
+                  prepare,
+                  read,
+                  write,
+                  stop,
+                  close,
+                  extension};
+  return &device.release()->face;
+}
+
+int init(const palpate_plugin_host* from) {
+  palpate_plugin_host all{};
+  std::memcpy(&all, from, std::min<std::size_t>(from->size, sizeof(all)));
+  host = {all.say, all.ends, all.now};
+  if (host.now == nullptr) host.now = machineNow;
+  address = {};
+  const char* url = std::getenv("PALPATE_HAPLY_URL");
+  if (url == nullptr || *url == '\0') return 0;
+  const char* anywhere = std::getenv("PALPATE_HAPLY_ANYWHERE");
+  std::string why;
+  if (readUrl(url, anywhere != nullptr && std::string_view(anywhere) == "1", address, why)) {
+    return 0;
+  }
+  if (host.say != nullptr) host.say(why.c_str());
+  return 1;
+}
+
+void end() {
+  service.reset();
+  users = 0;
+}
+
+const palpate_plugin_factory kArms{sizeof(palpate_plugin_factory), 0, find, openArm};
+
+const void* factory(const char* name) {
+  return std::strcmp(name, PALPATE_PLUGIN_ARMS) == 0 ? &kArms : nullptr;
+}
+
+}  // namespace
+
+extern "C" const palpate_plugin_entry palpate_plugin{sizeof(palpate_plugin_entry),
+                                                     PALPATE_PLUGIN_MAJOR,
+                                                     PALPATE_PLUGIN_MINOR,
+                                                     0,
+                                                     "Haply's Inverse Service",
+                                                     "1.0",
+                                                     "as palpate; libwebsockets: MIT",
+                                                     init,
+                                                     end,
+                                                     factory};

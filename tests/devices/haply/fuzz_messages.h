@@ -1,0 +1,58 @@
+/// Bytes through the reader of Haply's messages: what has to hold whatever they are.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <string_view>
+
+#include "palpate/devices/plugins/haply_messages.h"
+
+namespace palpate::test {
+
+/// Empty: all held; else what did not.
+inline std::string fuzzHaplyMessage(std::string_view bytes) {
+  using namespace palpate::haply;
+  static Message message;
+  const Verdict verdict = readMessage(bytes, message);
+  if (verdict != Verdict::kState) {
+    const bool empty = message.arm_count == 0 && message.grip_count == 0 &&
+                       message.generation == Generation::kUnknown;
+    return empty ? "" : "a refused message has something in it";
+  }
+  if (message.generation == Generation::kUnknown) return "a state of no generation";
+  if (message.arm_count > kMaxArms || message.grip_count > kMaxGrips) return "too many devices";
+  const auto within = [](const auto& values, double limit) {
+    return std::all_of(values.begin(), values.end(),
+                       [&](double v) { return std::abs(v) <= limit; });
+  };
+  std::array<ForceTo, kMaxArms> forces{};
+  for (std::size_t i = 0; i < message.arm_count; ++i) {
+    const ArmState& arm = message.arms[i];
+    if (arm.id.view().empty()) return "an arm without an id";
+    if (!within(arm.position_D, kFarthest)) return "a position out of reach";
+    if (!within(arm.velocity_D, kFastest)) return "a velocity out of reason";
+    if (!within(arm.joints, 63.0)) return "an angle out of reason";
+    forces[i] = {arm.id.view(), {1e-300, -4.0, 1.0 / 3.0}};
+  }
+  for (std::size_t i = 0; i < message.grip_count; ++i) {
+    const auto& q = message.grips[i].orientation_D;
+    const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (message.grips[i].turned && !(std::abs(length - 1.0) < 1e-9)) return "no unit quaternion";
+    if (message.grips[i].id.view().empty()) return "a handle without an id";
+    if (message.grips[i].button_count > 4 || message.grips[i].buttons > 15) return "buttons";
+  }
+  // What came with an id goes back with it, and is JSON that says the same.
+  std::array<char, kRoom> room{};
+  const std::size_t size =
+      writeForces(Generation::k35, {forces.data(), message.arm_count}, true, room);
+  if (size == 0) return "a message to the service that does not fit";
+  if (std::count(room.begin(), room.begin() + static_cast<long>(size), '"') !=
+      12 + static_cast<long>(message.arm_count) * 16) {
+    return "quotes in an id";
+  }
+  return "";
+}
+
+}  // namespace palpate::test

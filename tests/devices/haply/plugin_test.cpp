@@ -1,0 +1,946 @@
+/// haply.so as a host has it, by its one symbol, before a mock of Haply's service.
+///
+/// The plug-in's clock is the test's: what is to happen after 40 ms happens when the clock is put
+/// on by 40 ms, and never before, however the machine schedules.
+#include "palpate/devices/plugin.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <ctime>
+#include <dlfcn.h>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <mutex>
+#include <netinet/in.h>
+#include <numeric>
+#include <string>
+#include <sys/socket.h>
+#include <thread>
+#include <unistd.h>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "tests/devices/haply/mock_service.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+
+using namespace palpate::test;
+using namespace std::chrono_literals;
+using Catch::Contains;
+
+namespace {
+
+using Vec = std::array<double, 3>;
+constexpr Vec kMiddle{0.0, -0.12, 0.15};  ///< Of the workspace, from the arm's base [m].
+constexpr std::int64_t kMs = 1'000'000;   ///< [ns]
+
+std::atomic<std::int64_t> clock_ns{1'000'000'000};
+std::atomic<int> ends{0};
+std::atomic<bool> real_clock{false};
+std::mutex said_mutex;
+std::vector<std::string> said_lines;
+
+std::int64_t monotonic() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1'000'000'000LL + now.tv_nsec;
+}
+
+std::vector<std::string> said() {
+  const std::lock_guard lock(said_mutex);
+  return said_lines;
+}
+
+const palpate_plugin_host kHost{
+    sizeof(palpate_plugin_host),
+    [](const char* words) {
+      const std::lock_guard lock(said_mutex);
+      said_lines.emplace_back(words);
+    },
+    [] { return ends.load(); },
+    [] { return real_clock ? monotonic() : clock_ns.load(); },
+    [](const char*) -> const void* { return nullptr; },
+};
+
+/// haply.so is beside the tests: BUILD/plugins, BUILD/tests/...
+const palpate_plugin_entry& entry() {
+  static const palpate_plugin_entry* const kEntry = [] {
+    auto folder = std::filesystem::read_symlink("/proc/self/exe").parent_path();
+    while (!std::filesystem::exists(folder / "plugins" / "haply.so") && folder != "/") {
+      folder = folder.parent_path();
+    }
+    void* library = dlopen((folder / "plugins" / "haply.so").c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (library == nullptr) throw std::runtime_error(dlerror());
+    return static_cast<const palpate_plugin_entry*>(dlsym(library, "palpate_plugin"));
+  }();
+  return *kEntry;
+}
+
+/// True as soon as it is; false where it is not for so long that it never will be.
+bool eventually(const std::function<bool()>& is) {
+  for (int i = 0; i < 30'000; ++i) {
+    if (is()) return true;
+    std::this_thread::sleep_for(1ms);
+  }
+  return false;
+}
+
+/// The plug-in, at the address of a service.
+class Plugin {
+ public:
+  explicit Plugin(const std::string& url) {
+    setenv("PALPATE_HAPLY_URL", url.c_str(), 1);
+    // Nobody is asked but the service.
+    setenv("http_proxy", "127.0.0.1:1", 1);
+    ends = 0;
+    {
+      const std::lock_guard lock(said_mutex);
+      said_lines.clear();
+    }
+    code = entry().init(&kHost);
+    arms = static_cast<const palpate_plugin_factory*>(entry().factory(PALPATE_PLUGIN_ARMS));
+  }
+  ~Plugin() { entry().end(); }
+  Plugin(const Plugin&) = delete;
+  Plugin& operator=(const Plugin&) = delete;
+
+  int code = 0;
+  const palpate_plugin_factory* arms = nullptr;
+};
+
+/// An open arm; what has been written is remembered.
+class Hand {
+ public:
+  Hand(const Plugin& plugin, const char* serial)
+      : device(plugin.arms->open(serial, error.data(), error.size())) {}
+  ~Hand() { close(); }
+  Hand(const Hand&) = delete;
+  Hand& operator=(const Hand&) = delete;
+
+  void close() {
+    if (device != nullptr) device->close(device);
+    device = nullptr;
+  }
+  int read() {
+    reading.size = sizeof(reading);
+    return device->read(device, &reading);
+  }
+  int write(const Vec& force) const {
+    palpate_plugin_force all{};
+    all.size = sizeof(all);
+    std::copy(force.begin(), force.end(), all.force);
+    return device->write(device, &all);
+  }
+  /// Reads until a reading has come.
+  bool readNew() {
+    return eventually([&] { return read() == PALPATE_PLUGIN_OK; });
+  }
+  [[nodiscard]] Vec position() const {
+    return {reading.position[0], reading.position[1], reading.position[2]};
+  }
+
+  std::array<char, 512> error{};
+  palpate_plugin_device* device;
+  palpate_plugin_reading reading{};
+};
+
+/// The last force that has come for an arm.
+Vec newest(const MockService& service, const std::string& id) {
+  const auto told = service.told();
+  const auto last =
+      std::find_if(told.rbegin(), told.rend(), [&](const Told& t) { return t.id == id; });
+  return last == told.rend() ? Vec{NAN, NAN, NAN} : last->force;
+}
+
+/// So many more messages have been exchanged.
+bool exchanged(const MockService& service, long messages) {
+  const long before = service.heard().messages;
+  return eventually([&] { return service.heard().messages >= before + messages; });
+}
+
+/// Forces are on: written until the service has them.
+bool drives(const Hand& hand, const MockService& service, const std::string& id, const Vec& force) {
+  return eventually([&] {
+    hand.write(force);
+    return newest(service, id) == force;
+  });
+}
+
+/// No force has come for `id` since the first of `from`.
+long driven(const MockService& service, const std::string& id, std::size_t from = 0) {
+  const auto told = service.told();
+  long count = 0;
+  for (std::size_t i = from; i < told.size(); ++i) {
+    if (told[i].id == id && told[i].force != Vec{}) ++count;
+  }
+  return count;
+}
+
+void checkNear(const Vec& a, const Vec& b) {
+  for (std::size_t i = 0; i < 3; ++i) CHECK(a[i] == Approx(b[i]).margin(1e-12));
+}
+
+}  // namespace
+
+TEST_CASE("haply.so keeps to the plug-in's contract", "[haply][plugin]") {
+  const palpate_plugin_entry& one = entry();
+  CHECK(one.size == sizeof(palpate_plugin_entry));
+  CHECK(one.major == PALPATE_PLUGIN_MAJOR);
+  CHECK(one.minor <= PALPATE_PLUGIN_MINOR);
+  CHECK(std::strlen(one.name) > 0);
+  CHECK(one.factory("palpate.toasters/1") == nullptr);
+
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  REQUIRE(plugin.code == 0);
+  REQUIRE(plugin.arms != nullptr);
+  Hand hand(plugin, "");
+  INFO(hand.error.data());
+  REQUIRE(hand.device != nullptr);
+  // Asked before the first answer it asks nothing of the user.
+  std::array<char, 64> why{};
+  CHECK(hand.device->prepare(hand.device, why.data(), why.size()) == PALPATE_PLUGIN_OK);
+  CHECK(said().empty());
+  palpate_plugin_facts facts{};
+  facts.size = sizeof(facts);
+  REQUIRE(hand.device->facts(hand.device, &facts) == PALPATE_PLUGIN_OK);
+  CHECK(facts.has == (PALPATE_PLUGIN_FORCE | PALPATE_PLUGIN_ORIENTATION));
+  CHECK(facts.force > 0.0);
+  CHECK(facts.force <= 10.0);
+  CHECK(facts.continuous <= facts.force);
+  CHECK(facts.workspace_radius == 0.1);
+  CHECK(facts.rate == 1000.0);
+  CHECK(facts.joints == 3);
+  CHECK(facts.buttons == 3);
+  CHECK(std::string(facts.button[2]) == "c");
+  CHECK_THAT(std::string(facts.source), Contains("assumed"));
+  CHECK(hand.device->extension(hand.device, PALPATE_PLUGIN_HEAT) == nullptr);
+
+  // A host that knows less gets less.
+  REQUIRE(hand.readNew());
+  palpate_plugin_reading older;
+  std::memset(&older, 0x5a, sizeof(older));
+  older.size = offsetof(palpate_plugin_reading, velocity);
+  REQUIRE(eventually([&] { return hand.device->read(hand.device, &older) == PALPATE_PLUGIN_OK; }));
+  CHECK(older.size == offsetof(palpate_plugin_reading, velocity));
+  const auto* rest = reinterpret_cast<const unsigned char*>(&older) + older.size;
+  CHECK(std::all_of(rest, reinterpret_cast<const unsigned char*>(&older + 1),
+                    [](unsigned char c) { return c == 0x5a; }));
+}
+
+TEST_CASE("both arms are found with their serials, in either generation", "[haply][plugin]") {
+  const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
+  MockService service(speaks);
+  const Plugin plugin(service.url());
+  std::array<palpate_plugin_found, 3> found{};
+  for (auto& one : found) one.size = sizeof(one);
+  REQUIRE(plugin.arms->find(found.data(), 3) == 2);
+  CHECK(std::string(found[0].serial) == "049D");
+  CHECK(std::string(found[1].serial) == "04BA");
+  CHECK_THAT(std::string(found[0].model), Contains("Inverse3"));
+  CHECK(std::string(found[2].serial).empty());
+  // More than there is room for is counted, not written.
+  found[1].serial[0] = '!';
+  CHECK(plugin.arms->find(found.data(), 1) == 2);
+  CHECK(found[1].serial[0] == '!');
+}
+
+TEST_CASE("positions and forces of both arms are theirs, in either generation", "[haply][plugin]") {
+  const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
+  CAPTURE(speaks == Speaks::k35);
+  MockService service(speaks);
+  const Plugin plugin(service.url());
+  Hand second(plugin, "04BA");
+  Hand first(plugin, "049D");
+  REQUIRE(first.device != nullptr);
+  REQUIRE(second.device != nullptr);
+  std::array<Hand*, 2> hands{&first, &second};
+  const std::array<std::string, 2> ids{"049D", "04BA"};
+
+  Random random(3);
+  std::array<std::vector<Vec>, 2> written;
+  for (int i = 0; i < 40; ++i) {
+    for (int k = 0; k < 2; ++k) {
+      MockArm arm = service.arm(k);
+      for (double& x : arm.position) x = random.uniform(-0.3, 0.3);
+      for (double& v : arm.velocity) v = random.uniform(-2.0, 2.0);
+      for (double& a : arm.degrees) a = random.uniform(-180.0, 180.0);
+      const palpate::Vec3 axis = random.direction();
+      const double half = random.uniform(0.0, 3.0);
+      arm.orientation = {std::cos(half), axis.x() * std::sin(half), axis.y() * std::sin(half),
+                         axis.z() * std::sin(half)};
+      for (bool& b : arm.buttons) b = random.integer(2) == 1;
+      service.set(k, arm);
+      Hand& hand = *hands[static_cast<std::size_t>(k)];
+      const auto& p = arm.position;
+      REQUIRE(eventually([&] {
+        return hand.read() == PALPATE_PLUGIN_OK &&
+               std::abs(hand.reading.position[0] - (p[0] - kMiddle[0])) < 1e-12;
+      }));
+      checkNear(hand.position(), {p[0] - kMiddle[0], p[1] - kMiddle[1], p[2] - kMiddle[2]});
+      for (std::size_t j = 0; j < 3; ++j) {
+        CHECK(hand.reading.velocity[j] == Approx(arm.velocity[j]));
+        CHECK(hand.reading.joints[j] == Approx(arm.degrees[j] * std::acos(-1.0) / 180.0));
+        CHECK(((hand.reading.buttons >> j) & 1U) == (arm.buttons[j] ? 1U : 0U));
+      }
+      for (std::size_t j = 0; j < 4; ++j) {
+        CHECK(hand.reading.orientation[j] == Approx(arm.orientation[j]).margin(1e-12));
+      }
+      CHECK(hand.reading.state == PALPATE_PLUGIN_READY);
+      CHECK(hand.reading.taken == clock_ns);
+    }
+    for (std::size_t k = 0; k < 2; ++k) {
+      const palpate::Vec3 d = random.direction() * random.uniform(0.1, 4.0);
+      const Vec force{d.x(), d.y(), d.z()};
+      written[k].push_back(force);
+      REQUIRE(hands[k]->write(force) == PALPATE_PLUGIN_OK);
+      REQUIRE(eventually([&] { return newest(service, ids[k]) == force; }));
+    }
+  }
+  // What has come is what was written, in its order, and nothing else.
+  long mismatches = 0;
+  for (const Told& told : service.told()) {
+    if (told.force == Vec{}) continue;
+    auto& expected = written[told.id == ids[0] ? 0 : 1];
+    while (!expected.empty() && expected.front() != told.force) expected.erase(expected.begin());
+    if (expected.empty() || (told.id != ids[0] && told.id != ids[1])) ++mismatches;
+  }
+  CHECK(mismatches == 0);
+  // One connection, one introduction; nothing that the generation does not know.
+  const Heard heard = service.heard();
+  CHECK(heard.connections == 1);
+  CHECK(heard.unknown == 0);
+  CHECK(heard.introduced == (speaks == Speaks::k35 ? 1 : 0));
+}
+
+TEST_CASE("where the service puts the origin in the middle it stays there", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  MockArm arm = service.arm(0);
+  arm.preset = "arm_front_centered";
+  arm.position = {0.01, 0.02, 0.03};
+  service.set(0, arm);
+  const Plugin plugin(service.url());
+  // Updates, which do not say it again, have come before it is opened.
+  Hand other(plugin, "04BA");
+  REQUIRE(other.device != nullptr);
+  REQUIRE(exchanged(service, 5));
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  checkNear(hand.position(), {0.01, 0.02, 0.03});
+}
+
+TEST_CASE("a service that does not say what it has is asked", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  service.shy(true);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  CHECK(hand.readNew());
+  CHECK(service.heard().asked_for_all >= 1);
+}
+
+TEST_CASE("an arm that has not been heard of has no force", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  service.lie(Lie::kNoPosition);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  for (int i = 0; i < 5; ++i) {
+    CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
+    CHECK(hand.read() == PALPATE_PLUGIN_GONE);
+    REQUIRE(exchanged(service, 3));
+  }
+  CHECK(driven(service, "049D") == 0);
+  CHECK(newest(service, "049D") == Vec{});
+}
+
+TEST_CASE("an arm that cannot be felt with is refused in one line", "[haply][plugin]") {
+  const auto refused = [](MockService& service, const char* serial) {
+    const Plugin plugin(service.url());
+    const Hand hand(plugin, serial);
+    CHECK(hand.device == nullptr);
+    const std::string words(hand.error.data());
+    CHECK(words.find('\n') == std::string::npos);
+    return words;
+  };
+  SECTION("what it is or how it stands") {
+    MockService service(Speaks::k35);
+    CHECK_THAT(refused(service, "FFFF"), Contains("no Inverse3 FFFF") && Contains("049D 04BA"));
+    MockArm arm = service.arm(0);
+    arm.preset = "led_front";
+    service.set(0, arm);
+    CHECK_THAT(refused(service, "049D"), Contains("arm_front_centered"));
+    arm.preset = "defaults";
+    arm.basis = "XZY";
+    service.set(0, arm);
+    CHECK_THAT(refused(service, "049D"), Contains("set its basis to XYZ"));
+    arm.basis = "XYZ";
+    arm.type = "minverse";
+    service.set(0, arm);
+    CHECK_THAT(refused(service, "049D"), Contains("Minverse"));
+    service.lie(Lie::kEmptyLists);
+    CHECK_THAT(refused(service, ""), Contains("plug one in"));
+  }
+  SECTION("a service of 3.0") {
+    MockService service(Speaks::k30);
+    CHECK_THAT(refused(service, ""), Contains("3.0") && Contains("3.1 or newer"));
+    const Plugin plugin(service.url());
+    palpate_plugin_found found{};
+    found.size = sizeof(found);
+    CHECK(plugin.arms->find(&found, 1) < 0);
+    CHECK(service.told().empty());
+  }
+  SECTION("no service") {
+    MockService service(Speaks::k35);
+    service.end();
+    CHECK_THAT(refused(service, ""), Contains("start the Haply Hub"));
+    const Plugin plugin(service.url());
+    CHECK(plugin.arms->find(nullptr, 0) < 0);
+  }
+  SECTION("what says nothing") {
+    MockService service(Speaks::k35);
+    service.mute(true);
+    CHECK_THAT(refused(service, ""), Contains("restart the Haply Hub"));
+  }
+  SECTION("what takes a connection and says nothing") {
+    const int listener = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockaddr_in at{};
+    at.sin_family = AF_INET;
+    at.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof(at);
+    REQUIRE(bind(listener, reinterpret_cast<const sockaddr*>(&at), size) == 0);
+    REQUIRE(listen(listener, 4) == 0);
+    REQUIRE(getsockname(listener, reinterpret_cast<sockaddr*>(&at), &size) == 0);
+    const Plugin plugin("ws://127.0.0.1:" + std::to_string(ntohs(at.sin_port)));
+    const Hand hand(plugin, "");
+    CHECK(hand.device == nullptr);
+    CHECK_THAT(std::string(hand.error.data()), Contains("restart the Haply Hub"));
+    ::close(listener);
+  }
+  SECTION("more than can be") {
+    MockService service(Speaks::k35);
+    const Plugin plugin(service.url());
+    const Hand a(plugin, "");
+    const Hand b(plugin, "");
+    const Hand c(plugin, "");
+    const Hand d(plugin, "");
+    CHECK(d.device != nullptr);
+    const Hand e(plugin, "");
+    CHECK(e.device == nullptr);
+    CHECK_THAT(std::string(e.error.data()), Contains("close one"));
+  }
+}
+
+TEST_CASE("forces go over no network unless that is asked for", "[haply][plugin]") {
+  for (const char* url :
+       {"ws://192.168.1.7:10001", "ws://haply.example", "ws://127.0.0.1.example:1",
+        "ws://localhost.example:1", "ws://[::2]:10001", "http://localhost:10001",
+        "ws://localhost:0", "ws://localhost:65536", "ws://localhost:1x", "ws://:10001",
+        "localhost:10001"}) {
+    CAPTURE(url);
+    const Plugin plugin(url);
+    CHECK(plugin.code != 0);
+    REQUIRE(said().size() == 1);
+    CHECK_THAT(said()[0], Contains(url) && Contains("PALPATE_HAPLY_URL"));
+  }
+  for (const char* url : {"ws://localhost", "ws://127.0.0.1:10001/", "ws://[::1]:10001/x"}) {
+    CAPTURE(url);
+    const Plugin plugin(url);
+    CHECK(plugin.code == 0);
+    CHECK(said().empty());
+  }
+  setenv("PALPATE_HAPLY_ANYWHERE", "1", 1);
+  CHECK(Plugin("ws://192.168.1.7:10001").code == 0);
+  unsetenv("PALPATE_HAPLY_ANYWHERE");
+}
+
+TEST_CASE("a reading that is read again is none, and keeps its time", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  service.lie(Lie::kDrops);
+  // What was on its way has come.
+  REQUIRE(exchanged(service, 3));
+  while (hand.read() == PALPATE_PLUGIN_OK) {
+  }
+  clock_ns += 10 * kMs;
+  const auto before = hand.reading;
+  REQUIRE(exchanged(service, 3));
+  CHECK(hand.read() == PALPATE_PLUGIN_NOTHING);
+  CHECK(hand.reading.taken == before.taken);
+  CHECK(hand.reading.taken == clock_ns - 10 * kMs);
+  service.lie(Lie::kNone);
+  REQUIRE(hand.readNew());
+  CHECK(hand.reading.taken == clock_ns);
+}
+
+TEST_CASE("a force ends with stop() until zero has been written", "[haply][plugin]") {
+  const Speaks speaks = GENERATE(Speaks::k31, Speaks::k35);
+  MockService service(speaks);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  Hand other(plugin, "04BA");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(other.readNew());
+  REQUIRE(drives(hand, service, "049D", {1.0, 2.0, 3.0}));
+  REQUIRE(drives(other, service, "04BA", {0.0, 0.0, 1.0}));
+  std::thread([&] { hand.device->stop(hand.device); }).join();
+  REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  // Whatever is written, and for as long as the clock stands.
+  const std::size_t from = service.told().size();
+  for (int i = 0; i < 20; ++i) {
+    hand.write({1.0, 0.1 * i, 0.0});
+    REQUIRE(exchanged(service, 3));
+  }
+  CHECK(driven(service, "049D", from) == 0);
+  // The other arm goes on.
+  CHECK(newest(service, "04BA") == Vec{0.0, 0.0, 1.0});
+  hand.write({});
+  CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  // Stopped after zero was written and before the next force.
+  hand.write({});
+  hand.device->stop(hand.device);
+  REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  const std::size_t again = service.told().size();
+  hand.write({1.0, 0.0, 0.0});
+  REQUIRE(exchanged(service, 5));
+  CHECK(driven(service, "049D", again) == 0);
+}
+
+TEST_CASE("a program that is stopped and ends at once", "[.victim]") {
+  real_clock = true;
+  const Plugin plugin(std::getenv("PALPATE_HAPLY_URL"));
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  for (int i = 0; i < 20; ++i) {
+    hand.write({1.0, 0.0, 0.0});
+    std::this_thread::sleep_for(1ms);
+  }
+  hand.device->stop(hand.device);
+  _exit(0);
+}
+
+TEST_CASE("when stop() has returned the program may end", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  setenv("PALPATE_HAPLY_URL", service.url().c_str(), 1);
+  const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
+  for (int i = 1; i <= 5; ++i) {
+    REQUIRE(std::system((self + " '[.victim]' >/dev/null").c_str()) == 0);
+    REQUIRE(eventually([&] { return service.heard().ended == i; }));
+    CHECK(driven(service, "049D") > 0);
+    CHECK(newest(service, "049D") == Vec{});
+    service.forget();
+  }
+}
+
+TEST_CASE("a force that is not written again ends", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(drives(hand, service, "049D", {0.0, 0.0, 2.0}));
+  // It is read of all the while: in steps, so that no silence ends it.
+  const auto step = [&](std::int64_t ms) {
+    clock_ns += ms * kMs;
+    const std::int64_t at = clock_ns;
+    return eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.taken == at; });
+  };
+  REQUIRE(step(20));
+  REQUIRE(step(19));
+  REQUIRE(exchanged(service, 5));
+  CHECK(newest(service, "049D") == Vec{0.0, 0.0, 2.0});
+  REQUIRE(step(1));
+  CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  // Nothing was lost: the next one is sent.
+  CHECK(drives(hand, service, "049D", {0.0, 0.0, 1.0}));
+}
+
+TEST_CASE("what is no force is none, and none is larger than the arm's", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  for (const Vec& force : {Vec{nan, 0.0, 0.0}, Vec{0.0, inf, 0.0}, Vec{1.7e308, 1.7e308, 0.0}}) {
+    CAPTURE(force[0]);
+    REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+    CHECK(hand.write(force) == PALPATE_PLUGIN_FAILED);
+    CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  }
+  CHECK(hand.write({0.0, 30.0, 40.0}) == PALPATE_PLUGIN_OK);
+  REQUIRE(eventually([&] { return newest(service, "049D") != Vec{}; }));
+  checkNear(newest(service, "049D"), {0.0, 2.4, 3.2});
+}
+
+TEST_CASE("a service that lies gives no reading, and takes the force with it", "[haply][plugin]") {
+  const Lie lie =
+      GENERATE(Lie::kDrops, Lie::kNaN, Lie::kHuge, Lie::kOverflows, Lie::kStrings, Lie::kNoPosition,
+               Lie::kNoState, Lie::kOtherIds, Lie::kBadIds, Lie::kDeep, Lie::kLong, Lie::kBinary,
+               Lie::kHalf, Lie::kEmptyLists, Lie::kNotJson);
+  CAPTURE(static_cast<int>(lie));
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  service.lie(lie);
+  REQUIRE(exchanged(service, 3));
+  while (hand.read() == PALPATE_PLUGIN_OK) {
+  }
+  const std::int64_t taken = hand.reading.taken;
+  // For a while that is nothing new: the force stays.
+  clock_ns += 29 * kMs;
+  hand.write({1.0, 0.0, 0.0});
+  REQUIRE(exchanged(service, 3));
+  CHECK(hand.read() == PALPATE_PLUGIN_NOTHING);
+  CHECK(newest(service, "049D") == Vec{1.0, 0.0, 0.0});
+  // Then the arm is gone.
+  clock_ns += 1 * kMs;
+  REQUIRE(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  CHECK(hand.read() == PALPATE_PLUGIN_GONE);
+  CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
+  CHECK(hand.reading.taken == taken);
+  const std::size_t from = service.told().size();
+  // And comes back, without a force until zero was written.
+  service.lie(Lie::kNone);
+  REQUIRE(hand.readNew());
+  CHECK(hand.reading.taken == clock_ns);
+  for (int i = 0; i < 5; ++i) {
+    CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK);
+    REQUIRE(exchanged(service, 3));
+  }
+  CHECK(driven(service, "049D", from) == 0);
+  hand.write({});
+  CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  CHECK(service.heard().connections == 1);
+}
+
+TEST_CASE("a service that restarts finds no force until zero was written", "[haply][plugin]") {
+  const bool hangs_up = GENERATE(false, true);
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  if (hangs_up) {
+    service.hangUp();
+  } else {
+    service.end();
+    // Away, at once: no clock has to run for that.
+    REQUIRE(eventually([&] { return hand.read() == PALPATE_PLUGIN_GONE; }));
+    CHECK(hand.read() == PALPATE_PLUGIN_GONE);
+    CHECK(hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_GONE);
+    service.begin();
+  }
+  REQUIRE(eventually([&] { return service.heard().connections >= 2; }));
+  // Who did not look meanwhile is told when the arm is back.
+  REQUIRE(eventually([&] { return hand.write({1.0, 0.0, 0.0}) == PALPATE_PLUGIN_OK; }));
+  CHECK((hand.read() == PALPATE_PLUGIN_GONE) == hangs_up);
+  REQUIRE(hand.readNew());
+  for (int i = 0; i < 5; ++i) {
+    hand.write({1.0, 0.0, 0.0});
+    REQUIRE(exchanged(service, 3));
+  }
+  const auto told = service.told();
+  CHECK(std::none_of(told.begin(), told.end(),
+                     [](const Told& t) { return t.connection >= 2 && t.force != Vec{}; }));
+  CHECK(newest(service, "049D") == Vec{});
+  hand.write({});
+  CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+}
+
+TEST_CASE("an arm that is closed has zero force first", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  Hand other(plugin, "04BA");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  REQUIRE(other.readNew());
+  REQUIRE(drives(other, service, "04BA", {0.0, 1.0, 0.0}));
+  REQUIRE(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  hand.close();
+  CHECK(newest(service, "049D") == Vec{});
+  const auto count = [&] {
+    const auto told = service.told();
+    return std::count_if(told.begin(), told.end(), [](const Told& t) { return t.id == "049D"; });
+  };
+  // The other has its force, and this one no message any more.
+  const auto before = count();
+  REQUIRE(exchanged(service, 5));
+  CHECK(newest(service, "04BA") == Vec{0.0, 1.0, 0.0});
+  CHECK(count() == before);
+  other.close();
+  CHECK(newest(service, "04BA") == Vec{});
+  // Opened again it is as new, at a connection of its own.
+  Hand again(plugin, "049D");
+  REQUIRE(again.device != nullptr);
+  REQUIRE(again.readNew());
+  CHECK(drives(again, service, "049D", {0.0, 1.0, 0.0}));
+  CHECK(service.heard().connections == 2);
+}
+
+TEST_CASE("answers that come late are waited for, one at a time", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  service.delay(3 * kMs);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  CHECK(drives(hand, service, "049D", {1.0, 0.0, 0.0}));
+  for (int i = 0; i < 20; ++i) REQUIRE(hand.readNew());
+  hand.device->stop(hand.device);
+  CHECK(eventually([&] { return newest(service, "049D") == Vec{}; }));
+  CHECK(service.heard().connections == 1);
+  // Closed while an answer is due: zero is told all the same.
+  for (int i = 0; i < 10; ++i) {
+    Hand other(plugin, "04BA");
+    REQUIRE(other.device != nullptr);
+    REQUIRE(other.readNew());
+    REQUIRE(drives(other, service, "04BA", {0.0, 1.0, 0.0}));
+    other.close();
+    CHECK(newest(service, "04BA") == Vec{});
+  }
+  // And the connection ends when that was answered.
+  hand.close();
+  REQUIRE(eventually([&] { return service.heard().ended == 1; }));
+  CHECK(service.heard().cut_off == 0);
+}
+
+TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  MockArm arm = service.arm(0);
+  arm.calibrated = false;
+  arm.ready = false;
+  arm.powered = false;
+  service.set(0, arm);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  CHECK(hand.reading.state == PALPATE_PLUGIN_UNPOWERED);
+  std::array<char, 256> error{};
+  int code = 1;
+  std::thread preparing(
+      [&] { code = hand.device->prepare(hand.device, error.data(), error.size()); });
+  const auto hears = [&](const char* words) {
+    return eventually([&] {
+      const auto lines = said();
+      return !lines.empty() && lines.back().find(words) != std::string::npos;
+    });
+  };
+  CHECK(hears("power supply"));
+  arm.powered = true;
+  service.set(0, arm);
+  CHECK(hears("inkwell"));
+  arm.calibrated = true;
+  service.set(0, arm);
+  CHECK(hears("not ready"));
+  arm.ready = true;
+  service.set(0, arm);
+  preparing.join();
+  CHECK(code == PALPATE_PLUGIN_OK);
+  CHECK(error[0] == '\0');
+  CHECK(driven(service, "049D") == 0);
+  REQUIRE(eventually([&] {
+    return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
+  }));
+  // Each of what it wants is wanted.
+  for (bool MockArm::*const missing : {&MockArm::calibrated, &MockArm::ready, &MockArm::powered}) {
+    arm.*missing = false;
+    service.set(0, arm);
+    CHECK(eventually([&] {
+      return hand.read() == PALPATE_PLUGIN_OK && (hand.reading.state & PALPATE_PLUGIN_READY) == 0;
+    }));
+    arm.*missing = true;
+    service.set(0, arm);
+    CHECK(eventually([&] {
+      return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == PALPATE_PLUGIN_READY;
+    }));
+  }
+  // Its metres are no longer the hand's.
+  arm.scale = 10.0;
+  service.set(0, arm);
+  CHECK(eventually([&] { return hand.read() == PALPATE_PLUGIN_OK && hand.reading.state == 0; }));
+  // Nobody waits for it any more.
+  arm.calibrated = false;
+  service.set(0, arm);
+  REQUIRE(exchanged(service, 3));
+  ends = 1;
+  CHECK(hand.device->prepare(hand.device, error.data(), error.size()) == PALPATE_PLUGIN_FAILED);
+  CHECK_THAT(std::string(error.data()), Contains("inkwell"));
+}
+
+TEST_CASE("reading and writing an arm allocates nothing and takes no lock", "[haply][plugin]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  long read = 0;
+  Counts counts;
+  {
+    const CountScope scope;
+    for (int i = 0; i < 1000 || read < 20; ++i) {
+      if (hand.read() == PALPATE_PLUGIN_OK) ++read;
+      hand.write({0.0, 0.0, 0.001 * (i % 1000)});
+      if (i % 50 == 0) hand.device->stop(hand.device);
+      hand.write({});
+    }
+    counts = CountScope::counts();
+  }
+  CHECK(counts.allocations == 0);
+  CHECK(counts.locks == 0);
+  CHECK(counts.exceptions == 0);
+}
+
+TEST_CASE("no reading of a busy arm is torn, and no force is another's", "[haply][host]") {
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  std::atomic<bool> over{false};
+  std::thread moves([&] {
+    for (int i = 0; !over; ++i) {
+      MockArm arm = service.arm(0);
+      const double x = 1e-4 * (i % 1000);
+      arm.position = {x + kMiddle[0], x + kMiddle[1], x + kMiddle[2]};
+      service.set(0, arm);
+      std::this_thread::sleep_for(100us);
+    }
+  });
+  std::thread stops([&] {
+    while (!over) {
+      hand.device->stop(hand.device);
+      std::this_thread::sleep_for(5ms);
+    }
+  });
+  long torn = 0;
+  long read = 0;
+  for (int i = 0; i < 100'000 && read < 300; ++i) {
+    if (hand.read() == PALPATE_PLUGIN_OK) {
+      ++read;
+      const Vec p = hand.position();
+      if (std::abs(p[0] - p[1]) > 1e-9 || std::abs(p[0] - p[2]) > 1e-9) ++torn;
+    }
+    const double f = 1e-3 * (i % 4000);
+    hand.write(i % 8 == 0 ? Vec{} : Vec{f / 2, f / 2, f / 2});
+    std::this_thread::sleep_for(200us);
+  }
+  over = true;
+  moves.join();
+  stops.join();
+  CHECK(read >= 300);
+  CHECK(torn == 0);
+  for (const Told& told : service.told()) {
+    if (told.force[0] != told.force[1] || told.force[0] != told.force[2]) ++torn;
+  }
+  CHECK(torn == 0);
+}
+
+TEST_CASE("how long a force takes, by the machine's clock", "[.measure]") {
+  real_clock = true;
+  MockService service(Speaks::k35);
+  const Plugin plugin(service.url());
+  Hand hand(plugin, "049D");
+  REQUIRE(hand.device != nullptr);
+  REQUIRE(hand.readNew());
+  // From `since` until the first message after it that says `wanted`.
+  const auto took = [&](std::int64_t since, bool zero) {
+    double ms = -1.0;
+    eventually([&] {
+      for (const Told& t : service.told()) {
+        if (t.when < since || (t.force == Vec{}) != zero) continue;
+        ms = static_cast<double>(t.when - since) / 1e6;
+        return true;
+      }
+      return false;
+    });
+    service.forget();
+    return ms;
+  };
+  const auto show = [](const char* what, std::vector<double> ms) {
+    std::sort(ms.begin(), ms.end());
+    std::printf("%-28s median %7.3f  p99 %7.3f  most %7.3f ms  of %zu\n", what, ms[ms.size() / 2],
+                ms[ms.size() * 99 / 100], ms.back(), ms.size());
+  };
+  const auto on = [&] {
+    hand.write({});
+    service.forget();
+    for (int i = 0; i < 5; ++i) {
+      while (hand.read() == PALPATE_PLUGIN_OK) {
+      }
+      hand.write({1.0, 0.0, 0.0});
+      std::this_thread::sleep_for(1ms);
+    }
+    service.forget();
+  };
+  std::vector<double> written;
+  std::vector<double> stopped;
+  std::vector<double> unwritten;
+  std::vector<double> silent;
+  for (int i = 0; i < 300; ++i) {
+    hand.write({});
+    std::this_thread::sleep_for(2ms);
+    service.forget();
+    const std::int64_t since = monotonic();
+    hand.write({1.0, 0.0, 0.0});
+    written.push_back(took(since, false));
+  }
+  for (int i = 0; i < 300; ++i) {
+    on();
+    const std::int64_t since = monotonic();
+    hand.device->stop(hand.device);
+    stopped.push_back(took(since, true));
+  }
+  for (int i = 0; i < 50; ++i) {
+    on();
+    hand.write({1.0, 0.0, 0.0});
+    unwritten.push_back(took(monotonic(), true));
+  }
+  for (int i = 0; i < 50; ++i) {
+    on();
+    service.lie(Lie::kDrops);
+    const std::int64_t since = monotonic();
+    std::atomic<bool> over{false};
+    std::thread writes([&] {
+      while (!over) {
+        hand.write({1.0, 0.0, 0.0});
+        std::this_thread::sleep_for(1ms);
+      }
+    });
+    silent.push_back(took(since, true));
+    over = true;
+    writes.join();
+    service.lie(Lie::kNone);
+    hand.readNew();
+    hand.read();
+  }
+  const long before = service.heard().messages;
+  std::this_thread::sleep_for(2s);
+  std::printf("%ld messages a second\n", (service.heard().messages - before) / 2);
+  show("write to force", written);
+  show("stop() to zero", stopped);
+  show("last write to zero", unwritten);
+  show("service silent to zero", silent);
+  real_clock = false;
+}
