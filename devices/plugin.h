@@ -47,7 +47,7 @@ enum {
 /** What palpate gives a plug-in. */
 typedef struct palpate_plugin_host {
   uint32_t size;
-  /** A line for the user, as what to press. [main] */
+  /** A line for the user, as what to press; those that come too fast are lost. [main] */
   void (*say)(const char* words);
   /** Not 0: the user has ended the program, so that nothing is waited for any more. [any] */
   int (*ends)(void);
@@ -140,17 +140,21 @@ typedef struct palpate_plugin_device {
   /** What it is. After open, before all else. [main] */
   int (*facts)(struct palpate_plugin_device* device, palpate_plugin_facts* facts);
   /** Makes it ready: homes it, switches its motors on, with zero force. May take minutes, and asks
-   *  host->ends meanwhile. In `error` why it has failed, with a remedy. [main] */
+   *  host->ends meanwhile. Where the process of a plug-in has ended it is started again, perhaps
+   * with a hand on the arm: one that moves for this asks first (host->say). In `error` why it has
+   * failed, with a remedy. [main] */
   int (*prepare)(struct palpate_plugin_device* device, char* error, size_t room);
-  /** The newest reading, without waiting for one; PALPATE_PLUGIN_NOTHING: none since the last call,
-   *  and `reading` is as it was. [haptic] */
+  /** The newest reading, without waiting for one; PALPATE_PLUGIN_NOTHING: none since the last call;
+   *  what it has written there does not count. What `state` says may change while `taken` stays.
+   * Any other number that is not negative is PALPATE_PLUGIN_NOTHING. [haptic] */
   int (*read)(struct palpate_plugin_device* device, palpate_plugin_reading* reading);
-  /** Sends a force. It holds until the next one; one that cannot be sent at once replaces what
-   * waits to be. [haptic] */
+  /** Sends a force, at the rate of the program's loop. It holds until the next one; one that cannot
+   * be sent at once replaces what waits to be. [haptic] */
   int (*write)(struct palpate_plugin_device* device, const palpate_plugin_force* force);
-  /** Zero force, now, whatever else goes on; write gives none after it until it is called with zero
-   *  force again. When it returns the process may end, also from a handler of a crash: it returns
-   * when the zero has been sent or cannot be, within 20 ms. [any] */
+  /** Zero force and no weight carried, now, whatever else goes on; write gives none after it until
+   * it is called with zero force again. It takes no lock that another function holds while it
+   * waits: an atomic flag. When it returns the process may end, also from a handler of a crash: it
+   * returns when the zero has been sent or cannot be, within 20 ms. [any] */
   void (*stop)(struct palpate_plugin_device* device);
   /** Switches it off and frees it. Not while another function runs. [main] */
   void (*close)(struct palpate_plugin_device* device);
@@ -166,7 +170,8 @@ typedef struct palpate_plugin_factory {
    *  is the way from one to the next. Returns how many there are, negative where it cannot know.
    * [main] */
   int (*find)(palpate_plugin_found* found, int room);
-  /** Opens one; an empty serial is any. Null: in `error` why, with a remedy. [main] */
+  /** Opens one; an empty serial is any. Takes the force off that it may have, of a process that has
+   *  died. Null: in `error` why, with a remedy. [main] */
   palpate_plugin_device* (*open)(const char* serial, char* error, size_t room);
 } palpate_plugin_factory;
 
@@ -200,6 +205,9 @@ typedef struct palpate_plugin_weight {
   /** From the next write on `share` of its weight is carried, 0 to 1: it is told in steps that take
    *  half a second to come in, and 0 at once. [haptic] */
   void (*carry)(palpate_plugin_device* device, double share);
+  /** All of its weight is at most so many newtons at the tip, anywhere; > 0. An arm that has not
+   * passed its test carries no more than 1 N of it. */
+  double most;
 } palpate_plugin_weight;
 
 /** Name of a device's extension that is a palpate_plugin_heat: it knows what its motors can give

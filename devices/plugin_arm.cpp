@@ -17,6 +17,7 @@ constexpr std::int64_t kWriteTime = 20000000;  // [ns]: longer is blocked
 constexpr double kLongestStep = 0.02;          // [s] that weight grows without a look
 constexpr double kMostRate = 100000.0;         // [Hz]
 constexpr double kMostWorkspace = 10.0;        // [m]
+constexpr double kMostWeight = 100.0;          // [N]
 
 /// What the time of a position is counted from: not of the future, where no position comes from.
 std::int64_t timeOf(std::int64_t taken, std::int64_t now) noexcept {
@@ -93,13 +94,13 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
   return info;
 }
 
-ArmIdentity identityOf(const palpate_plugin_facts& facts, const std::string& name,
+ArmIdentity identityOf(const palpate_plugin_facts& facts, double carries, const std::string& name,
                        const std::string& version, const std::string& serial) {
   std::string all = version + "\n" + facts.source;
   for (const double value :
        {static_cast<double>(facts.has), facts.force, facts.slew, facts.stiffness, facts.damping,
         facts.workspace_radius, facts.rate, facts.output_rate, facts.stale, facts.speed,
-        facts.continuous, facts.heating, facts.watchdog, facts.resolution}) {
+        facts.continuous, facts.heating, facts.watchdog, facts.resolution, carries}) {
     all += fmt::format("\n{}", value);
   }
   return {name, serial, fingerprintOf(all), true};
@@ -115,7 +116,12 @@ PluginArm::PluginArm(std::unique_ptr<PluginPort> port, const std::string& name, 
   traits_.input_rate = facts_.rate;
   traits_.stiffness = facts_.stiffness;
   traits_.workspace_radius = facts_.workspace_radius;
-  traits_.carries = port_->carries();
+  // Of an arm that has not passed its test no more than its host lets it carry.
+  const double weight = port_->carries();
+  if (weight > 0.0 && weight <= kMostWeight) {
+    most_carried_ = tested ? 1.0 : std::min(1.0, host.carries / weight);
+  }
+  traits_.carries = most_carried_ > 0.0;
   info_.limits.friction = host.measured.coulomb;
   if (traits_.drives && host.measured.viscous > 0.0) {
     ArmDissipation& arm = info_.limits.tank.arm;
@@ -192,7 +198,7 @@ HandState PluginArm::read() noexcept {
   // Its weight comes in as every force does, and goes at once.
   upright_ = hand.ready && hand.fault == Fault::kNone && hand.age <= info_.watch.stale;
   const double step = std::min(dt, kLongestStep) / kEngage;
-  order_.carry = carries_ && upright_ ? std::min(1.0, order_.carry + step) : 0.0;
+  order_.carry = carries_ && upright_ ? std::min(most_carried_, order_.carry + step) : 0.0;
   return hand;
 }
 
@@ -204,9 +210,10 @@ void PluginArm::take(std::int64_t now, HandState& hand) noexcept {
   if (position != hand.position) moved_at_ = now;
   hand.position = position;
   hand.fresh = true;
-  hand.measured = has(PALPATE_PLUGIN_VELOCITY);
-  hand.velocity = hand.measured ? vectorOf(reading.velocity) : Vec3(Vec3::Zero());
   Handle& handle = hand.handle;
+  if (has(PALPATE_PLUGIN_VELOCITY) && vectorOf(reading.velocity).allFinite()) {
+    std::copy_n(std::begin(reading.velocity), 3, handle.velocity.begin());
+  }
   const std::uint32_t buttons = facts_.buttons;
   handle.buttons = buttons >= 32 ? reading.buttons : reading.buttons & ((1U << buttons) - 1U);
   if (has(PALPATE_PLUGIN_ORIENTATION)) {

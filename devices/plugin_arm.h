@@ -15,9 +15,11 @@ namespace palpate {
 /// which number is none, or is missing: without limits no force is given.
 [[nodiscard]] DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name,
                                  bool tested);
-/// By what its test is remembered. `name`: plugin:NAME; `serial`: empty where it has none.
-[[nodiscard]] ArmIdentity identityOf(const palpate_plugin_facts& facts, const std::string& name,
-                                     const std::string& version, const std::string& serial);
+/// By what its test is remembered. `carries`: PluginPort::carries; `name`: plugin:NAME; `serial`:
+/// empty where it has none.
+[[nodiscard]] ArmIdentity identityOf(const palpate_plugin_facts& facts, double carries,
+                                     const std::string& name, const std::string& version,
+                                     const std::string& serial);
 
 /// Reads and drives an arm over a PluginPort.
 ///
@@ -73,8 +75,9 @@ class PluginArm final : public Arm {
   std::int64_t longest_ = 0;         ///< [ns], from an order until it was seen to be written.
   std::int64_t writes_ = 0;
   double given_ = 1.0;
-  bool carries_ = false;  ///< carry() has allowed it,
-  bool upright_ = false;  ///< and so has the last reading.
+  double most_carried_ = 0.0;  ///< Largest share of its weight that it carries.
+  bool carries_ = false;       ///< carry() has allowed it,
+  bool upright_ = false;       ///< and so has the last reading.
 };
 
 }  // namespace palpate

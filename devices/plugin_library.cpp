@@ -4,9 +4,12 @@
 #include <array>
 #include <cstdlib>
 #include <dlfcn.h>
+#include <mutex>
+#include <set>
 #include <sstream>
 #include <sys/stat.h>
 #include <system_error>
+#include <unistd.h>
 #include <utility>
 
 #include "palpate/engine/error.h"
@@ -18,7 +21,7 @@ namespace {
 constexpr std::size_t kErrorRoom = 1024;
 constexpr const char* kEnding = ".so";
 
-/// The host of the newest plug-in: the C functions have no other way to it.
+/// The plug-in's host: the C functions have no other way to it. Of several plug-ins the newest's.
 PluginHost& hostNow() {
   static PluginHost host;
   return host;
@@ -39,6 +42,30 @@ extern "C" const void* tellExtension(const char* /*name*/) {
 
 constexpr palpate_plugin_host kHost{sizeof(palpate_plugin_host), sayToUser, askWhetherEnds,
                                     tellTime, tellExtension};
+
+/// Plug-ins that are loaded: each has one host, and one end.
+class Loaded {
+ public:
+  /// False: it is.
+  static bool add(const std::string& name) {
+    const std::lock_guard lock(mutex());
+    return names().insert(name).second;
+  }
+  static void remove(const std::string& name) {
+    const std::lock_guard lock(mutex());
+    names().erase(name);
+  }
+
+ private:
+  static std::mutex& mutex() {
+    static std::mutex own;
+    return own;
+  }
+  static std::set<std::string>& names() {
+    static std::set<std::string> own;
+    return own;
+  }
+};
 
 /// True where a struct of this size has the member that ends there.
 template <class Struct>
@@ -63,10 +90,10 @@ bool plain(const std::string& name) {
 
 std::vector<std::filesystem::path> pluginFolders() {
   std::vector<std::filesystem::path> folders;
-  if (const char* given = std::getenv("PALPATE_PLUGINS")) {
+  if (const char* given = secure_getenv("PALPATE_PLUGINS")) {
     std::istringstream parts(given);
     for (std::string part; std::getline(parts, part, ':');) {
-      if (!part.empty()) folders.emplace_back(part);
+      if (part[0] == '/') folders.emplace_back(part);
     }
   }
   const char* data = std::getenv("XDG_DATA_HOME");
@@ -100,15 +127,20 @@ std::vector<std::string> pluginNames() {
 std::filesystem::path pluginFile(const std::string& name) {
   for (const auto& folder : pluginFolders()) {
     const std::filesystem::path file = folder / (name + kEnding);
-    struct stat facts {};
-    if (!plain(name) || stat(file.c_str(), &facts) != 0 || !S_ISREG(facts.st_mode)) continue;
-    struct stat around {};
-    const bool open = stat(folder.c_str(), &around) != 0 || (around.st_mode & S_IWOTH) != 0;
-    if (open || (facts.st_mode & S_IWOTH) != 0) {
-      const std::string what = open ? folder.string() : file.string();
-      throw DeviceError("plugin:" + name, "anybody may write " + what, "chmod o-w " + what);
+    std::error_code error;
+    if (!plain(name) || !std::filesystem::is_regular_file(file, error)) continue;
+    // Where a link leads is what is loaded.
+    const std::filesystem::path real = std::filesystem::canonical(file, error);
+    for (const auto& what : {real, real.parent_path()}) {
+      struct stat facts {};
+      const bool known = !error && stat(what.c_str(), &facts) == 0;
+      const bool ours = known && (facts.st_uid == geteuid() || facts.st_uid == 0);
+      if (!ours || (facts.st_mode & (S_IWOTH | S_IWGRP)) != 0) {
+        throw DeviceError("plugin:" + name, "others may write " + what.string(),
+                          "make it yours: chown, chmod go-w " + what.string());
+      }
     }
-    return file;
+    return real;
   }
   std::string there;
   for (const std::string& one : pluginNames()) there += (there.empty() ? "" : ", ") + one;
@@ -121,11 +153,15 @@ std::filesystem::path pluginFile(const std::string& name) {
 
 PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
     : name_("plugin:" + file.stem().string()) {
-  handle_ = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
-  if (handle_ == nullptr) {
-    throw DeviceError(name_, orNone(dlerror()), "install what it needs, or build it again");
+  if (!Loaded::add(name_)) {
+    throw DeviceError(name_, "another hand of this program has it inside",
+                      "name this one plugin:NAME, in a process of its own");
   }
   try {
+    handle_ = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (handle_ == nullptr) {
+      throw DeviceError(name_, orNone(dlerror()), "install what it needs, or build it again");
+    }
     entry_ = static_cast<const palpate_plugin_entry*>(dlsym(handle_, "palpate_plugin"));
     if (!PALPATE_REACHES(entry_, palpate_plugin_entry, factory)) {
       throw DeviceError(name_, file.string() + " is no plug-in: it has no symbol palpate_plugin",
@@ -152,7 +188,9 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
       throw DeviceError(name_, "it makes no arms", "see docs/plugins.md");
     }
   } catch (...) {
-    dlclose(handle_);
+    if (handle_ != nullptr) dlclose(handle_);
+    hostNow() = {};
+    Loaded::remove(name_);
     throw;
   }
 }
@@ -160,6 +198,8 @@ PluginLibrary::PluginLibrary(const std::filesystem::path& file, PluginHost host)
 PluginLibrary::~PluginLibrary() {
   if (entry_->end != nullptr) entry_->end();
   dlclose(handle_);
+  hostNow() = {};
+  Loaded::remove(name_);
 }
 
 std::string PluginLibrary::what() const {
@@ -185,15 +225,21 @@ std::vector<palpate_plugin_found> PluginLibrary::find() const {
 }
 
 std::string PluginLibrary::only(const std::string& serial) const {
-  if (!serial.empty()) return serial;
   const std::vector<palpate_plugin_found> found = find();
   if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
-  if (found.size() == 1) return found[0].serial;
   std::string which;
+  bool nameless = false;
   for (const palpate_plugin_found& one : found) {
+    if (!serial.empty() && serial == one.serial) return serial;
+    nameless = nameless || one.serial[0] == '\0';
     which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
   }
-  throw DeviceError(name_, "that may be several", "name one of " + which);
+  if (serial.empty() && found.size() == 1) return found[0].serial;
+  // What its plug-in calls one of several without numbers is its own business.
+  if (!serial.empty() && nameless) return {};
+  if (serial.empty()) throw DeviceError(name_, "that may be several", "name one of " + which);
+  throw DeviceError(name_ + "@" + serial, "no arm of that number is plugged in",
+                    "there is " + which);
 }
 
 PluginDevice PluginLibrary::open(const std::string& serial) const {
@@ -221,7 +267,7 @@ PluginDevice::PluginDevice(palpate_plugin_device* device, std::string name)
       static_cast<const palpate_plugin_weight*>(device_->extension(device_, PALPATE_PLUGIN_WEIGHT));
   const auto* heat =
       static_cast<const palpate_plugin_heat*>(device_->extension(device_, PALPATE_PLUGIN_HEAT));
-  if (PALPATE_REACHES(weight, palpate_plugin_weight, carry) && weight->carry != nullptr) {
+  if (PALPATE_REACHES(weight, palpate_plugin_weight, most) && weight->carry != nullptr) {
     weight_ = weight;
   }
   if (PALPATE_REACHES(heat, palpate_plugin_heat, given) && heat->given != nullptr) heat_ = heat;

@@ -30,7 +30,7 @@ struct PluginHost {
 
 class PluginDevice;
 
-/// A plug-in in this process. All of it on one thread. One at a time speaks to a host: the newest.
+/// A plug-in in this process. All of it on one thread, and each file once.
 class PluginLibrary {
  public:
   /// Loads it and calls its init. Throws DeviceError: it is none, or of another version.
@@ -45,8 +45,8 @@ class PluginLibrary {
   /// Those that are plugged in, at most kMostFound. Throws DeviceError: it cannot know.
   [[nodiscard]] std::vector<palpate_plugin_found> find() const;
   static constexpr std::size_t kMostFound = 32;
-  /// The serial number of the one arm that is there, or `serial` where it is not empty. Throws
-  /// DeviceError: there is none, or several, which ones.
+  /// The serial number of the one arm that is there, or of the one that `serial` names; empty where
+  /// that has none. Throws DeviceError: there is none, or several, which ones.
   [[nodiscard]] std::string only(const std::string& serial) const;
   /// Opens one. Throws DeviceError, in the plug-in's words.
   [[nodiscard]] PluginDevice open(const std::string& serial) const;
@@ -72,12 +72,17 @@ class PluginDevice {
   [[nodiscard]] palpate_plugin_facts facts() const;
   /// Throws DeviceError, in the plug-in's words.
   void prepare() const;
-  [[nodiscard]] bool carries() const noexcept { return weight_ != nullptr; }
+  /// The most of its weight that it carries [N]; 0: none.
+  [[nodiscard]] double carries() const noexcept { return weight_ != nullptr ? weight_->most : 0.0; }
 
   // RT, as far as the plug-in is.
+  /// `reading` is as it was where nothing has come, whatever the plug-in has written there.
   [[nodiscard]] int read(palpate_plugin_reading& reading) const noexcept {
-    reading.size = sizeof(reading);
-    return device_->read(device_, &reading);
+    palpate_plugin_reading next = reading;
+    next.size = sizeof(next);
+    const int got = device_->read(device_, &next);
+    if (got == PALPATE_PLUGIN_OK) reading = next;
+    return got > PALPATE_PLUGIN_OK ? PALPATE_PLUGIN_NOTHING : got;
   }
   [[nodiscard]] int write(const palpate_plugin_force& force) const noexcept {
     return device_->write(device_, &force);

@@ -28,7 +28,9 @@ bool sendPluginMessage(int socket, PluginMessage::Kind kind, std::span<const std
       static_cast<std::uint32_t>(std::min<std::size_t>(bytes.size(), PluginMessage::kMostBytes));
   std::memcpy(message.bytes.data(), bytes.data(), message.size);
   const std::size_t size = PluginMessage::kHead + message.size;
-  return send(socket, &message, size, MSG_NOSIGNAL) == static_cast<ssize_t>(size);
+  // Lines that nobody reads hold up no plug-in.
+  const int how = MSG_NOSIGNAL | (kind == PluginMessage::kSay ? MSG_DONTWAIT : 0);
+  return send(socket, &message, size, how) == static_cast<ssize_t>(size);
 }
 
 bool sendPluginMessage(int socket, PluginMessage::Kind kind, const std::string& text) {

@@ -20,7 +20,7 @@ struct PluginOrder {
 
 /// What has come of a plug-in's arm. As it was said: nothing of it is checked.
 struct PluginNews {
-  palpate_plugin_reading reading{};
+  palpate_plugin_reading reading{sizeof(palpate_plugin_reading), 0, 0, {}, {}, {}, 0.0, {}, 0, 0};
   std::int32_t read = PALPATE_PLUGIN_NOTHING;  ///< What the last read came to,
   std::int32_t wrote = PALPATE_PLUGIN_OK;      ///< and the last write.
   std::uint32_t written = 0;                   ///< PluginOrder::number of that write.
@@ -41,8 +41,9 @@ class PluginPort {
   [[nodiscard]] virtual std::string version() const = 0;  ///< Of the plug-in.
   /// Of the arm that was opened; empty: it has none.
   [[nodiscard]] virtual std::string serial() const = 0;
-  /// True: it has the extension for its weight.
-  [[nodiscard]] virtual bool carries() const noexcept = 0;
+  /// The most of its weight that its motors carry [N], by the extension for it; 0: none. Not
+  /// checked.
+  [[nodiscard]] virtual double carries() const noexcept = 0;
 
   /// The newest; false, and `news` as it was: the arm is gone. RT: no allocation.
   [[nodiscard]] virtual bool read(PluginNews& news) noexcept PALPATE_NONBLOCKING = 0;

@@ -33,10 +33,10 @@ extern char** environ;
 namespace palpate {
 namespace {
 
-constexpr int kLook = 50;            // [ms] between looks at a process
-constexpr double kEnds = 1.0;        // [s] that one has to end when it is asked to
-constexpr double kHung = 0.5;        // [s] without a turn of its haptic thread
-constexpr double kTriesAgain = 0.5;  // [s] after one has ended by itself
+constexpr int kLook = 50;         // [ms] between looks at a process
+constexpr double kEnds = 1.0;     // [s] that one has to end when it is asked to
+constexpr double kHung = 0.5;     // [s] without a turn of its haptic thread
+constexpr int kTriesAgain = 500;  // [ms] after one that could not be started
 constexpr const char* kProgram = "palpate-plugin";
 constexpr std::array<std::byte, 4> kZero{};  // what a guardian writes: anything means zero
 
@@ -129,20 +129,19 @@ class Child {
 
   /// True while it lives.
   [[nodiscard]] bool lives() {
-    if (process_ > 0 && waitpid(process_, nullptr, WNOHANG) == process_) process_ = -1;
+    // One that the program has told the kernel to forget is nobody's: its number may be another's.
+    if (process_ > 0 && waitpid(process_, nullptr, WNOHANG) != 0) process_ = -1;
     return process_ > 0;
   }
-  /// Waits for its end, and ends it after `patience` [s].
+  /// Waits for its end, and ends it after `patience` [s]; one that the kernel does not end is left.
   void end(double patience) {
-    for (double waited = 0.0; lives(); waited += 1e-3) {
-      if (waited >= patience) {
-        kill(process_, SIGKILL);
-        waitpid(process_, nullptr, 0);
-        process_ = -1;
-        return;
-      }
+    constexpr double kKernel = 1.0;  // [s]
+    bool killed = false;
+    for (double waited = 0.0; lives() && waited < patience + kKernel; waited += 1e-3) {
+      if (!killed && waited >= patience) killed = kill(process_, SIGKILL) == 0;
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
+    process_ = -1;
   }
 
  private:
@@ -166,27 +165,36 @@ DeviceError errorOf(const PluginMessage& message) {
   return {parts[0], parts[1], parts[2]};
 }
 
-/// What a process says until it has said all, is silent for `patience` [s], or has ended.
-enum class Heard : std::uint8_t { kAll, kSilent, kEnded, kStopped };
-Heard hear(int control, double patience, const std::function<bool()>& stop,
-           const std::function<void(const PluginMessage&)>& take) {
+/// One message that waits; nothing also where it is none.
+enum class Took : std::uint8_t { kMessage, kNothing, kEnd };
+Took takeOne(int control, std::optional<PluginMessage>& message) {
   std::array<std::byte, sizeof(PluginMessage) + 1> buffer{};
-  double silent = 0.0;
-  for (;;) {
+  message.reset();
+  const ssize_t size = recv(control, buffer.data(), buffer.size(), MSG_DONTWAIT);
+  if (size < 0 && (errno == EAGAIN || errno == EINTR)) return Took::kNothing;
+  if (size <= 0) return Took::kEnd;
+  message = pluginMessageOf(std::span(buffer).first(static_cast<std::size_t>(size)));
+  return Took::kMessage;
+}
+
+/// What a process says until it has said all, `patience` [s] are over (0: for ever), or it has
+/// ended.
+enum class Heard : std::uint8_t { kAll, kLate, kEnded, kStopped };
+Heard hear(int control, Child& child, double patience, const std::function<bool()>& stop,
+           const std::function<void(const PluginMessage&)>& take) {
+  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(patience);
+  for (bool lives = true;;) {
     if (stop && stop()) return Heard::kStopped;
+    if (patience > 0.0 && std::chrono::steady_clock::now() > end) return Heard::kLate;
     pollfd waits{control, POLLIN, 0};
-    if (poll(&waits, 1, kLook) == 0) {
-      silent += 1e-3 * kLook;
-      if (patience > 0.0 && silent >= patience) return Heard::kSilent;
-      continue;
-    }
-    const ssize_t size = recv(control, buffer.data(), buffer.size(), MSG_DONTWAIT);
-    if (size == 0 || (size < 0 && errno != EAGAIN && errno != EINTR)) return Heard::kEnded;
-    if (size < 0) continue;
-    const auto message = pluginMessageOf(std::span(buffer).first(static_cast<std::size_t>(size)));
+    (void)poll(&waits, 1, kLook);
+    std::optional<PluginMessage> message;
+    const Took took = takeOne(control, message);
+    // What it has started may keep the socket: it has ended when it has, and all is read.
+    if (took == Took::kEnd || (took == Took::kNothing && !lives)) return Heard::kEnded;
+    lives = child.lives();
     if (!message) continue;
     if (message->kind == PluginMessage::kDone) return Heard::kAll;
-    silent = 0.0;
     take(*message);
   }
 }
@@ -194,13 +202,13 @@ Heard hear(int control, double patience, const std::function<bool()>& stop,
 /// Facts as they came; nothing where they are not whole.
 struct SentFacts {
   palpate_plugin_facts facts;
-  bool carries;
+  double carries;
 };
 std::optional<SentFacts> factsIn(const PluginMessage& message) {
   SentFacts sent{};
-  if (message.size != sizeof(sent.facts) + 1) return std::nullopt;
+  if (message.size != sizeof(sent.facts) + sizeof(sent.carries)) return std::nullopt;
   std::memcpy(&sent.facts, message.bytes.data(), sizeof(sent.facts));
-  sent.carries = message.bytes[sizeof(sent.facts)] != 0;
+  std::memcpy(&sent.carries, message.bytes.data() + sizeof(sent.facts), sizeof(sent.carries));
   sent.facts.source[sizeof(sent.facts.source) - 1] = '\0';
   for (auto& name : sent.facts.button) name[sizeof(name) - 1] = '\0';
   return sent;
@@ -266,7 +274,7 @@ struct Life {
     const std::string name = "plugin:" + file.stem().string();
     std::optional<DeviceError> error;
     bool known = false;
-    const Heard heard = hear(control.get(), 0.0, stop, [&](const PluginMessage& message) {
+    const Heard heard = hear(control.get(), *child, 0.0, stop, [&](const PluginMessage& message) {
       if (message.kind == PluginMessage::kSay && say) say(name + ": " + message.text());
       if (message.kind == PluginMessage::kFailed) error = errorOf(message);
       if (message.kind == PluginMessage::kPlugin) {
@@ -312,8 +320,9 @@ class ProcessPort final : public PluginPort {
         version_(life_->version),
         facts_(life_->facts),
         guard_(fcntl(life_->zero.get(), F_DUPFD_CLOEXEC, 3)) {
+    own_ = life_->own;
     // When it is started again it is for this very arm.
-    serial_ = life_->own;
+    if (!own_.empty()) serial_ = own_;
     now_ = life_.get();
     mender_ = std::thread([this] { mendLoop(); });
   }
@@ -324,8 +333,8 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_.facts; }
   [[nodiscard]] std::string version() const override { return version_; }
-  [[nodiscard]] std::string serial() const override { return serial_; }
-  [[nodiscard]] bool carries() const noexcept override { return facts_.carries; }
+  [[nodiscard]] std::string serial() const override { return own_; }
+  [[nodiscard]] double carries() const noexcept override { return facts_.carries; }
   [[nodiscard]] std::uint32_t openings() const noexcept override { return openings_; }
 
   [[nodiscard]] bool read(PluginNews& news) noexcept override {
@@ -371,28 +380,30 @@ class ProcessPort final : public PluginPort {
 
   [[nodiscard]] bool over() const noexcept { return quit_ || (host_.stop && host_.stop()); }
 
+  /// A line for the user; what his program does with it is its own business.
+  void tell(const std::string& words) noexcept {
+    try {
+      // Tried again and again, said once.
+      if (host_.say && words != told_) host_.say("plugin:" + file_.stem().string() + ": " + words);
+      told_ = words;
+    } catch (const std::exception&) {
+      return;
+    }
+  }
+
   /// Looks after the process, and starts it anew where it has ended.
   void mendLoop() noexcept {
     std::uint64_t heart = 0;
     std::int64_t beat_at = nowNs();
-    std::int64_t again_at = 0;
     while (!quit_) {
-      const std::int64_t now = nowNs();
-      if (now_ == nullptr) {
-        std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
-        if (now < again_at || over()) continue;
-        mend();
-        beat_at = nowNs();
-        again_at = beat_at + static_cast<std::int64_t>(1e9 * kTriesAgain);
-        continue;
-      }
       pollfd waits{life_->control.get(), POLLIN, 0};
       (void)poll(&waits, 1, kLook);
-      bool ended = (waits.revents & (POLLHUP | POLLERR)) != 0;
-      if (!ended && (waits.revents & POLLIN) != 0) {
-        ended = hear(life_->control.get(), 1e-3, nullptr, [&](const PluginMessage& message) {
-                  if (message.kind == PluginMessage::kSay && host_.say) host_.say(message.text());
-                }) == Heard::kEnded;
+      std::optional<PluginMessage> message;
+      bool ended = takeOne(life_->control.get(), message) == Took::kEnd || !life_->child->lives();
+      if (message && message->kind == PluginMessage::kSay) {
+        tell(message->text());
+        // No faster than anybody reads.
+        std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
       }
       if (const std::uint64_t seen = life_->link->heart; seen != heart) {
         heart = seen;
@@ -403,28 +414,31 @@ class ProcessPort final : public PluginPort {
       now_ = nullptr;
       while (using_) std::this_thread::sleep_for(std::chrono::microseconds(100));
       life_->child->end(hangs ? 0.0 : kEnds);
-      if (host_.say && !quit_) {
-        host_.say(fmt::format("plugin:{}: its process {}: it is started again",
-                              file_.stem().string(), hangs ? "hung" : "has ended"));
-      }
-      again_at = nowNs() + static_cast<std::int64_t>(1e9 * kTriesAgain);
+      if (!quit_)
+        tell(hangs ? "its process hung: it is started again"
+                   : "its process has ended: it is started again");
+      // At once: the new one takes off what force the old one has left.
+      while (!quit_ && !mend()) std::this_thread::sleep_for(std::chrono::milliseconds(kTriesAgain));
+      beat_at = nowNs();
     }
   }
-  void mend() noexcept {
+  [[nodiscard]] bool mend() noexcept {
     try {
+      if (over()) return false;
       auto life =
           std::make_unique<Life>(program_, file_, serial_, host_.say, [this] { return over(); });
       // An arm that is another one now is none that has been let in.
-      if (std::memcmp(&life->facts.facts, &facts_.facts, sizeof(facts_.facts)) != 0) {
-        if (host_.say) host_.say("plugin:" + file_.stem().string() + ": it is another arm now");
-        return;
-      }
-      if (dup3(life->zero.get(), guard_.get(), O_CLOEXEC) < 0) return;
+      const bool same = std::memcmp(&life->facts.facts, &facts_.facts, sizeof(facts_.facts)) == 0 &&
+                        life->facts.carries == facts_.carries && life->version == version_ &&
+                        life->own == own_;
+      if (!same) tell("it is another arm now, or another plug-in: start the program again");
+      if (!same || dup3(life->zero.get(), guard_.get(), O_CLOEXEC) < 0) return false;
       life_ = std::move(life);
       ++openings_;
       now_ = life_.get();
+      return true;
     } catch (const std::exception&) {
-      // It is tried again.
+      return false;  // it is tried again
     }
   }
 
@@ -434,6 +448,8 @@ class ProcessPort final : public PluginPort {
   ArmHost host_;
   std::unique_ptr<Life> life_;  ///< The mending thread's.
   std::string version_;
+  std::string own_;   ///< The arm's serial number.
+  std::string told_;  ///< Last, by the mending thread.
   SentFacts facts_;
   Descriptor guard_;  ///< Its number stays, whatever it leads to.
   std::atomic<Life*> now_{nullptr};
@@ -449,21 +465,22 @@ class InsidePort final : public PluginPort {
   InsidePort(const std::filesystem::path& file, const std::string& serial, const ArmHost& host)
       : library_(file, {host.say, host.stop}),
         serial_(library_.only(serial)),
-        device_(library_.open(serial_)),
+        device_(library_.open(serial_.empty() ? serial : serial_)),
         facts_(device_.facts()) {
     if ((facts_.has & PALPATE_PLUGIN_FORCE) != 0 &&
         !(facts_.watchdog > 0.0 && facts_.watchdog <= kLongestWatchdog)) {
-      throw DeviceError("plugin-inside:" + file.stem().string(),
-                        "the arm has no watchdog of its own that takes its force off in 0.1 s when "
-                        "the program dies",
-                        "name it plugin:" + file.stem().string() + ", in a process of its own");
+      throw DeviceError(
+          "plugin-inside:" + file.stem().string(),
+          "the arm has no watchdog of its own that takes its force off in 0.05 s when "
+          "the program dies",
+          "name it plugin:" + file.stem().string() + ", in a process of its own");
     }
     device_.prepare();
   }
   [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return facts_; }
   [[nodiscard]] std::string version() const override { return library_.version(); }
   [[nodiscard]] std::string serial() const override { return serial_; }
-  [[nodiscard]] bool carries() const noexcept override { return device_.carries(); }
+  [[nodiscard]] double carries() const noexcept override { return device_.carries(); }
   [[nodiscard]] bool read(PluginNews& news) noexcept override {
     news_.read = device_.read(news_.reading);
     news = news_;
@@ -513,28 +530,32 @@ std::vector<FoundPlugin> findPlugins(double patience) {
       auto [here, there] = socketPair();
       Child child(programBeside(), {"list", found.file.string()}, {there.get()});
       there = Descriptor();
-      const Heard heard = hear(here.get(), patience, nullptr, [&](const PluginMessage& message) {
-        std::vector<std::string> lines = linesOf(message.text());
-        lines.resize(3);
-        if (message.kind == PluginMessage::kPlugin) {
-          found.what = lines[0];
-          found.version = lines[1];
-          found.licence = lines[2];
-        } else if (message.kind == PluginMessage::kFailed) {
-          (found.arms.empty() ? found.trouble : found.arms.back().trouble) =
-              errorOf(message).what();
-        } else if (const auto one = foundIn(message);
-                   one && found.arms.size() < PluginLibrary::kMostFound) {
-          found.arms.push_back({one->serial, one->model, std::nullopt, {}});
-        } else if (message.kind == PluginMessage::kFacts && !found.arms.empty()) {
-          if (const auto sent = factsIn(message)) found.arms.back().facts = sent->facts;
-        }
-      });
-      if (heard == Heard::kSilent) found.trouble = "it does not answer: end what it waits for";
+      const Heard heard =
+          hear(here.get(), child, patience, nullptr, [&](const PluginMessage& message) {
+            std::vector<std::string> lines = linesOf(message.text());
+            lines.resize(3);
+            if (message.kind == PluginMessage::kPlugin) {
+              found.what = lines[0];
+              found.version = lines[1];
+              found.licence = lines[2];
+            } else if (message.kind == PluginMessage::kFailed) {
+              (found.arms.empty() ? found.trouble : found.arms.back().trouble) =
+                  errorOf(message).what();
+            } else if (const auto one = foundIn(message);
+                       one && found.arms.size() < PluginLibrary::kMostFound) {
+              found.arms.push_back({one->serial, one->model, std::nullopt, 0.0, {}});
+            } else if (message.kind == PluginMessage::kFacts && !found.arms.empty()) {
+              if (const auto sent = factsIn(message)) {
+                found.arms.back().facts = sent->facts;
+                found.arms.back().carries = sent->carries;
+              }
+            }
+          });
+      if (heard == Heard::kLate) found.trouble = "it does not answer: end what it waits for";
       if (heard == Heard::kEnded && found.trouble.empty()) {
         found.trouble = "its process has ended while it was asked: mend the plug-in";
       }
-      child.end(heard == Heard::kSilent ? 0.0 : kEnds);
+      child.end(heard == Heard::kLate ? 0.0 : kEnds);
     } catch (const Error& error) {
       found.trouble = error.what();
     }
@@ -562,7 +583,8 @@ OpenedArm openPluginArm(const std::string& name, const ArmHost& asked) {
   auto port = parsed->inside ? openPluginInside(file, parsed->serial, asked)
                              : openPluginProcess(file, parsed->serial, asked);
   const std::string known = "plugin:" + parsed->name;
-  const ArmIdentity identity = identityOf(port->facts(), known, port->version(), port->serial());
+  const ArmIdentity identity =
+      identityOf(port->facts(), port->carries(), known, port->version(), port->serial());
   ArmHost host = asked;
   const bool good = isTested(identity);
   host.measured = measuredArm(identity);

@@ -26,6 +26,7 @@ struct FoundPluginArm {
   std::string serial;  ///< May be empty.
   std::string model;
   std::optional<palpate_plugin_facts> facts;  ///< Where it could be opened.
+  double carries = 0.0;                       ///< PluginPort::carries.
   std::string trouble;                        ///< Why not, in a line.
 };
 /// A plug-in that is installed, and what it has found.
@@ -37,6 +38,7 @@ struct FoundPlugin {
   std::string trouble;  ///< Why it cannot be used, in a line; empty: it can.
 };
 /// All that are installed, each asked in a process of its own, and given up after `patience` [s].
+/// An arm that a program has is not opened.
 [[nodiscard]] std::vector<FoundPlugin> findPlugins(double patience = 5.0);
 
 /// Opens an arm of a plug-in that is not loaded into this process but into palpate-plugin, beside
@@ -54,7 +56,7 @@ struct FoundPlugin {
 [[nodiscard]] std::unique_ptr<PluginPort> openPluginInside(const std::filesystem::path& file,
                                                            const std::string& serial,
                                                            const ArmHost& host);
-inline constexpr double kLongestWatchdog = 0.1;  ///< [s]
+inline constexpr double kLongestWatchdog = 0.05;  ///< [s]
 
 /// An arm by its name, tested or not, as openArm. Throws DeviceError.
 [[nodiscard]] OpenedArm openPluginArm(const std::string& name, const ArmHost& host);

@@ -2,14 +2,19 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <csignal>
+#include <cstdlib>
 #include <cstring>
+#include <fcntl.h>
 #include <poll.h>
 #include <sys/mman.h>
-#include <sys/prctl.h>
 #include <sys/socket.h>
+#include <sys/time.h>
+#include <sys/un.h>
 #include <thread>
 #include <unistd.h>
+#include <vector>
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/realtime.h"
@@ -37,7 +42,7 @@ void PluginServer::give(std::int64_t now) noexcept {
   if (count != seen_ && link_.order.load(order_)) {
     seen_ = count;
     ordered_at_ = now;
-    const bool zero = isZero(order_.force);
+    const bool zero = isZero(order_.force) && order_.carry == 0.0;
     if (zero) stopped_ = false;
     const bool stopped = stopped_;
     if (stopped) ++news_.withheld;
@@ -46,14 +51,23 @@ void PluginServer::give(std::int64_t now) noexcept {
     news_.wrote = device_.write(stopped ? none : order_.force);
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
-    drives_ = !stopped && (!zero || order_.carry > 0.0);
+    drives_ = !stopped && !zero;
+    // One that came meanwhile may have been before what has been given.
+    if (!stopped && stopped_) takeOff();
     link_.news.store(news_);
   } else if (drives_ && now - ordered_at_ > nsOf(kSilent)) {
     // Nobody gives orders any more.
     drives_ = false;
-    device_.carry(0.0);
-    stop();
+    stopped_ = true;
+    takeOff();
   }
+}
+
+void PluginServer::takeOff() noexcept {
+  const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
+  device_.carry(0.0);
+  (void)device_.write(none);
+  device_.stop();
 }
 
 void PluginServer::read() noexcept {
@@ -87,7 +101,9 @@ void PluginServer::loop() noexcept {
     if (link_.ticked_at.load(std::memory_order_relaxed) != ticked_at_) due = nextReading(now);
     waitForWord(link_.orders, seen_, due);
   }
-  stop();
+  stopped_ = true;
+  takeOff();
+  done_ = true;
 }
 
 bool PluginServer::look(std::int64_t now) noexcept {
@@ -109,30 +125,66 @@ namespace {
 /// For signal handlers: a plug-in that crashes takes its force off before its process ends.
 std::atomic<const PluginDevice*> the_device{nullptr};
 
+/// Ends the process where what follows takes longer: nobody else can take the force off then but
+/// the one that is started next.
+constexpr long kStopTime = 30000;  // [us]
+void endIn(long us) noexcept {
+  const itimerval time{{0, 0}, {us / 1000000, us % 1000000}};
+  setitimer(ITIMER_REAL, &time, nullptr);
+}
+
 extern "C" void stopThenEnd(int signal) {
   // Where that crashes as well, or hangs, the process ends all the same.
   if (const PluginDevice* device = the_device.exchange(nullptr)) {
-    alarm(1);
+    endIn(kStopTime);
     device->stop();
   }
   ::signal(signal, SIG_DFL);
   raise(signal);
 }
 
+extern "C" void stopAtExit() {
+  if (const PluginDevice* device = the_device.exchange(nullptr)) {
+    endIn(kStopTime);
+    device->stop();
+    endIn(0);
+  }
+}
+
+/// A stack for handlers, of this thread: one that has run out of its own crashes as well.
+class HandlerStack {
+ public:
+  HandlerStack() : memory_(65536) {
+    stack_t other{};
+    other.ss_sp = memory_.data();
+    other.ss_size = memory_.size();
+    sigaltstack(&other, nullptr);
+  }
+  HandlerStack(const HandlerStack&) = delete;
+  HandlerStack& operator=(const HandlerStack&) = delete;
+  ~HandlerStack() {
+    stack_t none{};
+    none.ss_flags = SS_DISABLE;
+    sigaltstack(&none, nullptr);
+  }
+
+ private:
+  std::vector<std::byte> memory_;
+};
+
+/// All signals that end a process; a socket or a pipe that nobody reads ends none.
 void catchCrashes() {
-  static std::array<std::byte, 65536> stack;
-  stack_t other{};
-  other.ss_sp = stack.data();
-  other.ss_size = stack.size();
-  sigaltstack(&other, nullptr);
   struct sigaction action {};
   action.sa_handler = stopThenEnd;
   action.sa_flags = SA_ONSTACK | static_cast<int>(SA_RESETHAND);
   sigemptyset(&action.sa_mask);
-  for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTERM}) {
+  for (const int signal :
+       {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGTERM, SIGINT, SIGHUP, SIGQUIT, SIGSYS, SIGTRAP,
+        SIGXCPU, SIGXFSZ, SIGUSR1, SIGUSR2, SIGVTALRM, SIGPROF}) {
     sigaction(signal, &action, nullptr);
   }
-  // A second stack for the thread that ticks is not needed: a plug-in that runs out of it is gone.
+  ::signal(SIGPIPE, SIG_IGN);
+  std::atexit(stopAtExit);
 }
 
 /// The program has closed its end: nobody waits for anything any more.
@@ -140,6 +192,50 @@ bool programEnded() {
   pollfd control{kPluginControl, POLLIN, 0};
   return poll(&control, 1, 0) > 0 && (control.revents & (POLLHUP | POLLERR)) != 0;
 }
+
+/// Ends this process where the program's end is not followed by its own: whatever the plug-in does.
+void endWithProgram() {
+  std::thread([] {
+    pollfd control{kPluginControl, 0, 0};
+    while ((control.revents & (POLLHUP | POLLERR)) == 0) (void)poll(&control, 1, -1);
+    constexpr auto kOrderly = std::chrono::milliseconds(500);
+    std::this_thread::sleep_for(kOrderly);
+    stopAtExit();
+    _exit(4);
+  }).detach();
+}
+
+/// This process' own, and not those of what a plug-in starts.
+void keepDescriptors() {
+  for (const int own : {kPluginControl, kPluginMemory, kPluginZero}) {
+    (void)fcntl(own, F_SETFD, FD_CLOEXEC);
+  }
+}
+
+/// Nobody else has an arm as long as this lives: a name of the kernel's, which dies with the
+/// process.
+class Claim {
+ public:
+  /// Throws DeviceError: another program has it.
+  Claim(const std::string& plugin, const std::string& serial) {
+    const std::string arm = "plugin:" + plugin + (serial.empty() ? "" : "@" + serial);
+    const std::string name = "palpate-" + arm;
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    name.copy(address.sun_path + 1, sizeof(address.sun_path) - 1);
+    own_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (own_ < 0 || bind(own_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
+      if (own_ >= 0) close(own_);
+      throw DeviceError(arm, "another program has it", "end that first");
+    }
+  }
+  Claim(const Claim&) = delete;
+  Claim& operator=(const Claim&) = delete;
+  ~Claim() { close(own_); }
+
+ private:
+  int own_;
+};
 
 PluginHost host() {
   PluginHost out;
@@ -163,21 +259,25 @@ void introduce(const PluginLibrary& plugin) {
 
 void sendFacts(const PluginDevice& device) {
   const palpate_plugin_facts facts = device.facts();
-  std::array<std::byte, sizeof(facts) + 1> bytes{};
+  const double carries = device.carries();
+  std::array<std::byte, sizeof(facts) + sizeof(carries)> bytes{};
   std::memcpy(bytes.data(), &facts, sizeof(facts));
-  bytes.back() = device.carries() ? std::byte{1} : std::byte{0};
+  std::memcpy(bytes.data() + sizeof(facts), &carries, sizeof(carries));
   (void)sendPluginMessage(kPluginControl, PluginMessage::kFacts, bytes);
 }
 
 }  // namespace
 
 int listPlugin(const std::filesystem::path& file) try {
+  keepDescriptors();
+  endWithProgram();
   const PluginLibrary plugin(file, host());
   introduce(plugin);
   for (const palpate_plugin_found& found : plugin.find()) {
     (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
                             std::as_bytes(std::span(&found, 1)));
     try {
+      const Claim claim(file.stem(), found.serial);
       sendFacts(plugin.open(found.serial));
     } catch (const Error& error) {
       (void)failed(error);
@@ -190,7 +290,10 @@ int listPlugin(const std::filesystem::path& file) try {
 }
 
 int servePlugin(const std::filesystem::path& file, const std::string& serial) try {
+  keepDescriptors();
   catchCrashes();
+  const HandlerStack own_stack;
+  endWithProgram();
   void* memory =
       mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, kPluginMemory, 0);
   if (memory == MAP_FAILED) throw DeviceError("palpate-plugin", "no memory", "free some");
@@ -206,12 +309,15 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   own.copy(chosen.serial, sizeof(chosen.serial) - 1);
   (void)sendPluginMessage(kPluginControl, PluginMessage::kFound,
                           std::as_bytes(std::span(&chosen, 1)));
-  const PluginDevice device = plugin.open(own);
+  const std::string asked = own.empty() ? serial : own;
+  const Claim claim(file.stem(), asked);
+  const PluginDevice device = plugin.open(asked);
   the_device = &device;
   sendFacts(device);
   device.prepare();
   PluginServer server(link, device, 1e-3);
   std::thread haptic([&] {
+    const HandlerStack stack;
     (void)becomeRealtime({}, StayAwake(false));
     server.loop();
   });
@@ -220,24 +326,33 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   (void)sendPluginMessage(kPluginControl, PluginMessage::kDone, std::string());
   std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
   constexpr int kLook = 2;  // [ms]
-  bool lives = true;
-  for (bool over = false; !over && lives;) {
+  // What a plug-in does not do in time is done by the end of its process.
+  const auto stopInTime = [&] {
+    endIn(kStopTime);
+    server.stop();
+    endIn(0);
+  };
+  bool over = false;
+  while (!over) {
     (void)poll(ends.data(), ends.size(), kLook);
     std::array<char, 64> any{};
     if ((ends[1].revents & POLLIN) != 0 && recv(kPluginZero, any.data(), any.size(), 0) > 0) {
-      server.stop();
+      stopInTime();
     }
     over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
-    lives = server.look(nowNs());
+    endIn(kStopTime);
+    const bool lives = server.look(nowNs());
+    endIn(0);
+    if (!lives) _exit(3);  // its haptic thread is in the plug-in and does not come back
   }
-  if (!lives) {
-    // Its haptic thread is in the plug-in and does not come back.
-    alarm(1);
-    device.stop();
-    _exit(3);
-  }
+  stopInTime();
   server.end();
   wakeWord(link.orders);
+  constexpr int kPatience = 200;  // [ms]
+  for (int ms = 0; !server.done() && ms < kPatience; ++ms) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  if (!server.done()) _exit(3);
   haptic.join();
   the_device = nullptr;
   return 0;

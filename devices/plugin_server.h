@@ -25,6 +25,8 @@ class PluginServer {
 
   /// Turns until end(). RT: as the plug-in is; a wait.
   void loop() noexcept;
+  /// loop() has come back.
+  [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Any thread.
   void end() noexcept { ended_ = true; }
   /// Looks after loop(), every millisecond or so, on another thread: where it has stood still in
@@ -39,12 +41,15 @@ class PluginServer {
   /// The newest order to the arm, or zero force where that is what there is to give.
   void give(std::int64_t now) noexcept;
   void read() noexcept;
+  /// On the haptic thread, whatever it has just given.
+  void takeOff() noexcept;
   [[nodiscard]] std::int64_t nextReading(std::int64_t now) noexcept;
 
   PluginLink& link_;
   const PluginDevice& device_;
-  std::int64_t period_;
+  std::atomic<std::int64_t> period_;
   std::atomic<bool> ended_{false};
+  std::atomic<bool> done_{false};
   std::atomic<bool> stopped_{false};  ///< Orders are not given until one is zero.
 
   PluginOrder order_;

@@ -94,6 +94,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(still, input.hand.still, "s", false)            \
   FIELD(max_speed, input.hand.max_speed, "m/s", false)  \
   FIELD(orientation, input.hand.handle.orientation, "", false) \
+  FIELD(measured_velocity, input.hand.handle.velocity, "m/s", false) \
   FIELD(gripper, input.hand.handle.gripper, "rad", false) \
   FIELD(joints, input.hand.handle.joints, "rad", false) \
   FIELD(given, input.given, "", false)                  \
@@ -120,7 +121,6 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(fresh, input.hand.fresh, "", false)             \
   FIELD(ready, input.hand.ready, "", false)             \
   FIELD(reported, input.hand.fault, "", false)          \
-  FIELD(measured, input.hand.measured, "", false)       \
   FIELD(too_fast, input.hand.too_fast, "", false)       \
   FIELD(cleared, input.cleared, "", false)              \
   FIELD(wrong, input.wrong, "", false)                  \

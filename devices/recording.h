@@ -23,58 +23,58 @@ namespace palpate {
 
 /// One tick. Every byte of it is told.
 struct RecordedTick {
-  std::int64_t tick;                       ///< Telemetry::tick.
-  std::uint64_t scene;                     ///< Telemetry::scene.
-  std::int64_t tick_ns;                    ///< Time that the tick took [ns].
-  std::int64_t wake_ns;                    ///< How late it began [ns].
-  std::int64_t late_ticks;                 ///< Missed ticks so far.
-  double time;                             ///< Since the start [s].
-  double dt;                               ///< TickInput::dt [s].
-  std::array<double, 3> hand;              ///< HandState::position [m].
-  std::array<double, 3> velocity;          ///< HandState::velocity [m/s].
-  std::array<double, 9> drives;            ///< HandState::drives, by columns.
-  double age;                              ///< HandState::age [s].
-  double still;                            ///< HandState::still [s].
-  double max_speed;                        ///< HandState::max_speed [m/s].
-  std::array<double, 4> orientation;       ///< Handle::orientation, as all of the next two.
-  double gripper;                          ///< [rad]
-  std::array<double, kMostJoints> joints;  ///< [rad]
-  double given;                            ///< TickInput::given.
-  std::array<double, 3> force;             ///< StepReport::force [N].
-  std::array<double, 3> wanted;            ///< StepReport::wanted [N].
-  std::array<double, 3> proxy;             ///< StepReport::proxy [m].
-  std::array<double, 3> waiting;           ///< StepReport::waiting [m].
-  double stiffness;                        ///< StepReport::stiffness [N/m].
-  double error_bound;                      ///< StepReport::error_bound [m].
-  double injected;                         ///< StepReport::injected [J].
-  double missing;                          ///< StepReport::missing [N].
-  double moving;                           ///< StepReport::moving.
-  double share;                            ///< StepReport::share.
-  double energy;                           ///< StepReport::energy [J].
-  std::int32_t iterations;                 ///< StepReport's, as all of the next seven.
-  std::int32_t substeps;                   ///< Readings.
-  std::int32_t samples;                    ///< Field reads.
-  std::int32_t traced;                     ///< Reads along streams.
-  std::int32_t walked;                     ///< Cells.
-  std::int32_t primitives;                 ///< Of the last balance.
-  std::int32_t parts;                      ///< That were near.
-  std::int32_t left_out;                   ///< That were near and had no room.
-  std::uint32_t buttons;                   ///< Handle::buttons.
-  std::uint8_t fresh;                      ///< HandState::fresh.
-  std::uint8_t ready;                      ///< HandState::ready.
-  std::uint8_t reported;                   ///< HandState::fault.
-  std::uint8_t measured;                   ///< HandState::measured.
-  std::uint8_t too_fast;                   ///< HandState::too_fast.
-  std::uint8_t cleared;                    ///< TickInput::cleared.
-  std::uint8_t wrong;                      ///< TickInput::wrong.
-  std::uint8_t order;                      ///< TickInput::order.
-  std::uint8_t unsent;                     ///< TickInput::unsent.
-  std::uint8_t solver;                     ///< StepReport::solver.
-  std::uint8_t status;                     ///< StepReport::status.
-  std::uint8_t limited;                    ///< StepReport::limited.
-  std::uint8_t missed;                     ///< Telemetry::missed.
-  std::uint8_t fault;                      ///< Telemetry::fault.
-  std::array<std::uint8_t, 6> zero;        ///< Zeros.
+  std::int64_t tick;                        ///< Telemetry::tick.
+  std::uint64_t scene;                      ///< Telemetry::scene.
+  std::int64_t tick_ns;                     ///< Time that the tick took [ns].
+  std::int64_t wake_ns;                     ///< How late it began [ns].
+  std::int64_t late_ticks;                  ///< Missed ticks so far.
+  double time;                              ///< Since the start [s].
+  double dt;                                ///< TickInput::dt [s].
+  std::array<double, 3> hand;               ///< HandState::position [m].
+  std::array<double, 3> velocity;           ///< HandState::velocity [m/s].
+  std::array<double, 9> drives;             ///< HandState::drives, by columns.
+  double age;                               ///< HandState::age [s].
+  double still;                             ///< HandState::still [s].
+  double max_speed;                         ///< HandState::max_speed [m/s].
+  std::array<double, 4> orientation;        ///< Handle::orientation, as all of the next three.
+  std::array<double, 3> measured_velocity;  ///< [m/s]
+  double gripper;                           ///< [rad]
+  std::array<double, kMostJoints> joints;   ///< [rad]
+  double given;                             ///< TickInput::given.
+  std::array<double, 3> force;              ///< StepReport::force [N].
+  std::array<double, 3> wanted;             ///< StepReport::wanted [N].
+  std::array<double, 3> proxy;              ///< StepReport::proxy [m].
+  std::array<double, 3> waiting;            ///< StepReport::waiting [m].
+  double stiffness;                         ///< StepReport::stiffness [N/m].
+  double error_bound;                       ///< StepReport::error_bound [m].
+  double injected;                          ///< StepReport::injected [J].
+  double missing;                           ///< StepReport::missing [N].
+  double moving;                            ///< StepReport::moving.
+  double share;                             ///< StepReport::share.
+  double energy;                            ///< StepReport::energy [J].
+  std::int32_t iterations;                  ///< StepReport's, as all of the next seven.
+  std::int32_t substeps;                    ///< Readings.
+  std::int32_t samples;                     ///< Field reads.
+  std::int32_t traced;                      ///< Reads along streams.
+  std::int32_t walked;                      ///< Cells.
+  std::int32_t primitives;                  ///< Of the last balance.
+  std::int32_t parts;                       ///< That were near.
+  std::int32_t left_out;                    ///< That were near and had no room.
+  std::uint32_t buttons;                    ///< Handle::buttons.
+  std::uint8_t fresh;                       ///< HandState::fresh.
+  std::uint8_t ready;                       ///< HandState::ready.
+  std::uint8_t reported;                    ///< HandState::fault.
+  std::uint8_t too_fast;                    ///< HandState::too_fast.
+  std::uint8_t cleared;                     ///< TickInput::cleared.
+  std::uint8_t wrong;                       ///< TickInput::wrong.
+  std::uint8_t order;                       ///< TickInput::order.
+  std::uint8_t unsent;                      ///< TickInput::unsent.
+  std::uint8_t solver;                      ///< StepReport::solver.
+  std::uint8_t status;                      ///< StepReport::status.
+  std::uint8_t limited;                     ///< StepReport::limited.
+  std::uint8_t missed;                      ///< Telemetry::missed.
+  std::uint8_t fault;                       ///< Telemetry::fault.
+  std::array<std::uint8_t, 7> zero;         ///< Zeros.
 };
 
 /// RT: no allocation.

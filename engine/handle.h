@@ -17,6 +17,8 @@ struct Handle {
   std::uint32_t buttons = 0;  ///< Bit i: HandleInfo::buttons[i] is pressed.
   /// Unit quaternion (w, x, y, z): turns the handle's axes into those of W.
   std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
+  /// Of the tip, as the arm measures it itself, in W [m/s]. HandState::velocity is of positions.
+  std::array<double, 3> velocity{};
   double gripper = 0.0;  ///< How far the gripper is open [rad]; [m] where it slides.
   std::array<double, kMostJoints> joints{};  ///< As measured [rad]; [m] of one that slides.
 };
@@ -28,7 +30,7 @@ struct HandleInfo {
   bool orientation = false;          ///< It measures how it is held.
   bool gripper = false;              ///< It has one, and measures it.
   std::size_t joints = 0;            ///< It measures so many, at most kMostJoints.
-  bool velocity = false;             ///< It measures HandState::velocity itself.
+  bool velocity = false;             ///< It measures its velocity itself.
 };
 
 }  // namespace palpate

@@ -55,8 +55,6 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
   if (hand.fault != Fault::kNone) return hand.fault;
   if (!hand.position.allFinite() || !std::isfinite(hand.age)) return Fault::kNotFinite;
   if (hand.age > limits_.stale) return Fault::kStale;
-  if (hand.measured && !hand.velocity.allFinite()) return Fault::kNotFinite;
-  if (hand.measured && hand.velocity.norm() > kJumpSpeed) return Fault::kJump;
   const double measured = now - std::max(0.0, hand.age);
   if (!known_) {
     known_ = true;
@@ -75,10 +73,9 @@ Fault HandWatch::look(HandState& hand, double now) noexcept {
     time_ = measured;
     position_ = hand.position;
   }
+  hand.velocity = velocity_;
   hand.max_speed = limits_.max_speed;
-  const bool moved_fast = velocity_.norm() > limits_.max_speed;
-  if (!hand.measured || moved_fast) hand.velocity = velocity_;
-  hand.too_fast = hand.velocity.norm() > limits_.max_speed;
+  hand.too_fast = velocity_.norm() > limits_.max_speed;
   if (!hand.too_fast) {
     fast_since_ = -1.0;
   } else if (fast_since_ < 0.0) {

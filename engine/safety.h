@@ -59,13 +59,11 @@ struct HandState {
   /// Projects a force onto those that the motors can give at this position: a planar arm gives none
   /// across its plane. The projected force is the one that is counted and limited.
   Mat3 drives = Mat3::Identity();
-  bool measured = false;         ///< `velocity` is the device's own measure.
-  Vec3 velocity = Vec3::Zero();  ///< Of the hand [m/s]; by HandWatch where it is not measured, and
-                                 ///< where positions say that it is too fast.
-  Handle handle{};               ///< What else the arm says.
+  Handle handle{};  ///< What else the arm says.
   /// The members from here on are filled in by HandWatch.
-  bool too_fast = false;   ///< The hand is faster than `max_speed` and to be braked.
-  double max_speed = 0.0;  ///< WatchLimits::max_speed [m/s].
+  Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
+  bool too_fast = false;         ///< The hand is faster than `max_speed` and to be braked.
+  double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
 };
 
 /// What a hand may do. The defaults are safe for any desktop arm.
@@ -81,9 +79,8 @@ class HandWatch {
   /// Knows no position yet: the first one cannot be a jump, and has no velocity.
   explicit HandWatch(const WatchLimits& limits = {}) noexcept : limits_(limits) {}
 
-  /// Fills in velocity, max_speed and too_fast. A velocity that the device has measured is what
-  /// brakes and damps; whether a hand is too fast is seen in its positions too, so that a device
-  /// that reports rest hides nothing.
+  /// Fills in velocity, max_speed and too_fast, by positions alone: what a device says of its
+  /// velocity (Handle::velocity) neither brakes a hand nor hides that it is too fast.
   ///
   /// @param now   Time [s], of any clock that does not go back.
   /// @return      Why the force is to be cut; kNone: the force need not be cut.

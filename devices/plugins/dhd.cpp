@@ -229,7 +229,9 @@ void carry(palpate_plugin_device* device, double share) {
   of(device).share = share;
 }
 
-constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry};
+// Of none of the models above is the weight at the tip published; none is heavier.
+constexpr double kMostWeight = 10.0;  // [N]
+constexpr palpate_plugin_weight kWeight = {sizeof(palpate_plugin_weight), 0, carry, kMostWeight};
 
 const void* extensionOf(palpate_plugin_device* device, const char* name) {
   if (of(device).weighs && std::strcmp(name, PALPATE_PLUGIN_WEIGHT) == 0) return &kWeight;

@@ -22,7 +22,7 @@ static const double kPeak = 4.0;                /* [N] */
 static const double kContinuous = 1.5;          /* What the motors hold for ever [N], */
 static const double kHeating = 20.0;            /* and how fast they grow hot [s]. */
 static const int64_t kPeriod = 1000000;         /* Of a position [ns]. */
-static const int64_t kWatchdog = 100000000;     /* [ns] */
+static const int64_t kWatchdog = 50000000;     /* [ns] */
 static const int64_t kLongest = 200 * 1000000L; /* The most that is made up for [ns]. */
 
 /* The device comes first, so that a pointer to it is one to all of this. All but `stopped` belongs
@@ -225,7 +225,7 @@ static palpate_plugin_device* openArm(const char* serial, char* error, size_t ro
     memset(a, 0, sizeof *a);
     const palpate_plugin_device device = {sizeof device, 0,        NULL,    facts,    prepare,
                                           readArm,       writeArm, stopArm, closeArm, extensionOf};
-    const palpate_plugin_weight weight = {sizeof weight, 0, carry};
+    const palpate_plugin_weight weight = {sizeof weight, 0, carry, 2.0};
     const palpate_plugin_heat heat = {sizeof heat, 0, given};
     a->device = device;
     a->weight = weight;

@@ -190,7 +190,7 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
   if (!arm.facts) return named;
   try {
     named.info = infoFor(*arm.facts, named.name, true);
-    named.tested = isTested(identityOf(*arm.facts, of, plugin.version, arm.serial));
+    named.tested = isTested(identityOf(*arm.facts, arm.carries, of, plugin.version, arm.serial));
   } catch (const Error& error) {
     named.trouble = error.what();
   }
@@ -742,8 +742,10 @@ std::string pictureOf(const HandState& hand, const HandleInfo& info, const std::
   std::string text =
       fmt::format("tip at ({:.5f}, {:.5f}, {:.5f}) m in the hand's world, {:.3f} s ago\n", p.x(),
                   p.y(), p.z(), hand.age);
-  if (hand.measured) text += fmt::format("velocity {:.3f} m/s\n", hand.velocity.norm());
   const Handle& handle = hand.handle;
+  if (info.velocity) {
+    text += fmt::format("velocity {:.3f} m/s\n", Vec3(handle.velocity.data()).norm());
+  }
   if (info.orientation) {
     const auto& q = handle.orientation;
     text += fmt::format("held at w, x, y, z = {:.4f}, {:.4f}, {:.4f}, {:.4f}\n", q[0], q[1], q[2],

@@ -75,7 +75,7 @@ class PluginFuzz {
     [[nodiscard]] const palpate_plugin_facts& facts() const noexcept override { return told; }
     [[nodiscard]] std::string version() const override { return "1"; }
     [[nodiscard]] std::string serial() const override { return "F"; }
-    [[nodiscard]] bool carries() const noexcept override { return true; }
+    [[nodiscard]] double carries() const noexcept override { return 5.0; }
     [[nodiscard]] bool read(PluginNews& to) noexcept override {
       to = next;
       return true;

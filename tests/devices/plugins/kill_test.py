@@ -93,9 +93,12 @@ class Kill(unittest.TestCase):
             program.kill()
             program.communicate()
 
-    def blow(self, name):
-        """How long the arm had a force after a signal [s]."""
-        with self.pressed("good") as (arm, program, ours):
+    def blow(self, name, serial="good"):
+        """How long the arm had a force after a signal [s], beside the trouble that its plug-in has."""
+        with self.pressed(serial) as (arm, program, ours):
+            if serial != "good":
+                arm.trouble = 1
+                time.sleep(0.003)
             arm.trouble_at = time.clock_gettime_ns(time.CLOCK_BOOTTIME)
             os.kill(program.pid, getattr(signal, name))
             self.assertTrue(until(lambda: arm.zero_at != 0, 20), f"{name}: the force stays")
@@ -120,6 +123,11 @@ class Kill(unittest.TestCase):
                 best = min(self.tries(name))
                 print(f"{name:8} no force after {1e3 * best:6.2f} ms", flush=True)
                 self.assertLessEqual(best, LIMIT + SLICE)
+
+    def test_a_program_dies_while_its_plugin_hangs(self):
+        took = self.blow("SIGKILL", "stuck")
+        print(f"SIGKILL while write hangs: no force after {1e3 * took:6.2f} ms", flush=True)
+        self.assertLessEqual(took, LIMIT + SLICE)
 
     def tries(self, name):
         for _ in range(TRIES):

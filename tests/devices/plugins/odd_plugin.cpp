@@ -37,6 +37,13 @@ void begins(Odd& odd) {
   odd.arm->trouble_at.compare_exchange_strong(none, host->now());
 }
 
+/// Until the stack is used up.
+int deeper(int depth) {
+  volatile char some[4096];
+  some[0] = static_cast<char>(depth);
+  return depth == 0 ? 0 : deeper(depth + 1) + some[0];
+}
+
 [[noreturn]] void hang() {
   for (;;) usleep(100000);
 }
@@ -50,7 +57,7 @@ int facts(palpate_plugin_device* device, palpate_plugin_facts* out) {
   const Odd& odd = oddOf(device);
   out->has = PALPATE_PLUGIN_FORCE | PALPATE_PLUGIN_ORIENTATION | PALPATE_PLUGIN_GRIPPER;
   if (odd.kind == "held") out->has |= PALPATE_PLUGIN_DEADMAN;
-  if (odd.kind == "fast" || odd.kind == "swift") out->has |= PALPATE_PLUGIN_VELOCITY;
+  if (odd.kind == "fast") out->has |= PALPATE_PLUGIN_VELOCITY;
   out->force = odd.kind == "limitless" ? std::numeric_limits<double>::quiet_NaN() : 5.0;
   out->stiffness = 1000.0;
   out->damping = 5.0;
@@ -90,7 +97,8 @@ int read(palpate_plugin_device* device, palpate_plugin_reading* reading) {
   if (odd.is("crash")) crash();
   if (odd.is("abort")) std::abort();
   if (odd.is("exit")) _exit(0);
-  if (odd.is("hang")) hang();
+  if (odd.is("stack")) return deeper(1);
+  if (odd.is("hang") || odd.is("deadlock")) hang();
   if (odd.is("gone")) return PALPATE_PLUGIN_GONE;
   if (odd.is("nothing")) return PALPATE_PLUGIN_NOTHING;
   if (!odd.is("dead")) odd.taken = host->now();
@@ -138,6 +146,8 @@ int write(palpate_plugin_device* device, const palpate_plugin_force* force) {
 void stop(palpate_plugin_device* device) {
   Odd& odd = oddOf(device);
   ++odd.arm->stops;
+  // As one that waits for a lock that read holds.
+  if (odd.is("deadlock")) hang();
   odd.stopped = true;
   odd.arm->give(0.0, 0.0, 0.0, host->now());
   odd.arm->carried = 0.0;
@@ -157,7 +167,7 @@ double given(palpate_plugin_device* device) {
 }
 
 const void* deviceExtension(palpate_plugin_device* /*device*/, const char* name) {
-  static const palpate_plugin_weight weight{sizeof(weight), 0, carry};
+  static const palpate_plugin_weight weight{sizeof(weight), 0, carry, 5.0};
   static const palpate_plugin_heat heat{sizeof(heat), 0, given};
   if (std::strcmp(name, PALPATE_PLUGIN_WEIGHT) == 0) return &weight;
   if (std::strcmp(name, PALPATE_PLUGIN_HEAT) == 0) return &heat;
@@ -165,12 +175,20 @@ const void* deviceExtension(palpate_plugin_device* /*device*/, const char* name)
 }
 
 int find(palpate_plugin_found* found, int room) {
-  constexpr const char* kSerials[] = {"good", "mute"};
-  for (int i = 0; i < 2 && i < room; ++i) {
-    std::strcpy(found[i].serial, kSerials[i]);
-    std::strcpy(found[i].model, "an odd arm");
+  constexpr const char* kSerials[] = {
+      "good",      "mute",  "held",   "fast",   "limitless", "inside", "unhomed",   "slow",
+      "stillborn", "crash", "abort",  "exit",   "hang",      "gone",   "nothing",   "dead",
+      "jump",      "nan",   "vast",   "future", "hot",       "open",   "unpowered", "long",
+      "stuck",     "warm",  "refuse", "stack",  "deadlock"};
+  int count = 0;
+  for (const char* serial : kSerials) {
+    if (count < room) {
+      std::strcpy(found[count].serial, serial);
+      std::strcpy(found[count].model, "an odd arm");
+    }
+    ++count;
   }
-  return 2;
+  return count;
 }
 
 palpate_plugin_device* open(const char* serial, char* error, size_t room) {
