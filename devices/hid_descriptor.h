@@ -24,8 +24,8 @@ struct DescribedReport {
 
 /// What fields mean: each usage from the first to the last, its page in the upper 16 bits.
 struct DescribedUsages {
-  std::uint32_t first = 0;
-  std::uint32_t last = 0;
+  std::uint32_t first = 0;  ///< The lowest,
+  std::uint32_t last = 0;   ///< and the highest.
 };
 
 /// Fields side by side that one item of a descriptor tells of.

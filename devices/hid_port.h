@@ -46,8 +46,8 @@ class ReportPort {
   /// @param report  Its number (0: none) first, and room for the longest.
   /// @param size    Its bytes, the number among them.
   /// @return        False: refused, or gone, or nothing can be asked for here.
-  [[nodiscard]] virtual bool getFeature(std::span<std::byte> /*report*/,
-                                        std::size_t& /*size*/) noexcept {
+  [[nodiscard]] virtual bool getFeature([[maybe_unused]] std::span<std::byte> report,
+                                        [[maybe_unused]] std::size_t& size) noexcept {
     return false;
   }
   /// A descriptor of its own that takes what write() does, for a guardian; -1: there is none.

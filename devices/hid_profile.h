@@ -118,7 +118,7 @@ struct HidStep {
   std::vector<std::byte> bytes;                        ///< kFeature: the whole report.
 };
 
-inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};
+inline constexpr std::array<const char*, 3> kAxisNames{"x", "y", "z"};  ///< As profiles say.
 
 /// An axis of a device of USB's PID class, which says of itself neither metres nor newtons.
 struct PidAxisSpec {

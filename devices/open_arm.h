@@ -67,7 +67,7 @@ struct ChosenArm {
 /// An arm that is ready, and by what its test is remembered.
 struct OpenedArm {
   std::unique_ptr<Arm> device;  ///< Not null.
-  ArmIdentity identity;
+  ArmIdentity identity;         ///< Its test is remembered by it.
 };
 
 /// Finds an arm by its name, `hid...` (findArm), and opens it. Throws DeviceError, also where its

@@ -1,6 +1,6 @@
-/// What a device of USB's PID class (Physical Interface Devices 1.01, usage page 0x0F) has, by its
-/// own report descriptor: where it says where it is, and where a constant force is told to it.
-/// Pure: no device is needed.
+/// Private to devices: what a device of USB's PID class (Physical Interface Devices 1.01, usage
+/// page 0x0F) has, by its own report descriptor: where it says where it is, and where a constant
+/// force is told to it. Pure: no device is needed.
 #pragma once
 
 #include <array>

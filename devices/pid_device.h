@@ -1,4 +1,5 @@
-/// An arm that is a device of USB's PID class: a stick, a wheel, a yoke with force feedback.
+/// Private to devices: an arm that is a device of USB's PID class: a stick, a wheel, a yoke with
+/// force feedback.
 #pragma once
 
 #include <cstddef>

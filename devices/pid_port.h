@@ -1,5 +1,5 @@
-/// Between magnitudes of axes and a device of USB's PID class: its effects are made, fed, renewed
-/// and taken away, and what it says of its state is kept.
+/// Private to devices: between magnitudes of axes and a device of USB's PID class: its effects are
+/// made, fed, renewed and taken away, and what it says of its state is kept.
 #pragma once
 
 #include <array>

@@ -46,7 +46,7 @@ enum {
 
 /** What palpate gives a plug-in. */
 typedef struct palpate_plugin_host {
-  uint32_t size;
+  uint32_t size; /**< Of this struct, in bytes. */
   /** A line for the user, as what to press; those that come too fast are lost. [main] */
   void (*say)(const char* words);
   /** Not 0: the user has ended the program, so that nothing is waited for any more. [any] */
@@ -59,7 +59,7 @@ typedef struct palpate_plugin_host {
 
 /** An arm that is plugged in. */
 typedef struct palpate_plugin_found {
-  uint32_t size;
+  uint32_t size;   /**< Of this struct, in bytes. */
   char serial[64]; /**< What tells it from others of its kind; empty: nothing does. */
   char model[64];  /**< Words. */
 } palpate_plugin_found;
@@ -76,7 +76,7 @@ enum {
 
 /** What an arm is and may be asked for. Numbers of its maker, with their source. */
 typedef struct palpate_plugin_facts {
-  uint32_t size;
+  uint32_t size;           /**< Of this struct, in bytes. */
   uint32_t has;            /**< PALPATE_PLUGIN_FORCE and the like, or'ed. */
   double force;            /**< Largest force [N], > 0 where it has motors. */
   double slew;             /**< Largest growth of the force [N/s]; 0: 2000. */
@@ -109,7 +109,7 @@ enum {
 
 /** Where the hand is. */
 typedef struct palpate_plugin_reading {
-  uint32_t size;
+  uint32_t size;         /**< Of this struct, in bytes. */
   uint32_t state;        /**< PALPATE_PLUGIN_READY and the like, or'ed. */
   int64_t taken;         /**< When the position was measured, by host->now [ns]. One that is read
                               again keeps its time: an arm whose sensor has died is known by it. */
@@ -124,7 +124,7 @@ typedef struct palpate_plugin_reading {
 
 /** What the motors are to give. */
 typedef struct palpate_plugin_force {
-  uint32_t size;
+  uint32_t size;    /**< Of this struct, in bytes. */
   uint32_t zero;    /**< Zero. */
   double force[3];  /**< On the hand [N]: finite, at most facts.force, and grown no faster than
                          facts.slew. */
@@ -133,9 +133,9 @@ typedef struct palpate_plugin_force {
 
 /** An arm that is open. The plug-in makes it, and may have more behind these. */
 typedef struct palpate_plugin_device {
-  uint32_t size;
-  uint32_t zero;
-  void* data; /**< The plug-in's own. */
+  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t zero; /**< Zero. */
+  void* data;    /**< The plug-in's own. */
 
   /** What it is. After open, before all else. [main] */
   int (*facts)(struct palpate_plugin_device* device, palpate_plugin_facts* facts);
@@ -164,8 +164,8 @@ typedef struct palpate_plugin_device {
 
 /** Finds and opens arms of a kind. */
 typedef struct palpate_plugin_factory {
-  uint32_t size;
-  uint32_t zero;
+  uint32_t size; /**< Of this struct, in bytes. */
+  uint32_t zero; /**< Zero. */
   /** Fills in up to `room` of those that are plugged in; each `size` is set by the caller, and
    *  is the way from one to the next. Returns how many there are, negative where it cannot know.
    * [main] */
@@ -177,7 +177,7 @@ typedef struct palpate_plugin_factory {
 
 /** The plug-in. */
 typedef struct palpate_plugin_entry {
-  uint32_t size;
+  uint32_t size;       /**< Of this struct, in bytes. */
   uint32_t major;      /**< PALPATE_PLUGIN_MAJOR as it was compiled, */
   uint32_t minor;      /**< and PALPATE_PLUGIN_MINOR. */
   uint32_t zero;       /**< Zero. */
@@ -200,7 +200,7 @@ typedef struct palpate_plugin_entry {
 #define PALPATE_PLUGIN_WEIGHT "palpate.weight/1"
 /** @see PALPATE_PLUGIN_WEIGHT */
 typedef struct palpate_plugin_weight {
-  uint32_t size;
+  uint32_t size; /**< Of this struct, in bytes. */
   uint32_t zero; /**< Zero. */
   /** From the next write on `share` of its weight is carried, 0 to 1: it is told in steps that take
    *  half a second to come in, and 0 at once. [haptic] */
@@ -215,7 +215,7 @@ typedef struct palpate_plugin_weight {
 #define PALPATE_PLUGIN_HEAT "palpate.heat/1"
 /** @see PALPATE_PLUGIN_HEAT */
 typedef struct palpate_plugin_heat {
-  uint32_t size;
+  uint32_t size; /**< Of this struct, in bytes. */
   uint32_t zero; /**< Zero. */
   /** The share of the last force written that its motors have given, 0 to 1, direction kept: less
    *  than 1 where they would grow too hot. [haptic] */

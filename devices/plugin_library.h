@@ -1,4 +1,4 @@
-/// A plug-in's library, loaded: the host's side of devices/plugin.h.
+/// Private to devices: a plug-in's library, loaded: the host's side of devices/plugin.h.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-/// What palpate and palpate-plugin share: memory, and messages of the opening.
+/// Private to devices: what palpate and palpate-plugin share: memory, and messages of the opening.
 #pragma once
 
 #include <array>

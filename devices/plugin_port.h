@@ -12,14 +12,15 @@ namespace palpate {
 
 /// What is told to a plug-in's arm each tick.
 struct PluginOrder {
-  palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};
+  palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};  ///< As it is to be given.
   double carry = 0.0;        ///< The share of its weight that it carries.
   std::uint32_t number = 0;  ///< Counts orders.
-  std::uint32_t zero = 0;
+  std::uint32_t zero = 0;    ///< Zero.
 };
 
 /// What has come of a plug-in's arm. As it was said: nothing of it is checked.
 struct PluginNews {
+  /// The last that was new.
   palpate_plugin_reading reading{sizeof(palpate_plugin_reading), 0, 0, {}, {}, {}, 0.0, {}, 0, 0};
   std::int32_t read = PALPATE_PLUGIN_NOTHING;  ///< What the last read came to,
   std::int32_t wrote = PALPATE_PLUGIN_OK;      ///< and the last write.

@@ -23,19 +23,21 @@ struct PluginName {
 
 /// An arm that a plug-in has found.
 struct FoundPluginArm {
-  std::string serial;  ///< May be empty.
-  std::string model;
+  std::string serial;                         ///< May be empty.
+  std::string model;                          ///< Words.
   std::optional<palpate_plugin_facts> facts;  ///< Where it could be opened.
   double carries = 0.0;                       ///< PluginPort::carries.
   std::string trouble;                        ///< Why not, in a line.
 };
 /// A plug-in that is installed, and what it has found.
 struct FoundPlugin {
-  std::string name;  ///< As `plugin:NAME`.
-  std::filesystem::path file;
-  std::string what, version, licence;  ///< In its own words.
-  std::vector<FoundPluginArm> arms;
-  std::string trouble;  ///< Why it cannot be used, in a line; empty: it can.
+  std::string name;                  ///< As `plugin:NAME`.
+  std::filesystem::path file;        ///< What is loaded.
+  std::string what;                  ///< What it is for,
+  std::string version;               ///< which it is,
+  std::string licence;               ///< and by what licence, in its own words.
+  std::vector<FoundPluginArm> arms;  ///< Those that are plugged in.
+  std::string trouble;               ///< Why it cannot be used, in a line; empty: it can.
 };
 /// All that are installed, each asked in a process of its own, and given up after `patience` [s].
 /// An arm that a program has is not opened.

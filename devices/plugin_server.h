@@ -1,4 +1,5 @@
-/// A plug-in's process, without its processes: what turns between a PluginLink and an arm.
+/// Private to devices: a plug-in's process, without its processes: what turns between a PluginLink
+/// and an arm.
 #pragma once
 
 #include <atomic>

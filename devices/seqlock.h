@@ -1,4 +1,5 @@
-/// The newest value from one writer to readers in another process, which nobody trusts.
+/// Private to devices: the newest value from one writer to readers in another process, which nobody
+/// trusts.
 #pragma once
 
 #include <array>

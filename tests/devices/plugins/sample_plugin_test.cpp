@@ -124,9 +124,9 @@ TEST_CASE("the sample's watchdog takes the force off where none has come", "[plu
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
-  CHECK(host.facts().watchdog == Approx(0.1));
+  CHECK(host.facts().watchdog == Approx(0.05));
   goOn(host, 1000, 0.6, 0.0, 0.0);
-  for (int i = 0; i < 99; ++i) {
+  for (int i = 0; i < 49; ++i) {
     PluginHost::now() += kMs;
     REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   }
