@@ -26,11 +26,11 @@ struct Handle {
 /// What of a Handle an arm has. What it has not is as initialised for ever.
 struct HandleInfo {
   static constexpr std::size_t kMostButtons = 32;  ///< Bits of Handle::buttons.
-  std::vector<std::string> buttons;  ///< Names, at most kMostButtons.
-  bool orientation = false;          ///< It measures how it is held.
-  bool gripper = false;              ///< It has one, and measures it.
-  std::size_t joints = 0;            ///< It measures so many, at most kMostJoints.
-  bool velocity = false;             ///< It measures its velocity itself.
+  std::vector<std::string> buttons;                ///< Names, at most kMostButtons.
+  bool orientation = false;                        ///< It measures how it is held.
+  bool gripper = false;                            ///< It has one, and measures it.
+  std::size_t joints = 0;                          ///< It measures so many, at most kMostJoints.
+  bool velocity = false;                           ///< It measures its velocity itself.
 };
 
 }  // namespace palpate
