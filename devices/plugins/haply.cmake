@@ -31,7 +31,8 @@ target_link_libraries(palpate_plugin_haply
   PRIVATE palpate_haply_messages palpate_options Threads::Threads ${PALPATE_WEBSOCKETS_LIBRARY})
 set_target_properties(palpate_haply_messages palpate_plugin_haply PROPERTIES
   CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
-if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+# clang's tools, which read the commands of a build with stubs, do not know the option.
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU" AND NOT PALPATE_PLUGIN_STUBS)
   # Else what the standard library shares between libraries would be seen as well.
   target_compile_options(palpate_haply_messages PRIVATE -fno-gnu-unique)
   target_compile_options(palpate_plugin_haply PRIVATE -fno-gnu-unique)
