@@ -414,15 +414,15 @@ void HidDevice::lookAtHandle() noexcept {
                          input_.raw(of.buttons[i].field) == of.buttons[i].equals;
     handle.buttons |= static_cast<std::uint32_t>(pressed) << i;
   }
-  const auto angleOf = [&](const HidTurn& turn) {
+  const auto angle_of = [&](const HidTurn& turn) {
     if (turn.joint) return joints_[*turn.joint];
     const ReportField& field = profile_.input[turn.from.report].fields[turn.from.field];
     return (field.scale * input_.raw(turn.from) + field.offset) / turn.ratio + turn.home;
   };
-  if (of.gripper) handle.gripper = angleOf(*of.gripper);
+  if (of.gripper) handle.gripper = angle_of(*of.gripper);
   Eigen::Quaterniond turned(profile_.world_from_device);
   for (const HidTurn& turn : of.orientation) {
-    turned = turned * Eigen::AngleAxisd(angleOf(turn), turn.axis);
+    turned = turned * Eigen::AngleAxisd(angle_of(turn), turn.axis);
   }
   turned.normalize();
   if (!of.orientation.empty()) {

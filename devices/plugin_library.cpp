@@ -130,7 +130,7 @@ std::filesystem::path pluginFile(const std::string& name) {
     std::error_code error;
     if (!plain(name) || !std::filesystem::is_regular_file(file, error)) continue;
     // Where a link leads is what is loaded.
-    const std::filesystem::path real = std::filesystem::canonical(file, error);
+    std::filesystem::path real = std::filesystem::canonical(file, error);
     for (const auto& what : {real, real.parent_path()}) {
       struct stat facts {};
       const bool known = !error && stat(what.c_str(), &facts) == 0;

@@ -28,8 +28,6 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/realtime.h"
 
-extern char** environ;
-
 namespace palpate {
 namespace {
 
@@ -112,6 +110,7 @@ class Child {
     std::vector<std::string> all_words{kProgram};
     all_words.insert(all_words.end(), words.begin(), words.end());
     std::vector<char*> arguments;
+    arguments.reserve(all_words.size() + 1);
     for (std::string& word : all_words) arguments.push_back(word.data());
     arguments.push_back(nullptr);
     const int failed =
@@ -414,13 +413,19 @@ class ProcessPort final : public PluginPort {
       now_ = nullptr;
       while (using_) std::this_thread::sleep_for(std::chrono::microseconds(100));
       life_->child->end(hangs ? 0.0 : kEnds);
-      if (!quit_)
+      if (!quit_) {
         tell(hangs ? "its process hung: it is started again"
                    : "its process has ended: it is started again");
+      }
       // At once: the new one takes off what force the old one has left.
       while (!quit_ && !mend()) std::this_thread::sleep_for(std::chrono::milliseconds(kTriesAgain));
       beat_at = nowNs();
     }
+  }
+  /// Of all that an arm is taken for.
+  [[nodiscard]] static std::uint64_t printOf(const Life& life) {
+    const SentFacts& sent = life.facts;
+    return identityOf(sent.facts, sent.carries, "", life.version, "").fingerprint;
   }
   [[nodiscard]] bool mend() noexcept {
     try {
@@ -428,9 +433,7 @@ class ProcessPort final : public PluginPort {
       auto life =
           std::make_unique<Life>(program_, file_, serial_, host_.say, [this] { return over(); });
       // An arm that is another one now is none that has been let in.
-      const bool same = std::memcmp(&life->facts.facts, &facts_.facts, sizeof(facts_.facts)) == 0 &&
-                        life->facts.carries == facts_.carries && life->version == version_ &&
-                        life->own == own_;
+      const bool same = printOf(*life) == printOf(*life_) && life->own == own_;
       if (!same) tell("it is another arm now, or another plug-in: start the program again");
       if (!same || dup3(life->zero.get(), guard_.get(), O_CLOEXEC) < 0) return false;
       life_ = std::move(life);

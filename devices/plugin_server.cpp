@@ -327,7 +327,7 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   std::array<pollfd, 2> ends{{{kPluginControl, POLLIN, 0}, {kPluginZero, POLLIN, 0}}};
   constexpr int kLook = 2;  // [ms]
   // What a plug-in does not do in time is done by the end of its process.
-  const auto stopInTime = [&] {
+  const auto stop_in_time = [&] {
     endIn(kStopTime);
     server.stop();
     endIn(0);
@@ -337,7 +337,7 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     (void)poll(ends.data(), ends.size(), kLook);
     std::array<char, 64> any{};
     if ((ends[1].revents & POLLIN) != 0 && recv(kPluginZero, any.data(), any.size(), 0) > 0) {
-      stopInTime();
+      stop_in_time();
     }
     over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
     endIn(kStopTime);
@@ -345,7 +345,7 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     endIn(0);
     if (!lives) _exit(3);  // its haptic thread is in the plug-in and does not come back
   }
-  stopInTime();
+  stop_in_time();
   server.end();
   wakeWord(link.orders);
   constexpr int kPatience = 200;  // [ms]

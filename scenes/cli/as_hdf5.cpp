@@ -180,6 +180,7 @@ class Hdf5File {
                            Word{"<i8", H5T_NATIVE_INT64, H5T_STD_I64LE, 8},
                            Word{"<u8", H5T_NATIVE_UINT64, H5T_STD_U64LE, 8},
                            Word{"<i4", H5T_NATIVE_INT32, H5T_STD_I32LE, 4},
+                           Word{"<u4", H5T_NATIVE_UINT32, H5T_STD_U32LE, 4},
                            Word{"u1", H5T_NATIVE_UINT8, H5T_STD_U8LE, 1}};
     const auto word_of = [&](const RecordedField& field) {
       const auto* const found = std::find_if(

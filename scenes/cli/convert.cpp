@@ -43,6 +43,7 @@ std::string valueOf(const RecordedTick& tick, const RecordedField& field, std::s
   if (type == "<i8") return std::to_string(at<std::int64_t>(tick, field.offset + 8 * i));
   if (type == "<u8") return std::to_string(at<std::uint64_t>(tick, field.offset + 8 * i));
   if (type == "<i4") return std::to_string(at<std::int32_t>(tick, field.offset + 4 * i));
+  if (type == "<u4") return std::to_string(at<std::uint32_t>(tick, field.offset + 4 * i));
   return std::to_string(at<std::uint8_t>(tick, field.offset + i));
 }
 

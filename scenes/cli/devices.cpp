@@ -199,7 +199,7 @@ NamedPluginArm namedOf(const FoundPlugin& plugin, const FoundPluginArm& arm) {
 
 OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
   OrderedJson all = OrderedJson::array();
-  const auto orNull = [](const std::string& text) {
+  const auto or_null = [](const std::string& text) {
     return text.empty() ? OrderedJson() : OrderedJson(text);
   };
   for (const FoundPlugin& plugin : plugins) {
@@ -209,7 +209,7 @@ OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
     json["description"] = plugin.what;
     json["version"] = plugin.version;
     json["licence"] = plugin.licence;
-    json["trouble"] = orNull(plugin.trouble);
+    json["trouble"] = or_null(plugin.trouble);
     json["arms"] = OrderedJson::array();
     for (const FoundPluginArm& arm : plugin.arms) {
       const NamedPluginArm named = namedOf(plugin, arm);
@@ -217,7 +217,7 @@ OrderedJson inJson(const std::vector<FoundPlugin>& plugins) {
       one["device"] = named.name;
       one["model"] = arm.model;
       one["tested"] = named.tested;
-      one["trouble"] = orNull(named.trouble);
+      one["trouble"] = or_null(named.trouble);
       if (named.info) {
         const DeviceInfo& info = *named.info;
         one["limits"] = {{"force", info.limits.peak},

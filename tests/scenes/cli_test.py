@@ -131,7 +131,7 @@ class Help(Case):
         self.assertEqual(self.bash("scene", "a.vdb", "--for", "c"), {"cfd", "ct"})
         self.assertEqual(self.bash("help", "fe"), {"feel"})
         self.assertEqual(self.bash("feel", "a.json", "--device", ""),
-                         {"simulated", "simulated:", "path:", "replay:", "hid", "hid:"})
+                         {"simulated", "simulated:", "path:", "replay:", "hid", "hid:", "plugin:"})
         self.assertEqual(self.bash("view", "a.json", "--device", "m"), {"mouse"})
         self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "path", ":"))
         self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "replay", ":"))
@@ -152,7 +152,7 @@ class Help(Case):
             self.assertEqual(set(re.findall(r"'\*?(-[-a-z]+)\[", case)), options(verb), verb)
         self.assertIn("'--as[What the volumes", text)
         self.assertIn(":TEXT:(vector tensor)'", text)
-        self.assertIn(":D:(simulated simulated\\: path\\: replay\\: hid hid\\:)'", text)
+        self.assertIn(":D:(simulated simulated\\: path\\: replay\\: hid hid\\: plugin\\:)'", text)
         self.assertIn("'--json[Report as JSON]'", text)
         self.assertIn("':SCENE:_files'", text)
 
@@ -1369,7 +1369,7 @@ class Devices(Case):
         with tempfile.TemporaryDirectory() as folder:
             arms = Path(folder) / "palpate/arms"
             arms.mkdir(parents=True)
-            (arms / "mine.json").write_text('{"palpate_arm": 1, "name": "mine"}')
+            (arms / "mine.json").write_text('{"palpate_arm": 1, "name": "mine", "input": []}')
             result = subprocess.run([PALPATE, "devices"], capture_output=True, text=True,
                                     env={**os.environ, "XDG_CONFIG_HOME": folder}, timeout=60)
             self.assertEqual(result.returncode, 0)
