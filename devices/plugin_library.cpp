@@ -226,20 +226,16 @@ std::vector<palpate_plugin_found> PluginLibrary::find() const {
 
 std::string PluginLibrary::only(const std::string& serial) const {
   const std::vector<palpate_plugin_found> found = find();
-  if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
   std::string which;
-  bool nameless = false;
   for (const palpate_plugin_found& one : found) {
     if (!serial.empty() && serial == one.serial) return serial;
-    nameless = nameless || one.serial[0] == '\0';
     which += (which.empty() ? "" : ", ") + name_ + "@" + one.serial;
   }
-  if (serial.empty() && found.size() == 1) return found[0].serial;
-  // What its plug-in calls one of several without numbers is its own business.
-  if (!serial.empty() && nameless) return {};
-  if (serial.empty()) throw DeviceError(name_, "that may be several", "name one of " + which);
-  throw DeviceError(name_ + "@" + serial, "no arm of that number is plugged in",
-                    "there is " + which);
+  // What its plug-in calls an arm by otherwise is no number of the arm's.
+  if (!serial.empty()) return {};
+  if (found.empty()) throw DeviceError(name_, "it finds no arm", "plug it in, and switch it on");
+  if (found.size() > 1) throw DeviceError(name_, "that may be several", "name one of " + which);
+  return found[0].serial;
 }
 
 PluginDevice PluginLibrary::open(const std::string& serial) const {

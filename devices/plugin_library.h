@@ -46,7 +46,8 @@ class PluginLibrary {
   [[nodiscard]] std::vector<palpate_plugin_found> find() const;
   static constexpr std::size_t kMostFound = 32;
   /// The serial number of the one arm that is there, or of the one that `serial` names; empty where
-  /// that has none. Throws DeviceError: there is none, or several, which ones.
+  /// it has none that find() tells. Throws DeviceError where none is named: there is none, or
+  /// several, which ones.
   [[nodiscard]] std::string only(const std::string& serial) const;
   /// Opens one. Throws DeviceError, in the plug-in's words.
   [[nodiscard]] PluginDevice open(const std::string& serial) const;

@@ -102,8 +102,7 @@ TEST_CASE("what is no plug-in of this version is refused in a line", "[plugin]")
   CHECK(library.what() == "arms with troubles");
   CHECK(library.find().size() > 20);
   CHECK(library.only("good") == "good");
-  CHECK(refusal([&] { (void)library.only("made up"); }).find("no arm of that number") !=
-        std::string::npos);
+  CHECK(library.only("made up").empty());
   CHECK(refusal([] { PluginLibrary again(kOdd, {}); }).find("another hand of this program") !=
         std::string::npos);
   CHECK(refusal([&] { (void)library.only(""); }).find("plugin:odd@good, plugin:odd@mute") !=
