@@ -3,6 +3,7 @@
 force within 20 ms, and its plug-in's process ends with the program. Prints the table."""
 import contextlib
 import ctypes
+import json
 import mmap
 import os
 import signal
@@ -126,6 +127,25 @@ class Kill(unittest.TestCase):
             os.kill(program.pid, signal.SIGTERM)
             self.assertIn(b"its motors give less than half", program.communicate(timeout=20)[1])
 
+    def test_devices_lists_them_but_does_not_open_what_is_felt(self):
+        with self.felt("good") as (arm, _, _):
+            opens = arm.opens
+            listed = subprocess.run([PALPATE, "devices", "--json"], capture_output=True, check=True,
+                                    env=dict(os.environ, PALPATE_PLUGINS=PLUGINS,
+                                             PALPATE_ODD_ARM=str(self.folder / "arm"),
+                                             HOME=str(self.folder)))
+            plugins = {plugin["name"]: plugin for plugin in json.loads(listed.stdout)["plugins"]}
+            self.assertIn("of version 2.0", plugins["other"]["trouble"])
+            self.assertIn("no symbol palpate_plugin", plugins["none"]["trouble"])
+            self.assertIsNone(plugins["odd"]["trouble"])
+            arms = {one["device"]: one for one in plugins["odd"]["arms"]}
+            self.assertIn("another program has it", arms["plugin:odd@good"]["trouble"])
+            self.assertIn("force is nan", arms["plugin:odd@limitless"]["trouble"])
+            self.assertEqual(arms["plugin:odd@held"]["limits"]["force"], 5)
+            self.assertEqual(arms["plugin:odd@held"]["buttons"], ["trigger", "button 2"])
+            # All others were, by each its own serial number.
+            self.assertEqual(arm.opens - opens, len(arms) - 1)
+
     def test_table(self):
         for name in SIGNALS:
             with self.subTest(name):
@@ -147,4 +167,4 @@ class Kill(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:])

@@ -11,12 +11,14 @@
 #include <string>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 #include <vector>
 
 #include <catch2/catch.hpp>
 
 #include "palpate/devices/plugin_library.h"
 #include "palpate/devices/plugin_process.h"
+#include "palpate/devices/plugin_server.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_thread.h"
 #include "tests/devices/plugins/odd_arm.h"
@@ -64,9 +66,14 @@ std::string refusal(const std::function<void()>& act) {
   }
 }
 
-std::unique_ptr<PluginArm> openOdd(const std::string& serial, const ArmHost& host = {}) {
-  return std::make_unique<PluginArm>(openPluginProcess(kOdd, serial, host, kProgram), "plugin:odd",
-                                     true, host);
+/// An arm of this test's own.
+std::string oddly(const std::string& kind) {
+  return kind + "#" + std::to_string(getpid());
+}
+
+std::unique_ptr<PluginArm> openOdd(const std::string& kind, const ArmHost& host = {}) {
+  return std::make_unique<PluginArm>(openPluginProcess(kOdd, oddly(kind), host, kProgram),
+                                     "plugin:odd", true, host);
 }
 
 /// True as soon as it is; false where it is not within so long [s].
@@ -208,6 +215,81 @@ TEST_CASE("a guardian's zero takes a plug-in's force off", "[plugin]") {
   CHECK(bench->norm() == 0.0);
   over = true;
   haptic.join();
+}
+
+TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
+  // An arm whose stop comes while carry is at work, as from another thread.
+  static struct {
+    double force, share, next;
+    bool stopped, trips;
+    PluginServer* server;
+  } arm;
+  arm = {};
+  palpate_plugin_device device{};
+  device.size = sizeof(device);
+  device.write = [](palpate_plugin_device*, const palpate_plugin_force* force) {
+    const bool zero = force->force[0] == 0.0;
+    if (zero) arm.stopped = false;
+    if (arm.stopped) return static_cast<int>(PALPATE_PLUGIN_OK);
+    arm.force = force->force[0];
+    arm.share = arm.next;
+    return static_cast<int>(PALPATE_PLUGIN_OK);
+  };
+  device.read = [](palpate_plugin_device*, palpate_plugin_reading*) {
+    return static_cast<int>(PALPATE_PLUGIN_NOTHING);
+  };
+  device.stop = [](palpate_plugin_device*) {
+    arm.stopped = true;
+    arm.force = arm.share = 0.0;
+  };
+  device.close = [](palpate_plugin_device*) {};
+  device.extension = [](palpate_plugin_device*, const char* name) -> const void* {
+    static const palpate_plugin_weight weight{sizeof(weight), 0,
+                                              [](palpate_plugin_device*, double share) {
+                                                arm.next = share;
+                                                if (std::exchange(arm.trips, false))
+                                                  arm.server->stop();
+                                              },
+                                              5.0};
+    return std::string(name) == PALPATE_PLUGIN_WEIGHT ? &weight : nullptr;
+  };
+  const auto link = std::make_unique<PluginLink>();
+  const PluginDevice opened(&device, "plugin:test");
+  PluginServer server(*link, opened, 1e-3);
+  arm.server = &server;
+  const auto give = [&](double force, double carry, std::uint32_t number) {
+    PluginOrder order;
+    order.force.force[0] = force;
+    order.carry = carry;
+    order.number = number;
+    link->order.store(order);
+    ++link->orders;
+    wakeWord(link->orders);
+    return within(kLong, [&] {
+      PluginNews news;
+      return link->news.load(news) && news.written == number;
+    });
+  };
+  std::thread haptic([&] { server.loop(); });
+  // Weight alone, then a force with it: either is off after a stop amid the order.
+  for (const double force : {0.0, 0.5}) {
+    REQUIRE(give(0.0, 0.0, 1));
+    arm.trips = true;
+    REQUIRE(give(force, 0.5, 2));
+    CHECK(arm.force == 0.0);
+    CHECK(arm.share == 0.0);
+    // And until nothing has been asked for.
+    REQUIRE(give(0.5, 0.5, 3));
+    CHECK(arm.force == 0.0);
+    CHECK(arm.share == 0.0);
+  }
+  REQUIRE(give(0.0, 0.0, 4));
+  REQUIRE(give(0.5, 0.5, 5));
+  CHECK(arm.share == 0.5);
+  server.end();
+  wakeWord(link->orders);
+  haptic.join();
+  CHECK(arm.force == 0.0);
 }
 
 TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugin]") {
