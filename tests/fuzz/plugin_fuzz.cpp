@@ -1,4 +1,7 @@
 /// libFuzzer's way to tests/fuzz/plugin_entry.h: a message, facts, and news tick after tick.
+///   cmake -S . -B build/fuzz -G Ninja -DCMAKE_CXX_COMPILER=clang++ -DPALPATE_FUZZ=ON
+///     -DPALPATE_SANITIZE=address,undefined
+///   ninja -C build/fuzz palpate_fuzz_plugin && build/fuzz/tests/palpate_fuzz_plugin -max_len=30000
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
