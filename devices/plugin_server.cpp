@@ -106,18 +106,18 @@ void PluginServer::loop() noexcept {
   done_ = true;
 }
 
-bool PluginServer::look(std::int64_t now) noexcept {
+PluginServer::Look PluginServer::look(std::int64_t now) noexcept {
   const std::uint64_t beat = link_.heart.load(std::memory_order_relaxed);
   if (beat != beat_ || beat_at_ == 0) {
     beat_ = beat;
     beat_at_ = now;
     hung_ = false;
   }
-  if (!hung_ && now - beat_at_ > nsOf(kSilent) + 2 * period_) {
-    hung_ = true;
-    stop();
-  }
-  return now - beat_at_ <= nsOf(kHung) + 2 * period_;
+  const std::int64_t still = now - beat_at_ - 2 * period_;
+  if (still > nsOf(kHung)) return Look::kEnd;
+  if (hung_ || still <= nsOf(kSilent)) return Look::kTurns;
+  hung_ = true;
+  return Look::kStop;
 }
 
 namespace {
@@ -332,6 +332,11 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     server.stop();
     endIn(0);
   };
+  // Above the haptic thread, which keeps its core when it hangs.
+  RealtimeRequest above;
+  above.priority = kMostPriority;
+  above.lock_memory = false;
+  (void)becomeRealtime(above, StayAwake(false));
   bool over = false;
   while (!over) {
     (void)poll(ends.data(), ends.size(), kLook);
@@ -340,10 +345,10 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
       stop_in_time();
     }
     over = ((ends[0].revents | ends[1].revents) & (POLLHUP | POLLERR)) != 0;
-    endIn(kStopTime);
-    const bool lives = server.look(nowNs());
-    endIn(0);
-    if (!lives) _exit(3);  // its haptic thread is in the plug-in and does not come back
+    const PluginServer::Look look = server.look(nowNs());
+    if (look == PluginServer::Look::kStop) stop_in_time();
+    // Its haptic thread is in the plug-in and does not come back.
+    if (look == PluginServer::Look::kEnd) _exit(3);
   }
   stop_in_time();
   server.end();

@@ -30,10 +30,14 @@ class PluginServer {
   [[nodiscard]] bool done() const noexcept { return done_; }
   /// Ends loop(). Any thread.
   void end() noexcept { ended_ = true; }
-  /// Looks after loop(), every millisecond or so, on another thread: where it has stood still in
-  /// the plug-in for kSilent, the arm is stopped. False: it stands so for kHung, and this process
-  /// is to end.
-  [[nodiscard]] bool look(std::int64_t now) noexcept;
+  /// What is to be done about loop().
+  enum class Look : std::uint8_t {
+    kTurns,  ///< Nothing.
+    kStop,   ///< stop(): it has stood still in the plug-in for kSilent. Said once.
+    kEnd,    ///< For kHung: this process is to end.
+  };
+  /// Looks after loop(), every millisecond or so, on another thread.
+  [[nodiscard]] Look look(std::int64_t now) noexcept;
   static constexpr double kHung = 0.2;  ///< [s]
   /// Zero force, and none until the program has asked for zero. Any thread.
   void stop() noexcept;
