@@ -214,7 +214,7 @@ class Recorded(Case):
         with h5py.File(out) as file:
             ticks = file["ticks"]
             self.assertEqual(ticks.dtype.names, tuple(n for n in rows.dtype.names if n != "zero"))
-            self.assertEqual(ticks.dtype.itemsize, rows.dtype.itemsize - 3)
+            self.assertEqual(ticks.dtype.itemsize, rows.dtype.itemsize - rows.dtype["zero"].itemsize)
             self.assertEqual((len(rows), ticks.shape), (2500, (2500,)))
             for name in ticks.dtype.names:
                 self.assertEqual(ticks.dtype[name], rows.dtype[name], name)
