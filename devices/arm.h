@@ -37,6 +37,7 @@ struct ArmHost {
   MeasuredArm measured = {};
   TankUse tank = TankUse::kObserve;  ///< Off where too little is known of its friction.
   double refill = 0.0;               ///< TankParams::refill [W].
+  bool tests = false;    ///< The arm is to be tested: what it gives is what it is asked for.
   double carries = 1.0;  ///< The most of its weight that an arm carries that has not passed its
                          ///< test, at the tip [N]; others as their motors can.
   /// What reports and writes grow old by [ns]; called in ticks. The machine's clock, or a test's.

@@ -194,7 +194,7 @@ PidMap readPidMap(const HidDescriptor& device, const std::string& name) {
   return map;
 }
 
-HidProfile describedBy(const PidMap& map, HidProfile profile, double gain) {
+HidProfile describedBy(const PidMap& map, HidProfile profile) {
   profile.input.clear();
   profile.joints.clear();
   profile.output.emplace();
@@ -227,7 +227,7 @@ HidProfile describedBy(const PidMap& map, HidProfile profile, double gain) {
     out.name = name;
     out.bit = static_cast<std::uint32_t>(32 * i);
     out.bits = 32;
-    out.scale = full / (axis.force * gain);
+    out.scale = full / axis.force;
     out.least = -full;
     out.most = full;
     out.bounded = true;

@@ -105,8 +105,6 @@ struct PidMap {
 /// A profile of such a device (HidProfile::pid) with the fields of one that is there: positions as
 /// it sends them, in counts, and for each axis 32 bits of magnitude, in counts, which PidPort makes
 /// reports of. Throws DeviceError: an axis that it does not have.
-///
-/// @param gain  Share of its full force that the device gives at its full magnitude, > 0.
-[[nodiscard]] HidProfile describedBy(const PidMap& map, HidProfile profile, double gain = 1.0);
+[[nodiscard]] HidProfile describedBy(const PidMap& map, HidProfile profile);
 
 }  // namespace palpate

@@ -38,9 +38,11 @@ PidDevice::PidDevice(const HidProfile& profile, std::span<const std::byte> descr
   params.name = "arm " + profile.name;
   for (const PidAxisSpec& axis : profile.pid) params.axes.push_back(axis.axis);
   const bool has_gain = map_.gain && map_.gain->find(pid::kDeviceGain) != nullptr;
-  params.gain = tested || !has_gain ? 1.0 : kUntestedGain;
+  // Firmware that takes no notice of a gain gives what its magnitudes say: they are as at full
+  // gain.
+  params.gain = tested || host.tests || !has_gain ? 1.0 : kUntestedGain;
   params.now = host.now;
-  HidProfile described = describedBy(map_, profile, params.gain);
+  HidProfile described = describedBy(map_, profile);
   auto driven = std::make_unique<PidPort>(map_, params, std::move(port), state_);
   PidPort* const opened = driven.get();
 
@@ -65,7 +67,7 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   info_ = arm_->info();
   traits_ = arm_->traits();
   for (const PidAxisSpec& axis : profile.pid) {
-    info_.limits.peak = std::min(info_.limits.peak, gain * std::abs(axis.force));
+    info_.limits.peak = std::min(info_.limits.peak, std::abs(axis.force));
   }
   // A position is up to a period old, and the last axis' report is through when all are.
   const double period = 1.0 / info_.output_rate;
@@ -74,14 +76,16 @@ void PidDevice::describe(double duration, const MeasuredArm& measured, double ga
   ArmParams known;
   known.viscous = measured.viscous > 0.0 ? measured.viscous : kLikelyViscous;
   known.delay = delay;
-  const double most = passiveStiffness(known, info_.output_rate);
+  // A coupling's damping takes of the same friction.
+  info_.max_damping = std::min(info_.max_damping, 0.5 * known.viscous);
+  const double most = passiveStiffness(known, info_.output_rate, info_.max_damping);
   info_.max_stiffness = std::min(info_.max_stiffness, most);
   traits_.stiffness = std::min(traits_.stiffness, most);
   info_.source +=
       "; at most " + text(most) + " N/m, by " + text(info_.output_rate) + " forces a second, " +
       text(1e3 * delay) + " ms late, and friction of " + text(known.viscous) + " N s/m" +
       (measured.viscous > 0.0 ? ", as measured" : ", which is a guess") + " (docs/stability.md)";
-  if (gain < 1.0) info_.source += "; untested: it is told to give a tenth of its full force";
+  if (gain < 1.0) info_.source += "; untested: it is told to give a tenth of what it is asked for";
   info_.source += duration > 0.0
                       ? "; left alone, its force ends after " + text(duration) + " s at most"
                       : "; left alone, its force does not end: it knows no durations";

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <initializer_list>
+#include <limits>
 #include <thread>
 #include <utility>
 
@@ -67,7 +68,8 @@ double secondsACount(const PidField& field) {
 /// say is not one: it means for ever.
 double durationIn(const PidField& field) {
   const double wanted = std::ceil(PidPort::kDuration / secondsACount(field) - 1e-9);
-  return std::clamp(wanted, std::max(1.0, field.at.least), std::max(1.0, field.at.most - 1.0));
+  const double least = std::max(1.0, field.at.least);
+  return std::clamp(wanted, least, std::max(least, field.at.most - 1.0));
 }
 
 }  // namespace
@@ -117,6 +119,16 @@ bool PidPort::control(std::uint32_t usage) noexcept {
   return send(*map_.control, bytes);
 }
 
+bool PidPort::sendGain() noexcept {
+  const PidField* gain = map_.gain ? map_.gain->find(pid::kDeviceGain) : nullptr;
+  if (gain == nullptr) return true;
+  Bytes bytes = empty(*map_.gain);
+  const double least = std::max(0.0, gain->at.least);
+  put(*map_.gain, bytes, pid::kDeviceGain,
+      std::floor(least + params_.gain * (gain->at.most - least)));
+  return send(*map_.gain, bytes);
+}
+
 void PidPort::open() {
   if (map_.pool) {
     Bytes bytes = empty(*map_.pool);
@@ -137,21 +149,27 @@ void PidPort::open() {
   std::this_thread::sleep_for(std::chrono::nanoseconds(params_.settle));
   require(control(pid::kEnable), "to have its actuators enabled");
   enabled_ = params_.now();
-  if (const PidField* gain = map_.gain ? map_.gain->find(pid::kDeviceGain) : nullptr) {
-    Bytes bytes = empty(*map_.gain);
-    const double least = std::max(0.0, gain->at.least);
-    put(*map_.gain, bytes, pid::kDeviceGain,
-        std::floor(least + params_.gain * (gain->at.most - least)));
-    require(send(*map_.gain, bytes), "a gain");
-  }
+  require(sendGain(), "a gain");
   effects_.reserve(params_.axes.size());
   for (const int axis : params_.axes) {
     Effect& effect = effects_.emplace_back();
-    effect.index = map_.create && map_.load ? makeEffect() : static_cast<int>(effects_.size());
+    const auto next = static_cast<int>(effects_.size());
+    const bool makes = map_.create && map_.load;
+    if (!makes && !goodIndex(next)) {
+      throw DeviceError(params_.name, "its reports have no number for an axis' effect",
+                        "leave axes out of its profile");
+    }
+    effect.index = makes ? makeEffect() : next;
     prepare(effect, axis);
     if (map_.effect) require(send(*map_.effect, effect.set), "an effect");
     require(sendMagnitude(effect, 0.0), "a magnitude");
     require(send(map_.operation, effect.start), "to start an effect");
+  }
+  if (!(duration_ > 0.0) && stoppingReport(map_).empty()) {
+    throw DeviceError(
+        params_.name,
+        "its forces last for ever, and no one report takes them off when the program dies",
+        "use one that knows durations, or a control that stops its effects");
   }
   started_ = params_.now();
   measure();
@@ -162,6 +180,17 @@ int PidPort::makeEffect() {
   choose(*map_.create, create, pid::kConstant);
   require(send(*map_.create, create), "to make an effect");
   return loadedIndex();
+}
+
+bool PidPort::goodIndex(double index) const noexcept {
+  for (const PidReport* report : {&map_.constant, &map_.operation}) {
+    const PidField* field = report->find(pid::kIndex);
+    if (field == nullptr) continue;
+    if (!(index >= std::max(1.0, field->at.least) && index <= field->at.most)) return false;
+  }
+  return index >= 1.0 && index <= 255.0 &&
+         std::none_of(effects_.begin(), effects_.end(),
+                      [&](const Effect& effect) { return effect.index == index; });
 }
 
 int PidPort::loadedIndex() {
@@ -191,8 +220,12 @@ int PidPort::loadedIndex() {
       // Where it says nothing of success the index has to do.
       const bool loaded = map_.load->choice(pid::kLoaded) == nullptr || says(pid::kLoaded);
       const auto at = index != nullptr ? told(body, index->at) : std::nullopt;
-      if (loaded && at && *at >= 1.0) return static_cast<int>(*at);
-      if (loaded && at) why = "it has given the effect the index 0";
+      if (loaded && at && goodIndex(*at)) return static_cast<int>(*at);
+      // An answer that is still of the effect before is none yet.
+      if (loaded && at) {
+        why = "it has given the effect the index " + std::to_string(std::llround(*at)) +
+              (*at >= 1.0 ? ", which another has, or which it cannot be told" : "");
+      }
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(params_.settle > 0 ? 1 : 0));
   }
@@ -260,7 +293,8 @@ void PidPort::measure() {
 }
 
 void PidPort::undo() noexcept {
-  // Of one that is gone nothing is left to do: what it refuses is left.
+  // Of one that is gone nothing is left to do: what it refuses is left. What takes all off first.
+  (void)control(pid::kStopAll);
   for (Effect& effect : effects_) {
     if (effect.stop.empty()) continue;
     (void)sendMagnitude(effect, 0.0);
@@ -268,21 +302,23 @@ void PidPort::undo() noexcept {
     if (map_.free) (void)send(*map_.free, effect.free);
   }
   effects_.clear();
-  (void)control(pid::kStopAll);
   (void)control(pid::kDisable);
 }
 
 bool PidPort::sendMagnitude(Effect& effect, double raw) noexcept {
   putRaw(bodyOf(effect.magnitude), map_.constant.find(pid::kMagnitude)->at, raw);
-  effect.sent = raw;
-  return send(map_.constant, effect.magnitude);
+  const bool good = send(map_.constant, effect.magnitude);
+  // What it has not taken is nothing that it has.
+  effect.sent = good ? raw : std::numeric_limits<double>::quiet_NaN();
+  return good;
 }
 
 bool PidPort::renew(bool enable) noexcept {
   bool good = true;
   if (enable) {
     enabled_ = params_.now();
-    good = control(pid::kEnable);
+    // Some go back to full gain with it.
+    good = control(pid::kEnable) && sendGain();
     for (const Effect& effect : effects_) {
       good = good && (!map_.effect || send(*map_.effect, effect.set));
     }
@@ -313,8 +349,8 @@ bool PidPort::write(std::span<const std::byte> report) noexcept {
   // What is taken off goes before anything else.
   bool good = true;
   for (std::size_t i = 0; i < effects_.size(); ++i) {
-    const bool less = std::abs(raw[i]) < std::abs(effects_[i].sent);
-    if (less) good = good && sendMagnitude(effects_[i], raw[i]);
+    const bool less = !(std::abs(raw[i]) >= std::abs(effects_[i].sent));
+    if (less) good = sendMagnitude(effects_[i], raw[i]) && good;
   }
   if (off || due) good = good && renew(off);
   for (std::size_t i = 0; i < effects_.size(); ++i) {
@@ -344,8 +380,9 @@ void PidPort::keepState(std::span<const std::byte> report) noexcept {
     if (!*input || !has(**input)) continue;
     now = rawOf(body, (*input)->at) != 0.0 ? now | bit : now & ~bit;
   }
-  state_.ever = state_.ever | now;
+  // In this order: a bit that comes first has not fallen.
   state_.now = now;
+  state_.ever = state_.ever | now;
   std::uint32_t buttons = state_.buttons;
   for (std::size_t i = 0; i < map_.buttons.size(); ++i) {
     if (!has(map_.buttons[i])) continue;

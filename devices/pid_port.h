@@ -81,11 +81,14 @@ class PidPort final : public ReportPort {
   struct Effect {
     int index = 0;  ///< Of its block, as the device counts; 0: none.
     Bytes set, magnitude, start, stop, free;
-    double sent = 0.0;
+    double sent = 0.0;  ///< The magnitude that it has; not a number where that is not known.
   };
 
   void open();
   void undo() noexcept;
+  [[nodiscard]] bool sendGain() noexcept;
+  /// No other effect has it, and it can be told.
+  [[nodiscard]] bool goodIndex(double index) const noexcept;
   [[nodiscard]] int makeEffect();
   [[nodiscard]] int loadedIndex();
   void prepare(Effect& effect, int axis);

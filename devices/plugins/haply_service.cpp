@@ -10,6 +10,7 @@ namespace palpate::haply {
 namespace {
 
 constexpr std::int64_t kLeaving = 1'000'000'000;  ///< The longest that a release waits [ns].
+constexpr long kMostUnanswered = 3;               // messages
 constexpr std::int64_t kIdle = 10'000'000;        ///< The longest sleep without a connection [ns].
 
 std::int64_t machineNow() {
@@ -178,6 +179,7 @@ void Service::received(const char* bytes, std::size_t size, bool is_text, bool l
   answered_ = true;
   // The first one of a connection may come unasked.
   got_ = std::min(got_ + 1, asked_);
+  answered_at_ = machineNow();
   if (!too_long_) message(partial_);
   partial_.clear();
   too_long_ = false;
@@ -243,7 +245,10 @@ void Service::attend(std::int64_t machine) {
   }
   const bool known = generation_ == Generation::k31 || generation_ == Generation::k35;
   const std::int64_t pause = !served || !known ? kAskForArms : answered_ ? kPeriod : kAskAgain;
-  if (machine - sent_ >= pause) lws_callback_on_writable(wsi_);
+  // What waits in the service is told before a zero is: no more than so many.
+  const bool full = asked_ - got_ >= kMostUnanswered;
+  if (full && machine - std::max(sent_, answered_at_) >= kSilence) got_ = asked_;  // lost
+  if (!full && machine - sent_ >= pause) lws_callback_on_writable(wsi_);
 }
 
 int Service::writable(lws* to) {
@@ -282,7 +287,6 @@ int Service::writable(lws* to) {
     served[i]->obeyed = stops[i];
     if (leaving[i] && !served[i]->told_zero) {
       served[i]->told_zero = true;
-      served[i]->told_at = sent_;
       served[i]->told_in = asked_;
     }
   }
@@ -294,8 +298,9 @@ void Service::letGo(std::int64_t machine) {
     Line* line = one.load();
     if (line == nullptr || !line->leaves) continue;
     // A socket that is closed with an answer unread may take the zero force with it.
+    if (line->leaves_at == 0) line->leaves_at = machine;
     const bool told =
-        line->told_zero && (got_ >= line->told_in || machine - line->told_at > kLeaving);
+        (line->told_zero && got_ >= line->told_in) || machine - line->leaves_at > kLeaving;
     if (up_ && !told) continue;
     one = nullptr;
     line->left = true;

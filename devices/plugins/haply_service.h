@@ -65,10 +65,10 @@ struct Line {
   std::atomic<bool> left{false};    ///< No thread but its owner's knows it any more.
 
   // The service thread's own.
-  bool told_zero = false;    ///< Since it leaves,
-  std::int64_t told_at = 0;  ///< by the machine's clock [ns],
-  long told_in = 0;          ///< in the message of this number.
-  std::int64_t heard = 0;    ///< By the host's clock [ns].
+  bool told_zero = false;      ///< Since it leaves,
+  std::int64_t leaves_at = 0;  ///< When that was seen first [ns].
+  long told_in = 0;            ///< in the message of this number.
+  std::int64_t heard = 0;      ///< By the host's clock [ns].
 };
 
 /// An arm that the service has named.
@@ -141,9 +141,10 @@ class Service {
   lws* wsi_ = nullptr;
   bool up_ = false;
   bool introduced_ = false;
-  bool answered_ = false;  ///< Something has come since the last message.
-  long asked_ = 0;         ///< Messages of this connection,
-  long got_ = 0;           ///< and answers.
+  bool answered_ = false;         ///< Something has come since the last message.
+  long asked_ = 0;                ///< Messages of this connection,
+  long got_ = 0;                  ///< and answers.
+  std::int64_t answered_at_ = 0;  ///< [ns], the last one.
   Generation generation_ = Generation::kUnknown;
   std::int64_t tried_ = 0;
   std::int64_t sent_ = 0;

@@ -602,6 +602,7 @@ int test(const DevicesOptions& options) {
   ArmHost host;
   host.say = [](const std::string& words) { complain("devices: " + words); };
   host.stop = [] { return interrupted != 0; };
+  host.tests = true;
   host.carries = kMostForce;  // in a few centimetres, and the hand has let go of it
   const auto [arm, identity] = openAnyArm(options.test, host);
   if (!arm->traits().drives) {

@@ -292,15 +292,21 @@ TEST_CASE("an untested PID device has a tenth of its gain, and moves nothing whe
   CHECK(wire.strongest == 0.0);
   CHECK(wire.model.gainShare() <= PidDevice::kUntestedGain);
   CHECK(wire.model.gainShare() > 0.09);
-  CHECK(device->info().limits.peak == Approx(0.8));  // of 8 N
+  CHECK(device->info().limits.peak == kUntestedForce);
   CHECK(device->info().max_stiffness <= kUntestedStiffness);
-  CHECK_THAT(device->info().source, Contains("a tenth of its full force"));
-  // Told more than that it gives no more, and what it gives is what was asked for.
+  CHECK_THAT(device->info().source, Contains("a tenth of what it is asked for"));
+  // What is asked for is what firmware gives that takes no notice of its gain.
   send(*device, {0.5, 0.0, 0.0});
-  CHECK(8.0 * wire.share(0) == Approx(0.5).epsilon(0.03));
-  CHECK(8.0 * wire.share(0) <= 0.5);
-  send(*device, {100.0, 0.0, 0.0});
-  CHECK(8.0 * wire.share(0) <= 0.8);
+  CHECK(8.0 * wire.share(0) == Approx(0.5 * wire.model.gainShare()).epsilon(0.03));
+  CHECK(8.0 * wire.share(0) / wire.model.gainShare() <= 0.5);
+  // While it is tested it gives what it is asked for.
+  HidHost host;
+  host.tests = true;
+  Wire other(shape);
+  const auto tested = open(other, false, host);
+  CHECK(tested->info().limits.peak == kUntestedForce);
+  send(*tested, {0.5, 0.0, 0.0});
+  CHECK(8.0 * other.share(0) == Approx(0.5).epsilon(0.03));
 }
 
 TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]") {
@@ -340,6 +346,17 @@ TEST_CASE("a PID device that makes no effect is refused in a line", "[hid][pid]"
     shape.load_refused = 5;  // one that takes its time is waited for
     Wire wire(shape);
     CHECK(refusal(wire) == "none");
+  }
+  {
+    // What is still of the effect before is no other one's: a force goes along its own axis.
+    PidShape late = shape;
+    late.load_refused = 0;
+    late.load_stale = 3;
+    Wire wire(late);
+    const auto device = open(wire);
+    send(*device, {0.5, 0.0, 0.0});
+    CHECK(8.0 * wire.share(0) == Approx(0.5).epsilon(0.03));
+    CHECK(wire.share(1) == Approx(0.0).margin(1e-3));
   }
   {
     shape.at_once = 1;
@@ -516,8 +533,10 @@ TEST_CASE("how stiff a PID device may be follows from how long its reports take"
     ArmParams arm;
     arm.viscous = PidDevice::kLikelyViscous;
     arm.delay = 0.011;
-    CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0)));
-    CHECK(device->info().max_stiffness < 40.0);
+    // Of the friction a half is the coupling's damping.
+    CHECK(device->info().max_damping == Approx(0.5 * arm.viscous));
+    CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 100.0, 0.5 * arm.viscous)));
+    CHECK(device->info().max_stiffness < 20.0);
     CHECK(device->traits().stiffness == device->info().max_stiffness);
     CHECK_THAT(device->info().source,
                Contains("by 100 forces a second, 11 ms late") && Contains("which is a guess"));
@@ -532,7 +551,7 @@ TEST_CASE("how stiff a PID device may be follows from how long its reports take"
   ArmParams arm;
   arm.viscous = 2.0;
   arm.delay = 0.004;
-  CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 500.0)));
+  CHECK(device->info().max_stiffness == Approx(passiveStiffness(arm, 500.0, 1.0)));
   CHECK_THAT(device->info().source, Contains("as measured"));
 }
 

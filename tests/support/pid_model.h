@@ -27,6 +27,7 @@ struct PidShape {
   int load_status = 1;          ///< 1: success, 2: full, 3: error, 0: none of them.
   bool load_zero = false;       ///< It has succeeded, with the index 0.
   int load_refused = 0;         ///< So many times it does not answer.
+  int load_stale = 0;           ///< So many answers are still of the effect before.
   int at_once = 16;             ///< Effects that it plays at a time.
   double longest = 1e9;         ///< [s]: whatever it is told, an effect ends after.
   int wakes_with = 0;           ///< Magnitude of a new effect.
@@ -86,7 +87,9 @@ class PidModel {
       std::vector<std::byte> out(1 + sizes_["f" + std::to_string(id)]);
       out[0] = static_cast<std::byte>(id);
       const auto body = std::span(out).subspan(1);
-      put("load.index", body, shape_.load_zero ? 0 : made_);
+      const bool stale = made_ > 1 && stale_ < shape_.load_stale;
+      if (stale) ++stale_;
+      put("load.index", body, shape_.load_zero ? 0 : made_ - static_cast<int>(stale));
       put("load.status", body, made_ == 0 && shape_.load_status == 1 ? 2 : shape_.load_status);
       return out;
     }
@@ -556,6 +559,7 @@ class PidModel {
   std::vector<std::int64_t> durations_;
   int made_ = 0;
   int refused_ = 0;
+  int stale_ = 0;
   std::int64_t gain_ = mostGain();
   bool active_ = false, power_ = true, safety_ = true;
   long strange_ = 0, outputs_ = 0, starts_ = 0;
