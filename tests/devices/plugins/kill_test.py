@@ -6,6 +6,7 @@ import ctypes
 import json
 import mmap
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -60,6 +61,13 @@ class Kill(unittest.TestCase):
         folder = tempfile.TemporaryDirectory()
         self.addCleanup(folder.cleanup)
         self.folder = Path(folder.name)
+        # Whoever else may write where it was built, here nobody may.
+        self.plugins = self.folder / "plugins"
+        self.plugins.mkdir(mode=0o755)
+        self.plugins.chmod(0o755)
+        for plugin in Path(PLUGINS).glob("*.so"):
+            shutil.copy(plugin, self.plugins)
+            (self.plugins / plugin.name).chmod(0o755)
         subprocess.run([PALPATE, "make", "two-bodies", "--voxel", "3", self.folder / "two.vdb"],
                        check=True, stdout=subprocess.DEVNULL)
 
@@ -73,7 +81,7 @@ class Kill(unittest.TestCase):
         arm = Arm.from_buffer(memory)
         arm.position[2] = 0.09
         others = processes()
-        environment = dict(os.environ, PALPATE_PLUGINS=PLUGINS, PALPATE_ODD_ARM=str(file),
+        environment = dict(os.environ, PALPATE_PLUGINS=str(self.plugins), PALPATE_ODD_ARM=str(file),
                            HOME=str(self.folder))
         program = subprocess.Popen([PALPATE, "feel", self.folder / "two.vdb", "--realtime",
                                     "--device", f"plugin:odd@{serial}", "--seconds", "60"],
@@ -131,7 +139,7 @@ class Kill(unittest.TestCase):
         with self.felt("good") as (arm, _, _):
             opens = arm.opens
             listed = subprocess.run([PALPATE, "devices", "--json"], capture_output=True, check=True,
-                                    env=dict(os.environ, PALPATE_PLUGINS=PLUGINS,
+                                    env=dict(os.environ, PALPATE_PLUGINS=str(self.plugins),
                                              PALPATE_ODD_ARM=str(self.folder / "arm"),
                                              HOME=str(self.folder)))
             plugins = {plugin["name"]: plugin for plugin in json.loads(listed.stdout)["plugins"]}

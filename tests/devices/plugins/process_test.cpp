@@ -127,6 +127,9 @@ TEST_CASE("plug-ins are loaded from their folders alone", "[plugin]") {
       std::filesystem::temp_directory_path() / ("palpate_plugins_" + std::to_string(getpid()));
   std::filesystem::create_directories(folder);
   std::filesystem::copy_file(kOdd, folder / "odd.so");
+  // Whatever the user's umask is.
+  std::filesystem::permissions(folder, std::filesystem::perms(0755));
+  std::filesystem::permissions(folder / "odd.so", std::filesystem::perms(0755));
   setenv("PALPATE_PLUGINS", folder.c_str(), 1);
   CHECK(pluginFile("odd") == folder / "odd.so");
   CHECK(refusal([] { (void)pluginFile("other"); }).find("there is ") != std::string::npos);
