@@ -2,6 +2,7 @@
 /// device by its profile, one of the PID class, a plug-in.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 #include <string>
@@ -25,6 +26,13 @@ struct MeasuredArm {
 /// What an arm that has not passed `palpate devices --test` is held to.
 inline constexpr double kUntestedForce = 1.0;        ///< [N]
 inline constexpr double kUntestedStiffness = 100.0;  ///< [N/m]
+
+/// Holds an arm with a hand on it that has not passed to that, and says so in its source.
+inline void holdUntested(DeviceInfo& info) {
+  info.limits.peak = std::min(info.limits.peak, kUntestedForce);
+  info.max_stiffness = std::min(info.max_stiffness, kUntestedStiffness);
+  info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
+}
 
 /// What an arm asks of the program that opens it. All may be empty.
 struct ArmHost {

@@ -157,15 +157,22 @@ class Fields {
   const HidProfile& profile_;
 };
 
+/// The field that a flag or a button looks at, which can be what that waits for.
+FieldRef fieldThatMayBe(double equals, const std::string& name, const Node& node,
+                        const Fields& fields, const HidProfile& profile) {
+  const FieldRef field = fields.input(node.child("field"), name);
+  const ReportField& of = profile.input[field.report].fields[field.field];
+  if (equals < of.least || equals > of.most) {
+    node.fail(fmt::format("{} is never {}", of.name, equals),
+              "mend equals, or the field's type and bits");
+  }
+  return field;
+}
+
 HidFlag flagOf(const FileFlag& file, const Node& node, const Fields& fields,
                const HidProfile& profile) {
   HidFlag flag = file.flag;
-  flag.field = fields.input(node.child("field"), file.field);
-  const ReportField& of = profile.input[flag.field.report].fields[flag.field.field];
-  if (flag.equals < of.least || flag.equals > of.most) {
-    node.fail(fmt::format("{} is never {}", of.name, flag.equals),
-              "mend equals, or the field's type and bits");
-  }
+  flag.field = fieldThatMayBe(flag.equals, file.field, node, fields, profile);
   return flag;
 }
 
@@ -193,14 +200,9 @@ void takeHandle(const ProfileFile& file, const Node& root, const Fields& fields,
   const Node at = root.child("handle");
   for (std::size_t i = 0; i < file.buttons.size(); ++i) {
     const FileButton& from = file.buttons[i];
-    const Node one = at.child("buttons").element(i);
     HidButton button = from.button;
-    button.field = fields.input(one.child("field"), from.field);
-    const ReportField& of = profile.input[button.field.report].fields[button.field.field];
-    if (button.equals < of.least || button.equals > of.most) {
-      one.fail(fmt::format("{} is never {}", of.name, button.equals),
-               "mend equals, or the field's type and bits");
-    }
+    button.field =
+        fieldThatMayBe(button.equals, from.field, at.child("buttons").element(i), fields, profile);
     profile.handle.buttons.push_back(std::move(button));
   }
   for (std::size_t i = 0; i < file.orientation.size(); ++i) {

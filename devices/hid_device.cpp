@@ -37,12 +37,11 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   info.name = "hid:" + profile.name;
   info.hand = profile.output.has_value();
   info.output_rate = profile.output_rate;
-  const bool held = info.hand && !tested;
-  info.limits.peak = held ? std::min(limits.force, kUntestedForce) : limits.force;
+  info.limits.peak = limits.force;
   info.limits.slew = limits.slew;
   info.limits.continuous = limits.continuous;
   info.limits.heating = limits.heating;
-  info.max_stiffness = held ? std::min(limits.stiffness, kUntestedStiffness) : limits.stiffness;
+  info.max_stiffness = limits.stiffness;
   info.max_damping = limits.damping;
   info.workspace_radius = limits.workspace_radius;
   info.watch.stale = limits.stale;
@@ -55,9 +54,7 @@ DeviceInfo infoFor(const HidProfile& profile, bool tested) {
   info.handle.joints = profile.joints.size();
   const auto source = profile.sources.find("/limits");
   info.source = source != profile.sources.end() ? source->second : profile.source;
-  if (held) {
-    info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
-  }
+  if (info.hand && !tested) holdUntested(info);
   return info;
 }
 

@@ -75,14 +75,9 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
                       "mend the plug-in: at most 6 and 32");
   }
   if (!drives) info.output_rate = 0.0;
-  const bool held = drives && !tested;
-  if (held) {
-    info.limits.peak = std::min(info.limits.peak, kUntestedForce);
-    info.max_stiffness = std::min(info.max_stiffness, kUntestedStiffness);
-  }
-  info.limits.continuous = std::min(info.limits.continuous, info.limits.peak);
   info.source = facts.source[0] != '\0' ? facts.source : "its plug-in, without a source";
-  if (held) info.source += "; untested: 1 N and 100 N/m until palpate devices --test has passed";
+  if (drives && !tested) holdUntested(info);
+  info.limits.continuous = std::min(info.limits.continuous, info.limits.peak);
   info.handle.velocity = (facts.has & PALPATE_PLUGIN_VELOCITY) != 0;
   info.handle.orientation = (facts.has & PALPATE_PLUGIN_ORIENTATION) != 0;
   info.handle.gripper = (facts.has & PALPATE_PLUGIN_GRIPPER) != 0;

@@ -77,7 +77,6 @@ void PluginServer::read() noexcept {
 
 std::int64_t PluginServer::nextReading(std::int64_t now) noexcept {
   const std::int64_t ticked = link_.ticked_at.load(std::memory_order_relaxed);
-  if (ticked == ticked_at_) return read_at_ + period_;
   constexpr std::int64_t kShortest = 50'000;
   constexpr std::int64_t kLongest = 20'000'000;
   const std::int64_t since = ticked - ticked_at_;
@@ -87,14 +86,12 @@ std::int64_t PluginServer::nextReading(std::int64_t now) noexcept {
 }
 
 void PluginServer::loop() noexcept {
-  read_at_ = nowNs();
-  std::int64_t due = read_at_;
+  std::int64_t due = nowNs();
   while (!ended_) {
     const std::int64_t now = nowNs();
     give(now);
     if (now >= due) {
       read();
-      read_at_ = now;
       due = now + period_;
     }
     link_.heart.fetch_add(1, std::memory_order_relaxed);

@@ -63,7 +63,6 @@ class PluginServer {
   bool drives_ = false;          ///< The last force given was not zero.
   std::int64_t ordered_at_ = 0;  ///< [ns]
   std::int64_t ticked_at_ = 0;   ///< PluginLink::ticked_at.
-  std::int64_t read_at_ = 0;     ///< [ns], and when that is to be next.
 
   // look()'s.
   std::uint64_t beat_ = 0;
