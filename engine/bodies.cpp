@@ -16,17 +16,41 @@ bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
 
 }  // namespace
 
-void Bodies::place(const Graph& graph, double time) noexcept {
-  posed_at_ = time_ = time;
+void Bodies::place(const Graph& graph, double time, const Vec3& proxy) noexcept {
+  posed_at_ = time_ = now_ = time;
   count_ = graph.motions.size();
-  for (std::size_t i = 0; i < count_; ++i) bodies_[i].pose = graph.motions[i]->poseAt(time);
+  for (std::size_t i = 0; i < count_; ++i) {
+    const Motion& motion = *graph.motions[i];
+    bodies_[i].about = motion.deformationAt(proxy, time);
+    bodies_[i].pose = motion.poseAt(time, bodies_[i].about);
+  }
+}
+
+int Bodies::readAt(const Graph& graph, const Vec3& p) noexcept {
+  int warps = 0;
+  for (std::size_t i = 0; i < count_; ++i) {
+    Body& body = bodies_[i];
+    body.seen = body.pose.toRest(p);
+    const Motion& motion = *graph.motions[i];
+    if (motion.warp() == nullptr) continue;
+    ++warps;
+    const Vec3 ended = body.seen;
+    body.about = motion.deformationAt(p, now_);
+    body.pose = motion.poseAt(now_, body.about);
+    body.seen = body.pose.toRest(p);
+    body.swept = ended - body.seen;
+    if (body.moved) body.carried = body.pose(body.from);
+  }
+  return warps;
 }
 
 int Bodies::plan(std::span<const Felt> felt, double time, const Vec3& proxy, const Vec3& probe,
                  int most, StepReport& report) noexcept {
   time_ = time;
   const Graph& graph = felt[0].graph();
-  for (std::size_t i = 0; i < count_; ++i) bodies_[i].target = graph.motions[i]->poseAt(time);
+  for (std::size_t i = 0; i < count_; ++i) {
+    bodies_[i].target = graph.motions[i]->poseAt(time, bodies_[i].about);
+  }
   double parts = 1.0;
   eachField(felt, [&](const FieldFrame& frame, int motion) {
     if (motion < 0) return;
@@ -46,21 +70,19 @@ int Bodies::plan(std::span<const Felt> felt, double time, const Vec3& proxy, con
 }
 
 void Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept {
+  const double share = static_cast<double>(part) / parts;
+  now_ = part < parts ? posed_at_ + share * (time_ - posed_at_) : time_;
   for (std::size_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     const Pose last = body.pose;
-    if (part < parts) {
-      const double share = static_cast<double>(part) / parts;
-      body.pose = graph.motions[i]->poseAt(posed_at_ + share * (time_ - posed_at_));
-    } else {
-      body.pose = body.target;
-    }
+    body.pose = graph.motions[i]->poseAt(now_, body.about);
     body.from = last.toRest(proxy);
     body.moved = !(body.pose == last);
     body.carried = body.moved ? body.pose(body.from) : proxy;
     if (!body.moved) continue;
-    body.carry.rotation = body.pose.rotation * last.rotation.transpose();
-    body.carry.translate = body.pose.translate - body.carry.rotation * last.translate;
+    body.carry.linear = body.pose.linear * last.back;
+    body.carry.back = last.linear * body.pose.back;
+    body.carry.translate = body.pose.translate - body.carry.linear * last.translate;
   }
 }
 

@@ -21,8 +21,8 @@ class Bodies {
   Bodies() : bodies_(kMaxMotions) {}
 
   /// Takes over the motions of another graph, or begins for a proxy that is new here: the volumes
-  /// are where they are at `time` [s].
-  void place(const Graph& graph, double time) noexcept PALPATE_NONBLOCKING;
+  /// are where they are at `time` [s], about the proxy [m].
+  void place(const Graph& graph, double time, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
 
   /// The number of slices in which the volumes move on to `time` [s]: in each at most half a voxel
   /// where the proxy is or can come to. At most `most`; where more are needed the report says so.
@@ -32,16 +32,16 @@ class Bodies {
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
   /// Moves the volumes to their poses in one of the slices, `part` of 1 to `parts`, and finds where
-  /// each sees the proxy.
+  /// each sees the proxy. What deforms goes on as the last reading of it says: the next one, in the
+  /// same slice, says how it is.
   void move(const Graph& graph, int part, int parts,
             const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
   /// Ends a motion: the volumes are where plan() led.
   void arrive() noexcept { posed_at_ = time_; }
 
-  /// Notes that properties are read at p [m].
-  void readAt(const Vec3& p) noexcept {
-    for (Body& body : all()) body.seen = body.pose.toRest(p);
-  }
+  /// Notes that properties are read at p [m], and reads how volumes deform there: a reading each,
+  /// the number is returned.
+  int readAt(const Graph& graph, const Vec3& p) noexcept PALPATE_NONBLOCKING;
   /// Notes that the proxy stands there [m]: no volume has carried it away since.
   void stand(const Vec3& proxy) noexcept {
     for (Body& body : all()) {
@@ -80,6 +80,7 @@ class Bodies {
   std::size_t count_ = 0;
   double posed_at_ = 0.0;  ///< Time of the present poses [s].
   double time_ = 0.0;      ///< Time of the poses that the volumes move to [s].
+  double now_ = 0.0;       ///< Time of the slice [s].
 };
 
 }  // namespace palpate

@@ -115,9 +115,9 @@ Vec3 liftOff(const Contact& contact, double voxel, double way) noexcept {
 
 void carry(const Pose& by, Contact& contact) noexcept {
   contact.anchor = by(contact.anchor);
-  contact.normal = by.rotation * contact.normal;
-  contact.turn = by.rotation * contact.turn * by.rotation.transpose();
-  contact.across = by.rotation * contact.across;
+  (void)unit(by.gradient(contact.normal), contact.normal);
+  contact.turn = by.gradientJacobian(contact.turn);
+  (void)unit(by.gradient(contact.across), contact.across);
 }
 
 }  // namespace palpate

@@ -29,6 +29,15 @@ void checkMotions(const GraphSpec& spec, const GraphNames& names) {
   }
 }
 
+/// A guide's place is not where properties are read, and how a volume deforms is only read there.
+void checkGuide(const GraphSpec& spec, const ModeSpec& mode, const std::string& path) {
+  const auto in = spec.motions.find(mode.in);
+  if (mode.kind != ModeKind::kGuide || in == spec.motions.end()) return;
+  if (in->second->warp() == nullptr) return;
+  throw SceneError(path + "/in", "\"" + mode.in + "\" deforms, and guides only move rigidly",
+                   "place the guide in the world, or in a volume that moves by keyframes");
+}
+
 /// True where a mode can never act.
 bool isSilent(const ModeSpec& mode) {
   return mode.kind != ModeKind::kUser && mode.strength.highest() == 0.0 &&
@@ -47,6 +56,7 @@ void addMode(const GraphSpec& spec, std::size_t index, GraphReads& reads) {
   const std::size_t number = spec.mode_numbers.empty() ? index : spec.mode_numbers.at(index);
   const std::string path = "/modes/" + std::to_string(number);
   const std::string name = mode.name.empty() ? path : mode.name;
+  checkGuide(spec, mode, path);
   if (isSilent(mode)) {
     // A silent mode is checked like any other and then left out: nothing is read for it.
     GraphReads unused = reads;

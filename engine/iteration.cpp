@@ -129,7 +129,7 @@ bool anchored(const BalanceMemory& b) noexcept {
 void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
   ++tick.report.substeps;
   Bodies& bodies = tick.around.bodies;
-  bodies.readAt(at);
+  tick.report.samples += bodies.readAt(tick.scene.graph, at);
   for (const Felt& felt : tick.felt()) {
     tick.report.samples += felt.bound.sample(at, *felt.properties, bodies.items());
   }
@@ -142,7 +142,7 @@ void lookRound(Tick& tick) noexcept {
   Bodies& bodies = tick.around.bodies;
   Iteration now;
   now.read_at = tick.proxy.position;
-  bodies.readAt(now.read_at);
+  tick.report.samples += bodies.readAt(tick.scene.graph, now.read_at);
   bodies.stand(now.read_at);
   tick.report.samples += felt.bound.sample(now.read_at, *felt.properties, bodies.items());
   placePrimitives(tick, now, false);

@@ -35,7 +35,7 @@ bool emit(const GuideMode& mode, const Place& place, std::monostate&) noexcept {
   Primitive guide{mode.shape, mode.position, mode.direction};
   if (const Pose* pose = place.stand.pose; pose != nullptr) {
     guide.position = (*pose)(mode.position);
-    guide.direction = pose->rotation * mode.direction;
+    guide.direction = pose->vector(mode.direction);
   }
   if (!(distanceTo(guide, place.stand.proxy) <= mode.snap)) return true;
   const double distance = distanceTo(guide, place.stand.probe) / mode.metres_per_unit;
@@ -127,14 +127,13 @@ bool addPrimitives(const Mode& mode, const Properties& properties, const Stand& 
 }
 
 void carry(const Pose& by, ModeMemory& memory) noexcept {
-  const auto turned = [&](const Vec3& q) { return Vec3(by.rotation * q); };
   std::visit(
       [&](auto& m) {
         if constexpr (requires { m.contact; }) carry(by, m.contact);
-        if constexpr (requires { m.before; }) m.before = turned(m.before);
+        if constexpr (requires { m.before; }) (void)unit(by.vector(m.before), m.before);
         if constexpr (requires { m.anchor; }) {
           m.anchor = by(m.anchor);
-          m.normal = turned(m.normal);
+          (void)unit(by.gradient(m.normal), m.normal);
         }
       },
       memory.of);

@@ -48,7 +48,7 @@ Vec3 standsFor(Tick& tick) noexcept {
                   return holds;
                 });
   if (by == nullptr) return tick.proxy.position;
-  tick.proxy.beyond = by->carry.rotation * tick.proxy.beyond;
+  tick.proxy.beyond = by->carry.vector(tick.proxy.beyond);
   return by->carried;
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/Geometry>
 
@@ -21,10 +22,6 @@ std::array<Vec3, 8> cornersOf(const Box& box) {
   return corners;
 }
 
-}  // namespace
-
-namespace {
-
 std::uint64_t nextMotionId() noexcept {
   static std::atomic<std::uint64_t> next{1};
   return next++;
@@ -32,8 +29,11 @@ std::uint64_t nextMotionId() noexcept {
 
 }  // namespace
 
-Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::string& path)
-    : repeat_(repeat), id_(nextMotionId()) {
+Motion::Motion(WarpPtr warp) : knots_(1), warp_(std::move(warp)), id_(nextMotionId()) {}
+
+Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::string& path,
+               WarpPtr warp)
+    : warp_(std::move(warp)), repeat_(repeat), id_(nextMotionId()) {
   if (keyframes.empty()) {
     throw SceneError(path, "there is no keyframe", "give one, or leave \"keyframes\" out");
   }
@@ -57,7 +57,7 @@ Motion::Motion(std::span<const Keyframe> keyframes, bool repeat, const std::stri
       throw SceneError(here + "/translate", "it is not a place within 1,000 km", "give metres");
     }
     turns.push_back(turn.normalized());
-    knots_.push_back({key.time, {turns.back().toRotationMatrix(), key.translate}});
+    knots_.push_back({key.time, Pose::rigid(turns.back().toRotationMatrix(), key.translate)});
     if (i == 0) continue;
     // The rotation from the last keyframe, by the shorter arc.
     Eigen::Quaterniond way = turns[i - 1].conjugate() * turns[i];
@@ -92,7 +92,8 @@ Pose Motion::between(const Knot& knot, double share) noexcept {
   Pose pose = knot.pose;
   pose.translate += share * knot.way;
   if (knot.angle != 0.0) {
-    pose.rotation = pose.rotation * Eigen::AngleAxisd(share * knot.angle, knot.axis).matrix();
+    pose.linear = pose.linear * Eigen::AngleAxisd(share * knot.angle, knot.axis).matrix();
+    pose.back = pose.linear.transpose();
   }
   return pose;
 }
@@ -107,10 +108,47 @@ Pose Motion::poseAt(double time) const noexcept {
   return between(last, (time - last.time) / (next->time - last.time));
 }
 
-Box Motion::sweep(const Box& rest) const {
+Deformation Motion::deformationAt(const Vec3& p_W, double time) const noexcept {
+  if (warp_ == nullptr) return {};
+  return palpate::deformationAt(*warp_, poseAt(time).toRest(p_W), time);
+}
+
+Pose Motion::poseAt(double time, const Deformation& about) const noexcept {
+  Pose pose = poseAt(time);
+  if (warp_ == nullptr) return pose;
+  // p = R x + t, x = F^-1 (X - origin - rate (time - about.time))
+  pose.linear = pose.linear * about.back;
+  pose.back = about.slope * pose.back;
+  pose.translate -= pose.linear * (about.origin + (time - about.time) * about.rate);
+  return pose;
+}
+
+Pose Motion::poseOf(const Vec3& p_rest, double time) const noexcept {
+  if (warp_ == nullptr) return poseAt(time);
+  constexpr int kMost = 8;
+  constexpr double kThere = 1e-9;  // [m]
+  Vec3 x = p_rest;
+  Deformation about;
+  for (int i = 0; i < kMost; ++i) {
+    about = palpate::deformationAt(*warp_, x, time);
+    const Vec3 step = about.back * (p_rest - about.origin) - x;
+    x += step;
+    if (!(step.norm() > kThere)) break;
+  }
+  return poseAt(time, about);
+}
+
+Box Motion::deformed(const Box& at_rest) const {
+  if (warp_ == nullptr) return at_rest;
+  const Box shifts = warp_->shifts();
+  return {at_rest.lower + shifts.lower, at_rest.upper + shifts.upper};
+}
+
+Box Motion::sweep(const Box& at_rest) const {
   constexpr double kStep = 0.1;  // [rad]: an arc is 0.05^2 / 2 of its radius beyond its chord
   Box box;
-  if (rest.empty()) return box;
+  if (at_rest.empty()) return box;
+  const Box rest = deformed(at_rest);
   for (const Knot& knot : knots_) {
     const int steps = 1 + static_cast<int>(knot.angle / kStep);
     for (int i = 0; i < steps; ++i) {
@@ -130,6 +168,7 @@ double Motion::topSpeed(const Box& rest) const {
     const double seconds = knots_[i + 1].time - knot.time;
     speed = std::max(speed, (knot.way.norm() + knot.angle * radius) / seconds);
   }
+  if (warp_ != nullptr) speed += warp_->topSpeed();
   return speed;
 }
 

@@ -30,9 +30,13 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   // The hand relative to the line's place [m], or what other primitives leave of its pull.
   order.hand = line.direction.dot(aside) * line.direction - force / k;
   const Vec3 hand = order.hand;
+  double stretch = 1.0;  // of the line, from W to where the volume rests
   if (body != nullptr) {
-    order.along = body->pose.rotation.transpose() * order.along;
-    order.hand = body->pose.rotation.transpose() * order.hand;
+    const Vec3 along_rest = body->pose.back * line.direction;
+    stretch = along_rest.norm() / line.direction.norm();
+    order.along = along_rest / stretch;
+    order.hand = body->pose.back * order.hand;
+    order.length *= stretch;
   }
   order.tolerance = kTraceStep * tick.scene.step.tolerance_voxels;
   order.stride = along.on->stride;
@@ -41,10 +45,14 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   along.on->stride = trace.stride;
   tick.report.traced += trace.samples;
   const Vec3 curve = body == nullptr ? trace.position : body->pose(trace.position);
-  const Vec3 ahead =
-      body == nullptr ? trace.direction : Vec3(body->pose.rotation * trace.direction);
+  Vec3 ahead = trace.direction;
+  if (body != nullptr) {
+    const Vec3 turned = body->pose.vector(trace.direction);
+    ahead = trace.direction.norm() / turned.norm() * turned;
+  }
   // Where the stream or its data end, the rest of the length goes straight on.
-  const double rest = trace.capped || trace.shortened ? 0.0 : order.length - trace.length;
+  const double rest =
+      trace.capped || trace.shortened ? 0.0 : (order.length - trace.length) / stretch;
   const Vec3 on = line.direction.dot(go) * line.direction;
   const Vec3 shift = curve + rest * line.direction - (line.position + on);
   // A curve that leads farther from its tangent than the line's strength reaches cannot be held,

@@ -160,8 +160,8 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const Body* body = bodyOf(graph->scalar_motions[i], bodies);
     const Vec3& p = body == nullptr ? p_W : body->seen;
     const ScalarSample s = field.sample(p, caches[i]);
-    const auto turned = [body](const Vec3& v) {
-      return body == nullptr ? v : Vec3(body->pose.rotation * v);
+    const auto turned = [body](const Vec3& g) {
+      return body == nullptr ? g : body->pose.gradient(g);
     };
     const bool own = read.cell_gradient >= 0 || read.slope;
     const Vec3 cell_gradient = own ? turned(field.cellGradient(p, caches[i])) : level;
@@ -186,9 +186,8 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const Vec3& p = body == nullptr ? p_W : body->seen;
     VectorSample s = graph->vector_fields[i]->sample(p, caches[graph->scalar_fields.size() + i]);
     if (body != nullptr) {
-      const Mat3& turn = body->pose.rotation;
-      s.value = turn * s.value;
-      s.jacobian = turn * s.jacobian * turn.transpose();
+      s.value = body->pose.vector(s.value);
+      s.jacobian = body->pose.vectorJacobian(s.jacobian);
     }
     vector(read.value, s.value, s.inside, s.jacobian / graph->vector_frames[i].metres_per_unit);
     vector(read.curl, curl(s.jacobian), s.inside, straight);
@@ -225,33 +224,40 @@ Mat3 BoundGraph::gradientJacobian(std::size_t i, const Vec3& p_W,
                                   std::span<const Body> bodies) const noexcept {
   const Body* body = bodyOf(graph->scalar_motions[i], bodies);
   const Vec3& p = body == nullptr ? p_W : body->seen;
-  Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
+  const Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
   if (body == nullptr) return by;
-  return body->pose.rotation * by * body->pose.rotation.transpose();
+  Mat3 turned = body->pose.gradientJacobian(by);
+  if (graph->motions[static_cast<std::size_t>(graph->scalar_motions[i])]->warp() != nullptr) {
+    // d (F^T g) / dx = F^T (dg/dX) F + sum g_i d^2 u_i: as the rigid part turns it.
+    const Mat3 rotation = body->pose.linear * body->about.slope;
+    const Vec3 g = graph->scalar_fields[i]->sample(p, caches[i]).gradient;
+    turned += rotation * body->about.bendOf(g) * rotation.transpose();
+  }
+  return turned;
 }
 
 void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noexcept {
-  const auto turned = [&](int motion, int index) {
+  const auto turned = [&](int motion, int index, bool gradient) {
     const Body* body = bodyOf(motion, bodies);
     if (body == nullptr || !body->moved || index < 0) return;
-    const Mat3& by = body->carry.rotation;
+    const Pose& by = body->carry;
     Properties::Vector& v = read.vectors[static_cast<std::size_t>(index)];
-    v.value = by * v.value;
-    v.jacobian = by * v.jacobian * by.transpose();
+    v.value = gradient ? by.gradient(v.value) : by.vector(v.value);
+    v.jacobian = gradient ? by.gradientJacobian(v.jacobian) : by.vectorJacobian(v.jacobian);
   };
   for (const ScalarRead& r : graph->scalar_reads) {
     const int motion = graph->scalar_motions[static_cast<std::size_t>(r.field)];
     if (const Body* body = bodyOf(motion, bodies); body != nullptr && body->moved && r.slope) {
       Vec3& slope = read.scalars[static_cast<std::size_t>(r.value)].slope;
-      slope = body->carry.rotation * slope;
+      slope = body->carry.gradient(slope);
     }
-    turned(motion, r.gradient);
-    turned(motion, r.cell_gradient);
+    turned(motion, r.gradient, true);
+    turned(motion, r.cell_gradient, true);
   }
   for (const VectorRead& r : graph->vector_reads) {
     const int motion = graph->vector_motions[static_cast<std::size_t>(r.field)];
-    turned(motion, r.value);
-    turned(motion, r.curl);
+    turned(motion, r.value, false);
+    turned(motion, r.curl, false);
   }
   makeSteps(read);
 }

@@ -42,7 +42,7 @@ void ProxyState::meet(const Scene& scene, const Vec3& hand) noexcept {
   }
   if (swapped || !proxy_.placed || proxy_.lost) {
     proxy_.lost = proxy_.known = false;
-    around_.bodies.place(scene.graph, met_.time);
+    around_.bodies.place(scene.graph, met_.time, proxy_.placed ? proxy_.position : hand);
     const auto& modes = scene.graph.modes;
     std::transform(modes.begin(), modes.end(), around_.memories.begin(), memoryFor);
     around_.near.forget();

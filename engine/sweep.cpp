@@ -41,8 +41,8 @@ void sweep(Tick& tick, const Iteration& now, Trial& trial) noexcept {
     Vec3 to = trial.end + lift;
     if (ahead.contact->placed && (to - from).norm() < kSeen * ahead.skin->voxel && now.read) return;
     if (body != nullptr) {
-      from = now.read ? body->pose.toRest(from)
-                      : Vec3(body->from + body->pose.rotation.transpose() * lift);
+      from = now.read ? Vec3(body->pose.toRest(from) + body->swept)
+                      : Vec3(body->from + body->pose.back * lift);
       to = body->pose.toRest(to);
     }
     const Crossing crossing = firstFall(ahead, felt, from, to, tick.report);

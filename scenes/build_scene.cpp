@@ -10,6 +10,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/parallel.h"
+#include "palpate/scenes/frames.h"
 #include "palpate/scenes/plan_parts.h"
 #include "palpate/scenes/scene_cache.h"
 
@@ -172,22 +173,73 @@ bool given(const FieldPtr& field) {
   return std::visit([](const auto& pointer) { return pointer != nullptr; }, field);
 }
 
+/// The frames of the volumes that are displacements, by name.
+using Displacements = std::map<std::string, std::vector<std::shared_ptr<const Volume>>>;
+
+/// The names of the volumes that are displacements.
+std::set<std::string> displacementNames(const SceneSpec& spec) {
+  std::set<std::string> names;
+  for (const auto& [name, volume] : spec.volumes) {
+    const auto& warp = volume.place.warp;
+    if (!warp || warp->warp != nullptr) continue;
+    if (spec.volumes.count(warp->field) == 0) {
+      std::vector<std::string> others;
+      for (const auto& [other, of] : spec.volumes) others.push_back(other);
+      const std::string near = nearestName(warp->field, others);
+      throw SceneError(
+          at(spec, "/volumes/" + name + "/place/warp/field"),
+          "there is no volume \"" + warp->field + "\"",
+          near.empty() ? "name a volume of this scene" : "did you mean \"" + near + "\"?");
+    }
+    names.insert(warp->field);
+  }
+  return names;
+}
+
+/// Throws where a mode or a field is made of a displacement.
+void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& names) {
+  const auto check = [&](const std::string& of, const std::string& path) {
+    if (names.count(of) == 0) return;
+    throw SceneError(at(spec, path), "\"" + of + "\" is how another volume deforms",
+                     "name a volume of the same file besides it");
+  };
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    check(spec.graph.modes[i].of, fmt::format("/modes/{}/of", i));
+  }
+  for (const auto& [name, derived] : spec.graph.fields) check(derived.of, "/fields/" + name);
+}
+
+/// The warp that a volume has; null: it has none.
+WarpPtr warpOf(const SceneSpec& spec, const std::string& name, const Displacements& displacements,
+               Placer& placer, SceneCache& cache) {
+  const auto& warp = spec.volumes.at(name).place.warp;
+  if (!warp || warp->warp != nullptr) return warp ? warp->warp : nullptr;
+  return cache.warp(displacements.at(warp->field), placer.placementOf(warp->field),
+                    {warp->times, warp->repeat}, at(spec, "/volumes/" + name + "/place/warp"));
+}
+
 /// The motions that volumes have of their own.
-std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec) {
+std::map<std::string, MotionPtr> ownMotions(const SceneSpec& spec,
+                                            const Displacements& displacements, Placer& placer,
+                                            SceneCache& cache) {
   std::map<std::string, MotionPtr> motions;
   for (const auto& [name, volume] : spec.volumes) {
     const PlaceSpec& place = volume.place;
     const std::string path = at(spec, "/volumes/" + name + "/place");
-    if (place.keyframes.empty()) {
-      if (!place.repeat) continue;
+    if (place.keyframes.empty() && place.repeat) {
       throw SceneError(path + "/repeat", "there are no keyframes to repeat", "add \"keyframes\"");
     }
+    if (place.keyframes.empty() && !place.warp) continue;
     if (place.kind == PlaceSpec::Kind::kLike && !given(volume.field)) {
-      throw SceneError(path + "/keyframes", "a volume placed like another moves with that",
+      throw SceneError(path + (place.warp ? "/warp" : "/keyframes"),
+                       "a volume placed like another moves with that",
                        "remove them, or place it by fit, unit or scale");
     }
-    motions[name] =
-        std::make_shared<const Motion>(place.keyframes, place.repeat, path + "/keyframes");
+    const WarpPtr warp = warpOf(spec, name, displacements, placer, cache);
+    motions[name] = place.keyframes.empty()
+                        ? std::make_shared<const Motion>(warp)
+                        : std::make_shared<const Motion>(place.keyframes, place.repeat,
+                                                         path + "/keyframes", warp);
   }
   return motions;
 }
@@ -200,7 +252,7 @@ void joinMotions(const SceneSpec& spec, BuiltScene& built) {
     if (motion != built.motions.end()) built.motions[name] = motion->second;
   };
   for (const auto& [name, volume] : spec.volumes) {
-    if (given(volume.field)) continue;
+    if (given(volume.field) || built.fields.count(name) == 0) continue;
     const std::string* leader = &name;
     while (spec.volumes.at(*leader).place.kind == PlaceSpec::Kind::kLike) {
       leader = &spec.volumes.at(*leader).place.like;
@@ -475,11 +527,26 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   SceneCache own;
   SceneCache& things = cache != nullptr ? *cache : own;
   BuiltScene built;
-  built.motions = ownMotions(spec);
+  const std::set<std::string> displacing = displacementNames(spec);
+  checkDisplacements(spec, displacing);
   std::vector<std::string> wanted;
   std::vector<VolumeRequest> requests;
+  Displacements displacements;
   for (const auto& [name, volume] : spec.volumes) {
-    if (given(volume.field)) {
+    if (displacing.count(name) != 0) {
+      if (volume.volume != nullptr) {
+        displacements[name].push_back(volume.volume);
+        continue;
+      }
+      try {
+        for (VolumeRequest& frame : framesOf(volume)) {
+          wanted.push_back(name);
+          requests.push_back(std::move(frame));
+        }
+      } catch (const VolumeError& e) {
+        throw SceneError::within(at(spec, "/volumes/" + name), e);
+      }
+    } else if (given(volume.field)) {
       built.fields[name] = volume.field;
     } else if (volume.volume != nullptr) {
       built.volumes[name] = volume.volume;
@@ -500,9 +567,15 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     } catch (const VolumeError& e) {
       throw SceneError::within(path, e);
     }
-    built.volumes[wanted[i]] = loaded[i].volume;
+    if (displacing.count(wanted[i]) != 0) {
+      displacements[wanted[i]].push_back(loaded[i].volume);
+    } else {
+      built.volumes[wanted[i]] = loaded[i].volume;
+    }
   }
-  Placer placer(spec, built.volumes);
+  std::map<std::string, std::shared_ptr<const Volume>> standing = built.volumes;
+  for (const auto& [name, frames] : displacements) standing[name] = frames.front();
+  Placer placer(spec, standing);
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
     for (const std::string& remark : remarks(volume->info())) {
@@ -515,6 +588,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
   }
+  built.motions = ownMotions(spec, displacements, placer, things);
   GraphSpec graph = FieldComputer(spec, built, things).compute();
   placeGuides(spec, built, graph);
   checkSizes(spec, graph);

@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,16 @@ class SceneCache;
 
 /// Told how far loading is, from 0 to 1; from any thread, one at a time.
 using Progress = std::function<void(double done)>;
+
+/// How a placed volume deforms, as the scene file's "warp" says: what is at x at a time is what it
+/// has at x + u(x, t); see engine/warp.h.
+struct WarpSpec {
+  std::string field;          ///< Name of the volume that is u: vectors in its file's unit of
+                              ///< length, one grid a frame (scenes/frames.h). It is only this.
+  std::vector<double> times;  ///< Of the frames [s]; of a single one none is needed.
+  bool repeat = false;        ///< The last frame is the first again.
+  WarpPtr warp;               ///< If set, of the above nothing counts.
+};
 
 /// Where a volume stands in the hand's world, as the scene file's "place" says.
 struct PlaceSpec {
@@ -41,6 +52,7 @@ struct PlaceSpec {
   std::vector<Keyframe> keyframes;  ///< Move the volume so placed; none: it stands still. Not with
                                     ///< kLike.
   bool repeat = false;              ///< The last keyframe joins the first.
+  std::optional<WarpSpec> warp;     ///< Deforms it, before the keyframes move it. Not with kLike.
 };
 
 /// One volume: a grid of a file, one already in memory, or a field of the user's own.
@@ -54,7 +66,7 @@ struct VolumeSpec {
                                      ///< keyframes. What is placed like it stands there as well.
   Sampling sampling;                 ///< How its values between voxels come about.
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
-  FieldPtr field;                        ///< If set, of the above only the keyframes count.
+  FieldPtr field;                        ///< If set, of the above only keyframes and warp count.
 };
 
 /// A whole scene, as a scene file says it; C++ builds the same and has it checked the same.

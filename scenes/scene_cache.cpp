@@ -55,6 +55,14 @@ FieldPtr SceneCache::field(const std::shared_ptr<const Volume>& volume, const Pl
   return fields_.keep(key, makeVdbField(volume, placement, sampling));
 }
 
+WarpPtr SceneCache::warp(const std::vector<std::shared_ptr<const Volume>>& frames,
+                         const Placement& placement, const WarpTimes& when,
+                         const std::string& path) {
+  const Displaced key{frames, placement, when.times, when.repeat};
+  if (const auto* known = warps_.find(key)) return *known;
+  return warps_.keep(key, makeWarp(displacementsOf(frames, placement, path), when, path));
+}
+
 std::vector<FieldPtr> SceneCache::fields(const std::vector<Placed>& wanted) {
   std::vector<FieldPtr> out(wanted.size());
   std::vector<std::size_t> missing;
@@ -93,10 +101,15 @@ std::size_t SceneCache::hashOf(const Placed& key) {
   return hash;
 }
 
+std::size_t SceneCache::hashOf(const Displaced& key) {
+  return std::hash<const void*>()(key.frames.front().get()) + key.frames.size();
+}
+
 void SceneCache::forgetUnused() {
   volumes_.forgetUnused();
   derived_.forgetUnused();
   fields_.forgetUnused();
+  warps_.forgetUnused();
 }
 
 }  // namespace palpate

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <string>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "palpate/samplers/derive.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
+#include "palpate/samplers/warp_grid.h"
 
 namespace palpate {
 
@@ -38,6 +40,10 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Placed&) const = default;  ///< By the volume's address.
   };
+  /// As makeWarp of displacementsOf.
+  [[nodiscard]] WarpPtr warp(const std::vector<std::shared_ptr<const Volume>>& frames,
+                             const Placement& placement, const WarpTimes& when,
+                             const std::string& path);
   /// As makeVdbField of each, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
   /// Frees what has not been asked for since the last call. After a scene has been built.
@@ -86,13 +92,23 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Derived&) const = default;
   };
+  struct Displaced {
+    std::vector<std::shared_ptr<const Volume>> frames;
+    Placement placement;
+    std::vector<double> times;
+    bool repeat = false;
+
+    [[nodiscard]] bool operator==(const Displaced&) const = default;
+  };
   static std::size_t hashOf(const Loaded& key);
   static std::size_t hashOf(const Derived& key);
   static std::size_t hashOf(const Placed& key);
+  static std::size_t hashOf(const Displaced& key);
 
   Shelf<Loaded, std::shared_ptr<const Volume>> volumes_;
   Shelf<Derived, std::shared_ptr<const Volume>> derived_;
   Shelf<Placed, FieldPtr> fields_;
+  Shelf<Displaced, WarpPtr> warps_;
 };
 
 }  // namespace palpate

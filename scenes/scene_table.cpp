@@ -101,7 +101,25 @@ JsonObject<PlaceSpec> motionRows() {
           .may("rotation_wxyz", rotationType(), &Keyframe::rotation_wxyz)
           .may("translate", vectorType(), &Keyframe::translate)
           .type();
+  const JsonType<WarpSpec> warp =
+      JsonObject<WarpSpec>()
+          .need("field",
+                jsonName().says("The volume whose vectors are the displacement u, in its file's "
+                                "unit of length: what is at x rests at x + u. A frame for each "
+                                "grid of its name, or for each file that %04d in its name means."),
+                &WarpSpec::field)
+          .may("times",
+               jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
+                   .says("Of the frames, ascending [s]; held before the first and after the last. "
+                         "Of a single frame none is needed."),
+               &WarpSpec::times)
+          .may("repeat",
+               jsonFlag().says("Over and over; the last frame is the first again. Default false."),
+               &WarpSpec::repeat)
+          .type()
+          .says("How the placed volume deforms, before the keyframes move it.");
   return JsonObject<PlaceSpec>()
+      .may("warp", warp, [](PlaceSpec& place, WarpSpec value) { place.warp = std::move(value); })
       .may("keyframes",
            jsonList(keyframe, "it is not a list of keyframes", "write [{\"time\": 0, ...}, ...]")
                .says("How the placed volume moves: turned about the world's origin, then shifted; "
@@ -149,7 +167,7 @@ JsonType<PlaceSpec> placeType() {
                   place.kind = PlaceSpec::Kind::kLike;
                   place.like = std::move(name);
                 })
-          .refuse({"keyframes", "repeat"}, "a volume placed like another moves with that",
+          .refuse({"keyframes", "repeat", "warp"}, "a volume placed like another moves with that",
                   "remove them, or place it by fit, unit or scale")
           .refuse({"rotation_wxyz", "translate"}, "rotation_wxyz and translate need scale",
                   "give scale, in metres per unit of the file, instead"));
@@ -162,7 +180,7 @@ JsonType<PlaceSpec> placeType() {
 JsonType<PlaceSpec> instanceType() {
   return JsonObject<PlaceSpec>()
       .chooseByKey(placesWith({}))
-      .refuse({"like", "keyframes", "repeat"},
+      .refuse({"like", "keyframes", "repeat", "warp"},
               "an instance has a place of its own and stands still", "give fit, unit or scale")
       .type();
 }

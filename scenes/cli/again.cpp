@@ -32,9 +32,11 @@ std::optional<Again> againOf(const Most& most, const Scene& scene) {
   Vec3 probe = most.probe;
   Vec3 proxy = most.proxy;
   if (most.motion) {
-    const Pose first = most.motion->poseAt(0.0);
+    // What was pressed then is at the begin where its matter is: proxy and hand by one pose.
+    const Vec3 rest = most.pose.toRest(proxy);
+    const Pose first = most.motion->poseOf(rest, 0.0);
     probe = first(most.pose.toRest(probe));
-    proxy = first(most.pose.toRest(proxy));
+    proxy = first(rest);
   }
   const Vec3 pressed = probe - proxy;
   const Vec3 into = pressed.norm() > 0.0 ? Vec3(pressed.normalized()) : Vec3::Zero();

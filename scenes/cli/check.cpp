@@ -215,6 +215,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
                           {"from", moves.from()},
                           {"to", moves.to()},
                           {"repeat", moves.repeats()},
+                          {"deforms", moves.warp() != nullptr},
                           {"top_speed", moves.topSpeed(frame.bounds)},
                           {"bounds", {toJson(swept.lower), toJson(swept.upper)}}};
     }
@@ -291,9 +292,14 @@ void printCheck(const OrderedJson& json, bool verbose) {
     say("\n");
     if (!volume.contains("motion")) continue;
     const OrderedJson& motion = volume["motion"];
-    say("moves     {}: {} keyframes, {} to {} s{}, at most {} m/s\n", name,
-        motion["keyframes"].get<std::size_t>(), rounded(motion["from"].get<double>()),
-        rounded(motion["to"].get<double>()), motion["repeat"].get<bool>() ? ", repeated" : "",
+    std::string how = motion["deforms"].get<bool>() ? "deforms" : "";
+    if (how.empty() || motion["keyframes"].get<std::size_t>() > 1) {
+      how += fmt::format("{}{} keyframes, {} to {} s{}", how.empty() ? "" : ", ",
+                         motion["keyframes"].get<std::size_t>(),
+                         rounded(motion["from"].get<double>()), rounded(motion["to"].get<double>()),
+                         motion["repeat"].get<bool>() ? ", repeated" : "");
+    }
+    say("moves     {}: {}, at most {} m/s\n", name, how,
         rounded(motion["top_speed"].get<double>()));
   }
   for (const auto& sampled : json["sampled"]) {

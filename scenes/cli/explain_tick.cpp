@@ -66,7 +66,7 @@ Primitive primitiveOf(const Told& told, const GuideMode& guide) {
     if (std::get_if<GuideMode>(&modes[i]) != &guide || motion < 0) continue;
     const Pose& pose = told.state.bodies()[static_cast<std::size_t>(motion)].pose;
     primitive.position = pose(guide.position);
-    primitive.direction = pose.rotation * guide.direction;
+    primitive.direction = pose.vector(guide.direction);
   }
   return primitive;
 }

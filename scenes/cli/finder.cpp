@@ -155,10 +155,12 @@ struct Stop {
 /// Boxes in which something may be felt, moved to where they are at a time.
 std::vector<Box> boxesOf(const Scene& scene, double time) {
   std::vector<Box> boxes;
-  const auto add = [&](const Box& rest, int motion) {
-    if (rest.empty() || !rest.lower.allFinite() || !rest.upper.allFinite()) return;
-    if (motion < 0) return boxes.push_back(rest);
-    const Pose pose = scene.graph.motions[static_cast<std::size_t>(motion)]->poseAt(time);
+  const auto add = [&](const Box& at_rest, int motion) {
+    if (at_rest.empty() || !at_rest.lower.allFinite() || !at_rest.upper.allFinite()) return;
+    if (motion < 0) return boxes.push_back(at_rest);
+    const Motion& moves = *scene.graph.motions[static_cast<std::size_t>(motion)];
+    const Box rest = moves.deformed(at_rest);
+    const Pose pose = moves.poseAt(time);
     Box moved;
     for (int corner = 0; corner < 8; ++corner) {
       moved.extend(pose({(corner & 1) != 0 ? rest.upper.x() : rest.lower.x(),
@@ -420,17 +422,18 @@ class Plan {
     const MotionPtr& moves = graph.motions[static_cast<std::size_t>(motion)];
     if (moves->topSpeed(within_.box) > kRidden) return;
     ride_ = moves;
-    from_ = moves->poseAt(time());
+    from_ = moves->poseAbout(at_, time());
   }
   [[nodiscard]] Vec3 here(const Vec3& p, double time) const {
     if (!ride_) return p;
-    const Vec3 moved = ride_->poseAt(time)(from_.toRest(p));
+    const Vec3 rest = from_.toRest(p);
+    const Vec3 moved = ride_->poseOf(rest, time)(rest);
     return moved * std::min(1.0, within_.radius / std::max(within_.radius, moved.norm()));
   }
   /// The force on the finger, as the volume saw it when the ride began.
   [[nodiscard]] Vec3 force() const {
     if (!ride_) return finger_.force();
-    return from_.rotation * (ride_->poseAt(time()).rotation.transpose() * finger_.force());
+    return from_.linear * (ride_->poseOf(from_.toRest(at_), time()).back * finger_.force());
   }
 
   /// The finger goes to `to` in a time, and the hand means to be where the force that it meets

@@ -188,9 +188,10 @@ class Drawing {
     return volume == built_.volumes.end() ? nullptr : volume->second;
   }
 
-  [[nodiscard]] Pose poseOf(const std::string& name, double time) const {
+  /// About a place in W [m].
+  [[nodiscard]] Pose poseOf(const std::string& name, const Vec3& p_W, double time) const {
     const auto motion = built_.motions.find(name);
-    return motion == built_.motions.end() ? Pose{} : motion->second->poseAt(time);
+    return motion == built_.motions.end() ? Pose{} : motion->second->poseAbout(p_W, time);
   }
 
   /// Names of the fields whose modes made most of the force; where none did, of that in whose data
@@ -222,7 +223,7 @@ class Drawing {
       if (std::find(unused.begin(), unused.end(), name) != unused.end()) continue;
       const Read read = reading(entry.second);
       const auto count = std::count_if(touches.begin(), touches.end(), [&](const Telemetry& t) {
-        return read(poseOf(name, t.time).toRest(t.report.proxy)).inside;
+        return read(poseOf(name, t.report.proxy, t.time).toRest(t.report.proxy)).inside;
       });
       entries.push_back({force[name], count, name});
     }
@@ -294,11 +295,10 @@ class Drawing {
   /// Null where nothing is known.
   [[nodiscard]] OrderedJson values(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
-    const Pose pose = poseOf(name, most_.time);
     const auto volume = volumeOf(name);
     const bool all = !volume || !metadataOf(*volume).mesh;
     return rowsOf(frame_, plane, kPixels, [&](const Vec3& p_W) {
-      const Look look = read(pose.toRest(p_W));
+      const Look look = read(poseOf(name, p_W, most_.time).toRest(p_W));
       return look.inside || all ? OrderedJson(static_cast<float>(look.value)) : OrderedJson();
     });
   }
@@ -306,11 +306,11 @@ class Drawing {
   /// Across and up; null where there is none.
   [[nodiscard]] OrderedJson vectors(const std::string& name, int plane) const {
     const Read read = reading(built_.fields.at(name));
-    const Pose pose = poseOf(name, most_.time);
     return rowsOf(frame_, plane, kArrows, [&](const Vec3& p_W) {
+      const Pose pose = poseOf(name, p_W, most_.time);
       const Look look = read(pose.toRest(p_W));
       if (!look.inside || look.value == 0.0) return OrderedJson();
-      const Vec3 vector = frame_.world.rotation.transpose() * (pose.rotation * look.vector);
+      const Vec3 vector = frame_.world.rotation.transpose() * pose.vector(look.vector);
       return OrderedJson{static_cast<float>(vector[kPlanes[plane][0]]),
                          static_cast<float>(vector[kPlanes[plane][1]])};
     });

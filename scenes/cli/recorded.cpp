@@ -16,6 +16,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/dials.h"
+#include "palpate/scenes/frames.h"
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
 
@@ -174,10 +175,12 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
   json["volumes"] = OrderedJson::array();
   std::set<fs::path> files;
   for (const auto& [name, volume] : spec.volumes) {
-    if (volume.file.empty() || !files.insert(volume.file).second) continue;
-    OrderedJson of = {{"file", fs::absolute(volume.file).string()}};
-    of["state"] = stateOf(volume.file);
-    json["volumes"].push_back(of);
+    for (const fs::path& at : filesOf(volume)) {
+      if (!files.insert(at).second) continue;
+      OrderedJson of = {{"file", fs::absolute(at).string()}};
+      of["state"] = stateOf(at);
+      json["volumes"].push_back(of);
+    }
   }
   return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);
 }

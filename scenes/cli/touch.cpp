@@ -9,6 +9,7 @@
 
 #include "palpate/devices/path_device.h"
 #include "palpate/engine/error.h"
+#include "palpate/scenes/frames.h"
 #include "palpate/scenes/nearby.h"
 #include "palpate/scenes/scene_cache.h"
 
@@ -62,7 +63,10 @@ bool holds(const Box& box, const Vec3& p) {
 
 std::vector<std::filesystem::path> inputsOf(const std::string& scene, const SceneSpec& spec) {
   std::vector<std::filesystem::path> inputs{scene};
-  for (const auto& [name, volume] : spec.volumes) inputs.push_back(volume.file);
+  for (const auto& [name, volume] : spec.volumes) {
+    const std::vector<std::filesystem::path> files = filesOf(volume);
+    inputs.insert(inputs.end(), files.begin(), files.end());
+  }
   return inputs;
 }
 

@@ -102,6 +102,21 @@ int scalarFieldOfGradient(const Graph& graph, int property) {
   return -1;
 }
 
+/// Puts a mesh's points where a motion has taken them.
+void deform(vtkPolyData& mesh, vtkPoints& rest, const Motion& motion, double time) {
+  auto moved = vtkSmartPointer<vtkPoints>::New();
+  const vtkIdType count = rest.GetNumberOfPoints();
+  moved->SetNumberOfPoints(count);
+  tbb::parallel_for(vtkIdType{0}, count, [&](vtkIdType i) {
+    double p[3];  // NOLINT(modernize-avoid-c-arrays): as VTK takes it
+    rest.GetPoint(i, p);
+    const Vec3 at = Eigen::Map<const Vec3>(p);
+    const Vec3 to = motion.poseOf(at, time)(at);
+    moved->SetPoint(i, to.data());
+  });
+  mesh.SetPoints(moved);
+}
+
 }  // namespace
 
 Colour onScale(double share) {
@@ -140,7 +155,8 @@ Shapes::Shapes(const BuiltScene& built, bool fine) : bounds_(built.bounds), fine
 }
 
 void Shapes::add(vtkSmartPointer<vtkProp3D> prop, When when, const MotionPtr& motion) {
-  shapes_.push_back({std::move(prop), when, motion, false, -1, nullptr});
+  const Vec3 centre = motion ? Vec3(prop->GetCenter()) : Vec3::Zero();
+  shapes_.push_back({std::move(prop), when, motion, centre});
 }
 
 void Shapes::seeThrough() {
@@ -256,6 +272,10 @@ void Shapes::addSurface(const Graph& graph, std::size_t field, double level,
     add(actor, when, motion);
     shapes_.back().body = true;
     if (!motion) shapes_.back().surface = static_cast<int>(surfaces_);
+    if (motion && motion->warp()) {
+      shapes_.back().rest = kept->GetPoints();
+      shapes_.back().mesh = kept;
+    }
     return true;
   };
   const int points = fine_ && fine ? kFinePoints : graph.scalar_fields.size() > 8 ? 48 : kPoints;
@@ -471,10 +491,15 @@ void Shapes::showBodies(bool on) {
 void Shapes::moveTo(double time) {
   for (const Shape& shape : shapes_) {
     if (!shape.motion) continue;
-    const Pose pose = shape.motion->poseAt(time);
+    if (shape.mesh != nullptr) {
+      deform(*shape.mesh, *shape.rest, *shape.motion, time);
+      continue;
+    }
+    // What deforms and is no mesh is drawn as its middle moves.
+    const Pose pose = shape.motion->poseOf(shape.centre, time);
     auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
     for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 3; ++j) matrix->SetElement(i, j, pose.rotation(i, j));
+      for (int j = 0; j < 3; ++j) matrix->SetElement(i, j, pose.linear(i, j));
       matrix->SetElement(i, 3, pose.translate[i]);
     }
     shape.prop->SetUserMatrix(matrix);

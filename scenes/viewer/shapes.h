@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <vtkPoints.h>
+#include <vtkPolyData.h>
 #include <vtkProp3D.h>
 #include <vtkRenderer.h>
 #include <vtkSmartPointer.h>
@@ -65,6 +67,7 @@ class Shapes {
     std::string name;
     FieldPtr field;
     MotionPtr motion;
+    Vec3 centre = Vec3::Zero();  ///< At rest [m].
   };
   /// All of them.
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }
@@ -79,9 +82,12 @@ class Shapes {
     vtkSmartPointer<vtkProp3D> prop;
     When when = When::kAlways;
     MotionPtr motion;
+    Vec3 centre = Vec3::Zero();  ///< At rest [m].
     bool body = false;
     int surface = -1;                   ///< Its number, of a surface that does not move.
     vtkSmartPointer<vtkProp3D> depths;  ///< Of one that is seen through.
+    vtkSmartPointer<vtkPolyData> mesh;  ///< Of a surface that deforms: what is drawn,
+    vtkSmartPointer<vtkPoints> rest;    ///< and its points where they rest.
   };
   void addGraph(const Graph& graph, bool fine);
   void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,

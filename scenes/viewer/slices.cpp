@@ -41,7 +41,7 @@ void Slices::show(const ScalarField& field, const Pose& pose, const Vec3& at, do
   const Vec3 place = pose.toRest(at).cwiseMax(box.lower).cwiseMin(box.upper);
   auto matrix = vtkSmartPointer<vtkMatrix4x4>::New();
   for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) matrix->SetElement(i, j, pose.rotation(i, j));
+    for (int j = 0; j < 3; ++j) matrix->SetElement(i, j, pose.linear(i, j));
     matrix->SetElement(i, 3, pose.translate[i]);
   }
   FieldCache cache;

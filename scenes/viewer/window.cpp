@@ -269,7 +269,7 @@ void ViewWindow::drawSlices() {
   auto cells = vtkSmartPointer<vtkCellArray>::New();
   const auto& volumes = shapes_->volumes();
   for (std::size_t i = 0; i < volumes.size(); ++i) {
-    const Pose pose = volumes[i].motion ? volumes[i].motion->poseAt(tick_.time) : Pose{};
+    const Pose pose = volumes[i].motion ? volumes[i].motion->poseAbout(proxy, tick_.time) : Pose{};
     if (sliced_ == i) {
       slices_->show(*std::get<0>(volumes[i].field), pose, proxy, grey_.first, grey_.second);
       drawn = true;

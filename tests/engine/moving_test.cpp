@@ -104,7 +104,7 @@ TEST_CASE("a motion turns and shifts evenly between its keyframes", "[modes][mov
                                    keyAt(4.0, {0.2, 0, 0.1}, turn(0.5))};
   const Motion once(keys);
   const auto check = [&](const Pose& pose, double angle, const Vec3& translate) {
-    CHECK((pose.rotation - turn(angle).toRotationMatrix()).norm() < 1e-14);
+    CHECK((pose.linear - turn(angle).toRotationMatrix()).norm() < 1e-14);
     CHECK((pose.translate - translate).norm() < 1e-15);
   };
   check(once.poseAt(-5.0), 0.5, {0, 0, 0});
@@ -148,7 +148,7 @@ TEST_CASE("a motion turns the short way, whatever sign its rotations are written
       const Motion motion(
           std::vector<Keyframe>{keyAt(0.0, Vec3::Zero()), keyAt(1.0, Vec3::Zero(), written)});
       const Mat3 half = Eigen::AngleAxisd(0.5 * angle, Vec3(1, 2, 2) / 3.0).toRotationMatrix();
-      CHECK((motion.poseAt(0.5).rotation - half).norm() < 1e-12);
+      CHECK((motion.poseAt(0.5).linear - half).norm() < 1e-12);
     }
   }
 }

@@ -308,7 +308,7 @@ TEST_CASE("slopes and Jacobians are those of what is read, in metres, turned and
     const Vec3 rest = before.toRest(p);
     body.pose = motion->poseAt(0.9);
     body.seen = rest;
-    body.carry.rotation = body.pose.rotation * before.rotation.transpose();
+    body.carry = Pose::rigid(body.pose.linear * before.back, Vec3::Zero());
     body.moved = true;
     (void)graph.sample(body.pose(rest), fresh, bodies);
     graph.turn(at, bodies);

@@ -1,0 +1,68 @@
+/// How a volume deforms: a displacement field from where its matter is to where it rests.
+#pragma once
+
+#include <array>
+#include <memory>
+
+#include "palpate/engine/types.h"
+
+namespace palpate {
+
+/// A displacement field at one place and time.
+struct Displacement {
+  Vec3 shift = Vec3::Zero();  ///< u [m]
+  Mat3 slope = Mat3::Zero();  ///< slope(i, j) = d u_i / d x_j
+  Vec3 rate = Vec3::Zero();   ///< du/dt at a fixed x [m/s]
+  /// bend[i](j, k) = d^2 u_i / dx_j dx_k [1/m]: how surfaces bend by u. Zero costs readings, no
+  /// more.
+  std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(), Mat3::Zero()};
+};
+
+/// What is at x at time t rests at X = x + u(x, t), both in the volume's resting frame [m]: the way
+/// back, as image registration has it from a fixed image to a moving one. What is read of the
+/// volume at x is what it has at X. With F = dX/dx = I + du/dx a gradient g at X is F^T g at x, a
+/// vector v of the matter F^-1 v, and matter at x moves at -F^-1 du/dt. (Fortmeier, Wilms,
+/// Mastmeyer, Handels, ToH 2015.) Const and shared between threads.
+class Warp {
+ public:
+  Warp() = default;
+  Warp(const Warp&) = delete;
+  Warp& operator=(const Warp&) = delete;
+  virtual ~Warp() = default;
+
+  /// The displacement at x [m] and `time` [s]. It must be continuous, and continuous in its slope
+  /// but for a bounded region's rim; finite for whatever is finite. RT: no allocation, no lock.
+  /// Cost: one reading of a vector.
+  [[nodiscard]] virtual Displacement at(const Vec3& x,
+                                        double time) const noexcept PALPATE_NONBLOCKING = 0;
+  /// A box that holds x - X of every place and time [m].
+  [[nodiscard]] virtual Box shifts() const = 0;
+  /// Upper bound of the speed of its matter, as sampled [m/s].
+  [[nodiscard]] virtual double topSpeed() const = 0;
+};
+
+using WarpPtr = std::shared_ptr<const Warp>;  ///< None: what moves is rigid.
+
+/// A warp about a place and a time: X = slope x + origin + rate (t - time), in the resting frame.
+/// As made: nothing deforms.
+struct Deformation {
+  Mat3 slope = Mat3::Identity();  ///< F = dX/dx
+  Mat3 back = Mat3::Identity();   ///< F^-1
+  Vec3 origin = Vec3::Zero();     ///< [m]
+  Vec3 rate = Vec3::Zero();       ///< du/dt [m/s]
+  double time = 0.0;              ///< [s]
+  std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(),
+                           Mat3::Zero()};  ///< d^2 X_i / dx_j dx_k [1/m]
+
+  /// What bends the derivative of a gradient besides: sum g_i bend_i, in the resting frame.
+  [[nodiscard]] Mat3 bendOf(const Vec3& g) const noexcept {
+    return g.x() * bend[0] + g.y() * bend[1] + g.z() * bend[2];
+  }
+};
+
+/// A warp about x [m]: one reading. Where u folds space (det F below a twentieth) F is taken as I.
+/// RT: no allocation.
+[[nodiscard]] Deformation deformationAt(const Warp& warp, const Vec3& x,
+                                        double time) noexcept PALPATE_NONBLOCKING;
+
+}  // namespace palpate

@@ -1,0 +1,494 @@
+/// Volumes that deform: displacement fields on coarse lattices about level sets of balls.
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <iostream>
+#include <limits>
+#include <map>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/analytic_field.h"
+#include "palpate/samplers/warp_grid.h"
+#include "tests/support/counters.h"
+#include "tests/support/motion_problems.h"
+#include "tests/support/random.h"
+#include "tests/support/theorem.h"
+
+using namespace palpate;
+using namespace palpate::bench;
+using palpate::test::CountScope;
+using palpate::test::Random;
+
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+const Vec3 kCentre(52.3, 51.7, 52.45);  // of the ball [voxels]
+constexpr double kRadius = 40.0;
+
+/// u(x, t), all in metres and seconds.
+using Displaces = std::function<Vec3(const Vec3& x, double time)>;
+
+/// A lattice of `step` voxels about the ball, and frames evenly in time.
+DisplacementFrames framesOf(const Displaces& u, double step, const std::vector<double>& times) {
+  DisplacementFrames out;
+  const int size = 2 + static_cast<int>(150.0 / step);
+  out.size = {size, size, size};
+  out.origin = kVoxel * (kCentre - Vec3::Constant(75.0));
+  out.axes = step * kVoxel * Mat3::Identity();
+  for (const double time : times) {
+    std::vector<float>& frame = out.frames.emplace_back();
+    for (int i = 0; i < size; ++i) {
+      for (int j = 0; j < size; ++j) {
+        for (int k = 0; k < size; ++k) {
+          const Vec3 shift = u(out.origin + out.axes * Vec3(i, j, k), time);
+          for (int c = 0; c < 3; ++c) frame.push_back(static_cast<float>(shift[c]));
+        }
+      }
+    }
+  }
+  return out;
+}
+
+std::vector<double> evenly(double to, int frames) {
+  std::vector<double> times;
+  for (int i = 0; i < frames; ++i) times.push_back(to * i / (frames - 1));
+  return times;
+}
+
+WarpPtr warpOf(const Displaces& u, double step, double period, int frames, bool repeat = true) {
+  const std::vector<double> times = evenly(period, frames);
+  return makeWarp(framesOf(u, step, times), {times, repeat}, "/warp");
+}
+
+/// The ball, swelling about its centre to `size(t)` times its size.
+Displaces swelling(const std::function<double(double)>& size) {
+  return [size](const Vec3& x, double time) {
+    return Vec3((1.0 / size(time) - 1.0) * (x - kVoxel * kCentre));
+  };
+}
+
+/// A wave through space that shears it, of a length and a height in voxels.
+Displaces wave(double length, double height, double rate) {
+  const Vec3 along = Vec3(0.6, 0.64, 0.48).normalized();
+  const Vec3 aside = along.cross(Vec3::UnitZ()).normalized();
+  return [=](const Vec3& x, double time) {
+    return Vec3(kVoxel * height *
+                std::sin(2.0 * kPi * (along.dot(x) / (kVoxel * length) - rate * time)) * aside);
+  };
+}
+
+ModeSpec isosurface(double strength, double friction = 0.0) {
+  ModeSpec mode;
+  mode.kind = ModeKind::kIsosurface;
+  mode.of = "ball";
+  mode.solid = Solid::kBelow;
+  mode.strength = strength;
+  mode.friction = friction;
+  return mode;
+}
+
+std::unique_ptr<const Scene> sceneOf(const std::vector<ModeSpec>& modes, const FieldPtr& ball,
+                                     const MotionPtr& motion) {
+  GraphSpec spec;
+  spec.modes = modes;
+  if (motion != nullptr) spec.motions["ball"] = motion;
+  return makeScene(spec, {{"ball", ball}}, {kMotionStiffness, 0.0});
+}
+
+/// A warp by formulas.
+class FormulaWarp final : public Warp {
+ public:
+  using Formula = std::function<Displacement(const Vec3&, double)>;
+  explicit FormulaWarp(Formula formula) : formula_(std::move(formula)) {}
+  [[nodiscard]] Displacement at(const Vec3& x, double time) const noexcept override {
+    return formula_(x, time);
+  }
+  [[nodiscard]] Box shifts() const override { return {Vec3::Constant(-0.1), Vec3::Constant(0.1)}; }
+  [[nodiscard]] double topSpeed() const override { return 1.0; }
+
+ private:
+  Formula formula_;
+};
+
+MotionPtr deforming(const WarpPtr& warp) {
+  return std::make_shared<const Motion>(warp);
+}
+
+/// What holding a hand still in a body came to.
+struct Carried {
+  double off = 0.0;       ///< From the surface as it is interpolated [voxels].
+  double off_true = 0.0;  ///< By the formula of u [voxels].
+  double readings = 0.0;  ///< A tick.
+  double capped = 0.0;    ///< Share of ticks.
+  int held = 0;           ///< Ticks in which it was pushed.
+  double speed = 0.0;     ///< Largest of the surface's matter at the proxy [m/s].
+};
+
+Carried hold(const Scene& scene, const std::shared_ptr<const ScalarField>& ball,
+             const Motion& motion, const Displaces& u, const std::function<Vec3(double)>& hand,
+             double seconds) {
+  Probed probed(ball);
+  Reader reader;
+  ProxyState state({1e3, 1e12});
+  Carried out;
+  const int ticks = static_cast<int>(seconds / kMotionTick);
+  for (int i = 0; i < ticks; ++i) {
+    // From outside, at first.
+    const double away = std::max(0.0, 0.02 - 0.2 * kMotionTick * i);
+    const Vec3 to = hand(kMotionTick * i);
+    const Vec3 h = to + away * (to - kVoxel * kCentre).normalized();
+    const StepReport r = provenStep(scene, reader, {h}, state, kMotionTick);
+    out.readings += r.samples;
+    out.capped += r.status == StepStatus::kConverged ? 0 : 1;
+    if (!(r.wanted.norm() > 1e-9)) continue;
+    ++out.held;
+    const Deformation about = motion.deformationAt(r.proxy, state.time());
+    const auto off = [&](const Vec3& rest) {
+      // Heights in the body's own voxels are those of W where the body is not stretched.
+      return std::abs(probed.off(rest / kVoxel, 0.0));
+    };
+    out.off = std::max(out.off, off(about.slope * r.proxy + about.origin));
+    out.off_true = std::max(out.off_true, off(r.proxy + u(r.proxy, state.time())));
+    out.speed = std::max(out.speed, (about.back * about.rate).norm());
+  }
+  out.readings /= ticks;
+  out.capped /= ticks;
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("a breathing and a growing body carry the proxy on their surface", "[motion][warp]") {
+  // Asked: 0.05 voxel at 0.2 m/s.
+  const auto ball = std::get<0>(sphereMotion("level set", kRadius, 2.56).field);
+  const auto still = [](double depth, const Vec3& d) {
+    const Vec3 hand = kVoxel * (kCentre + (kRadius - depth) * d.normalized());
+    return [hand](double) { return hand; };
+  };
+  const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
+  const auto growth = [](double t) { return 0.8 + 0.6 * std::clamp(t / 0.1, 0.0, 1.0); };
+  struct Case {
+    const char* name;
+    Displaces u;
+    WarpPtr warp;
+    std::function<Vec3(double)> hand;
+    double seconds;
+    bool slides = false;
+  };
+  const Displaces breathes = swelling(breath);
+  const Displaces grows = swelling(growth);
+  const Displaces bends = wave(50.0, 4.0, 10.0);
+  const double side = kRadius - 2.5;
+  const std::vector<Case> cases{
+      {"breathing", breathes, warpOf(breathes, 8.0, 0.2, 17), still(0.22 * kRadius, {1, 2, -1}),
+       2.0},
+      {"growing", grows, warpOf(grows, 8.0, 0.1, 9, false), still(-0.05 * kRadius, {-1, 1, 3}),
+       0.2},
+      {"bending", bends, warpOf(bends, 8.0, 0.1, 17), still(9.0, {0.6, 0.64, 0.48}), 2.0},
+      {"bending, a hand that slides", bends, warpOf(bends, 8.0, 0.1, 17),
+       [side](double t) {
+         const double a = 0.5 / (kVoxel * side) * t;
+         return Vec3(kVoxel * (kCentre + (side - 6.0) * Vec3(std::cos(a), std::sin(a), 0.3)));
+       },
+       2.0, true},
+  };
+  for (const Case& c : cases) {
+    const MotionPtr motion = deforming(c.warp);
+    for (const double friction : {0.0, 0.3}) {
+      const auto scene = sceneOf({isosurface(10.0, friction)}, ball, motion);
+      const Carried r = hold(*scene, ball, *motion, c.u, c.hand, c.seconds);
+      CAPTURE(c.name, friction, r.off, r.off_true, r.readings, r.capped, r.held, r.speed);
+      std::cout << c.name << ", mu " << friction << ": off " << r.off
+                << " voxel (by the formula of u " << r.off_true << "), " << r.readings
+                << " readings a tick, surface at " << r.speed << " m/s\n";
+      CHECK(r.held > 50);
+      CHECK(r.speed >= 0.19);
+      CHECK(r.off <= 0.05);
+      // One of the volume and one of the displacement; a hand that slides fast has two of each.
+      CHECK(r.readings <= (c.slides ? 4.0 : 2.4));
+    }
+  }
+}
+
+TEST_CASE("a warp that is rigid is felt as keyframes are", "[motion][warp]") {
+  const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
+  const Vec3 speed(0.12, -0.1, 0.08);
+  std::vector<Keyframe> keys(2);
+  keys[1].time = 1.0;
+  keys[1].translate = speed;
+  const MotionPtr rigid = std::make_shared<const Motion>(keys);
+  const MotionPtr warped =
+      deforming(std::make_shared<FormulaWarp>([speed](const Vec3&, double time) {
+        Displacement u;
+        u.shift = -std::clamp(time, 0.0, 1.0) * speed;
+        u.rate = time < 1.0 ? Vec3(-speed) : Vec3::Zero();
+        return u;
+      }));
+  ModeSpec drag = isosurface(6.0, 0.4);
+  drag.viscosity = 0.3;
+  const auto one = sceneOf({drag}, ball, rigid);
+  const auto other = sceneOf({drag}, ball, warped);
+  Reader readers[2];  // NOLINT(modernize-avoid-c-arrays): two of them
+  ProxyState a({1e3, 1e12});
+  ProxyState b({1e3, 1e12});
+  double worst = 0.0;
+  double largest = 0.0;
+  for (int i = 0; i < 900; ++i) {
+    const double t = kMotionTick * i;
+    const Vec3 hand = kVoxel * kCentre + t * speed +
+                      kVoxel * (kRadius - 4.0 + 8.0 * std::cos(9.0 * t)) *
+                          Vec3(std::cos(6.0 * t), std::sin(6.0 * t), 0.2).normalized();
+    const StepReport ra = provenStep(*one, readers[0], {hand}, a, kMotionTick);
+    const StepReport rb = provenStep(*other, readers[1], {hand}, b, kMotionTick);
+    worst = std::max(worst, (ra.wanted - rb.wanted).norm());
+    largest = std::max(largest, ra.wanted.norm());
+  }
+  CAPTURE(worst, largest);
+  CHECK(largest > 1.0);
+  CHECK(worst <= 1e-9 * largest);
+}
+
+TEST_CASE("what sticks stays on its matter while that bends, breathes and is dragged about",
+          "[motion][warp]") {
+  const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
+  const auto breath = [](double t) { return 1.0 + 0.05 * std::sin(2.0 * kPi * 5.0 * t); };
+  struct Case {
+    const char* name;
+    Displaces u;
+    double period;
+  };
+  for (const Case& c :
+       {Case{"breathing", swelling(breath), 0.2}, Case{"bending", wave(50.0, 2.0, 5.0), 0.2}}) {
+    const MotionPtr motion = deforming(warpOf(c.u, 8.0, c.period, 17));
+    const auto scene = sceneOf({isosurface(8.0, 5.0)}, ball, motion);
+    Reader reader;
+    ProxyState state({1e3, 1e12});
+    const Vec3 d = Vec3(0.3, -0.9, 0.4).normalized();
+    const auto rest = [&] {
+      return Vec3(motion->poseAbout(state.proxy(), state.time()).toRest(state.proxy()));
+    };
+    Vec3 at = Vec3::Zero();
+    double slid = 0.0;
+    for (int i = 0; i < 5000; ++i) {
+      const double away = std::max(0.0, 0.02 - 0.2 * kMotionTick * i);
+      const Vec3 hand = kVoxel * (kCentre + (kRadius - 8.0) * d) + away * d;
+      const StepReport r = provenStep(*scene, reader, {hand}, state, kMotionTick);
+      REQUIRE(r.status == StepStatus::kConverged);
+      if (i == 300) at = rest();
+      if (i > 300) slid = std::max(slid, (rest() - at).norm() / kVoxel);
+    }
+    CAPTURE(c.name, slid);
+    std::cout << c.name << ": in 5 s what sticks leaves its matter by " << slid << " voxel\n";
+    CHECK(slid <= 0.05);
+  }
+}
+
+TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp]") {
+  constexpr double kStrength = 2.34375;  // [N]: 6 voxels of spring
+  constexpr double kSpring = 6.0;
+  const Shell shell = makeShell("level set", 2.0);
+  const auto about = [&](const Displaces& u) {
+    return [u, shift = kVoxel * (shell.centre - kCentre)](const Vec3& x, double t) {
+      return u(x - shift, t);
+    };
+  };
+  const Displaces bends = about(wave(40.0, 3.0, 8.0));
+  DisplacementFrames frames = framesOf(bends, 5.0, {});
+  frames.origin += kVoxel * (shell.centre - kCentre);
+  const std::vector<double> times = evenly(0.125, 17);
+  for (const double t : times) {
+    DisplacementFrames one = framesOf(
+        [&](const Vec3& x, double) { return bends(x + kVoxel * (shell.centre - kCentre), t); }, 5.0,
+        {0.0});
+    frames.frames.push_back(std::move(one.frames[0]));
+  }
+  const MotionPtr motion = deforming(makeWarp(frames, {times, true}, "/warp"));
+  ModeSpec mode = isosurface(kStrength);
+  mode.value = shell.level;
+  mode.solid = shell.solid;
+  const auto scene = sceneOf({mode}, shell.field, motion);
+  Reader reader;
+  Random random(12);
+  const long count = test::cases(1000);
+  long crossed = 0;
+  long met = 0;
+  for (long i = 0; i < count; ++i) {
+    const Vec3 d = random.direction();
+    const Vec3 t = d.cross(random.direction()).normalized();
+    const Vec3 end = shell.centre + (shell.radius + shell.half - 0.6 * kSpring) * d;
+    const Vec3 in = (-d + std::tan(random.uniform(0.0, 1.2)) * t).normalized();
+    const double pace = voxelsPerTick(2.0);
+    const double phase = random.uniform();
+    ProxyState state({1e3, 1e12});
+    const int later = static_cast<int>(random.uniform(0.0, 125.0));
+    for (int k = -later; k <= 33; ++k) {
+      // The hand's way is straight where the shell rests.
+      const double before = std::max(8 - std::max(k, 0) - phase, 0.0) * pace;
+      const Vec3 rest = kVoxel * (end - before * in);
+      const double time = state.time() + kMotionTick;
+      const Vec3 hand = motion->poseOf(rest, time)(rest);
+      (void)provenStep(*scene, reader, {hand}, state, kMotionTick);
+    }
+    const Vec3 rest = motion->poseAbout(state.proxy(), state.time()).toRest(state.proxy());
+    crossed += (rest / kVoxel - shell.centre).norm() < shell.radius - 0.05 ? 1 : 0;
+    met += state.forces().empty() ? 0 : 1;
+  }
+  CHECK(crossed == 0);
+  CHECK(met > count / 2);
+}
+
+TEST_CASE("a warp's lattice is the spline through its nodes, and its derivatives are its own",
+          "[motion][warp]") {
+  const Displaces u = wave(60.0, 3.0, 4.0);
+  const WarpPtr warp = warpOf(u, 8.0, 0.25, 17);
+  Random random(31);
+  double of_value = 0.0;
+  double of_slope = 0.0;
+  double of_rate = 0.0;
+  double of_bend = 0.0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vec3 x = kVoxel * (kCentre + random.inCube(60.0));
+    const double t = random.uniform(-1.0, 1.0);
+    const Displacement at = warp->at(x, t);
+    of_value = std::max(of_value, (at.shift - u(x, t)).norm() / kVoxel);
+    constexpr double kAside = 1e-7;
+    constexpr double kSoon = 1e-6;
+    for (int a = 0; a < 3; ++a) {
+      const Vec3 aside = kAside * Vec3::Unit(a);
+      const Displacement ahead = warp->at(x + aside, t);
+      const Displacement back = warp->at(x - aside, t);
+      of_slope = std::max(of_slope,
+                          ((ahead.shift - back.shift) / (2.0 * kAside) - at.slope.col(a)).norm());
+      for (std::size_t c = 0; c < 3; ++c) {
+        const auto row = static_cast<Eigen::Index>(c);
+        const Eigen::RowVector3d by = (ahead.slope.row(row) - back.slope.row(row)) / (2.0 * kAside);
+        // On a face between two pieces the bend jumps.
+        const double off = (by - at.bend[c].row(a)).norm() * kVoxel;
+        if (off < 0.01) of_bend = std::max(of_bend, off);
+      }
+    }
+    const Vec3 rate = (warp->at(x, t + kSoon).shift - warp->at(x, t - kSoon).shift) / (2.0 * kSoon);
+    of_rate = std::max(of_rate, (rate - at.rate).norm());
+    CHECK((at.shift.array() <= -warp->shifts().lower.array() + 1e-12).all());
+    CHECK((at.shift.array() >= -warp->shifts().upper.array() - 1e-12).all());
+    const Mat3 F = Mat3::Identity() + at.slope;
+    CHECK((F.inverse() * at.rate).norm() <= 1.05 * warp->topSpeed());
+  }
+  CAPTURE(of_value, of_slope, of_rate, of_bend);
+  CHECK(of_value <= 0.02);
+  CHECK(of_slope <= 1e-6);
+  CHECK(of_rate <= 1e-4);
+  CHECK(of_bend <= 1e-4);
+  // Beyond the lattice it is what it is on its face; what is no place does no harm.
+  const Vec3 far = kVoxel * (kCentre + Vec3(400.0, 3.0, -2.0));
+  const Vec3 face(kVoxel * (kCentre.x() - 75.0 + 8.0 * 19), far.y(), far.z());
+  CHECK((warp->at(far, 0.1).shift - warp->at(face, 0.1).shift).norm() < 1e-12);
+  CHECK(warp->at(far, 0.1).slope.col(0).isZero(0.0));
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  CHECK(warp->at(Vec3(kNan, 0.0, 0.0), kNan).shift.allFinite());
+  CHECK(warp->at(Vec3::Constant(1e300), 1e300).shift.allFinite());
+}
+
+TEST_CASE("displacements that are none are refused with their path", "[motion][warp]") {
+  const Displaces u = wave(60.0, 3.0, 4.0);
+  const auto message = [&](const std::function<void(DisplacementFrames&, WarpTimes&)>& spoil) {
+    WarpTimes when{evenly(0.25, 3), true};
+    DisplacementFrames frames = framesOf(u, 16.0, {0.0, 0.125, 0.25});
+    frames.frames[2] = frames.frames[0];
+    spoil(frames, when);
+    try {
+      (void)makeWarp(frames, when, "/volumes/ct/warp");
+    } catch (const SceneError& e) {
+      return std::string(e.what());
+    }
+    return std::string("taken");
+  };
+  using Catch::Matchers::Contains;
+  CHECK(message([](auto&, auto&) {}) == "taken");
+  CHECK_THAT(message([](auto&, WarpTimes& t) { t.times.pop_back(); }),
+             Contains("/volumes/ct/warp/times: 2 times of 3"));
+  CHECK_THAT(message([](auto&, WarpTimes& t) { std::swap(t.times[0], t.times[1]); }),
+             Contains("/times/1: the times do not ascend"));
+  CHECK_THAT(
+      message([](auto&, WarpTimes& t) { t.times[1] = std::numeric_limits<double>::quiet_NaN(); }),
+      Contains("/times/1"));
+  CHECK_THAT(message([](DisplacementFrames& f, auto&) {
+               f.frames[1][5] = std::numeric_limits<float>::infinity();
+             }),
+             Contains("not finite"));
+  CHECK_THAT(message([](DisplacementFrames& f, auto&) { f.frames[2] = f.frames[1]; }),
+             Contains("must end as it began"));
+  CHECK_THAT(message([](DisplacementFrames& f, WarpTimes& t) {
+               f.frames.clear();
+               t.times.clear();
+             }),
+             Contains("there is no displacement"));
+  CHECK_THAT(message([](DisplacementFrames& f, auto&) {
+               f.size = {100000, 10000, 10000};
+             }),
+             Contains("make them coarser"));
+  // The sign or the unit of another: space folds.
+  CHECK_THAT(message([](DisplacementFrames& f, auto&) {
+               for (auto& frame : f.frames) {
+                 for (float& value : frame) value *= 40.0F;
+               }
+             }),
+             Contains("folds it"));
+}
+
+TEST_CASE("a warp that folds space or is no number spoils no force", "[motion][warp]") {
+  const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
+  Random random(5);
+  for (const int kind : {0, 1, 2}) {
+    const MotionPtr motion =
+        deforming(std::make_shared<FormulaWarp>([kind](const Vec3& x, double time) {
+          Displacement u;
+          const double s = std::sin(300.0 * x.x() + 50.0 * time);
+          u.shift = Vec3(0.02 * s, 0.0, 0.0);
+          u.slope(0, 0) = 6.0 * std::cos(300.0 * x.x() + 50.0 * time);  // folds
+          u.rate = Vec3(std::cos(50.0 * time), 0.0, 0.0);
+          if (kind == 1 && s > 0.9) u.shift.x() = std::numeric_limits<double>::quiet_NaN();
+          if (kind == 2) u.rate *= 1e9;
+          return u;
+        }));
+    const auto scene = sceneOf({isosurface(6.0, 0.4)}, ball, motion);
+    Reader reader;
+    ForceLimits limits{4.0, 200.0};
+    ProxyState state(limits);
+    Vec3 last = Vec3::Zero();
+    for (int i = 0; i < 3000; ++i) {
+      const Vec3 hand =
+          kVoxel * (kCentre + 41.0 * Vec3(std::sin(0.01 * i), std::cos(0.013 * i), 0.1));
+      const StepReport r = hapticStep(*scene, reader, {hand}, state, kMotionTick);
+      if (state.faulted()) state.clearFault();
+      CAPTURE(kind, i);
+      REQUIRE(r.force.allFinite());
+      REQUIRE(r.force.norm() <= 4.0);
+      // What is kept of the last force, and what it grew by (limit_force.cpp).
+      const double length = last.norm();
+      Vec3 kept = Vec3::Zero();
+      if (length > 0.0) {
+        kept = std::clamp(r.force.dot(last) / length, 0.0, length) / length * last;
+      }
+      REQUIRE((r.force - kept).norm() <= 0.2 + 1e-9);
+      last = r.force;
+    }
+  }
+}
+
+TEST_CASE("a guide in what deforms is refused", "[motion][warp]") {
+  const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
+  ModeSpec guide;
+  guide.kind = ModeKind::kGuide;
+  guide.strength = 1.0;
+  guide.in = "ball";
+  const MotionPtr motion = deforming(warpOf(wave(60.0, 3.0, 4.0), 16.0, 0.25, 5));
+  CHECK_THROWS_WITH(sceneOf({isosurface(3.0), guide}, ball, motion),
+                    Catch::Matchers::Contains("/modes/1/in: \"ball\" deforms"));
+}
