@@ -126,6 +126,79 @@ double cloud(const Vec3& p_F) {
   return std::clamp((kEdge - (p_F - centre).norm()) / (kEdge - kCore), 0.0, 1.0);
 }
 
+namespace {
+
+/// Distance to an ellipsoid's surface, exact on it and to first order near it.
+double ellipsoid(const Vec3& p, const Vec3& axes) {
+  const double k0 = p.cwiseQuotient(axes).norm();
+  const double k1 = p.cwiseQuotient(axes.cwiseProduct(axes)).norm();
+  return k1 > 0.0 ? k0 * (k0 - 1.0) / k1 : -axes.minCoeff();
+}
+
+/// From 0 to 1 over a width about an edge.
+double ramp(double d, double width) {
+  return std::clamp(0.5 + d / width, 0.0, 1.0);
+}
+
+}  // namespace
+
+double ventricle(const Vec3& p_F) {
+  constexpr double kRim = 24.0;  // [mm]
+  const double outer = ellipsoid(p_F, {32.0, 32.0, 48.0});
+  const double inner = ellipsoid(p_F, {22.0, 22.0, 38.0});
+  return std::max({outer, -inner, p_F.z() - kRim});
+}
+
+Vec3 beat(const Vec3& x_F, double share) {
+  constexpr double kRim = 24.0;     // stays [mm]
+  constexpr double kSystole = 0.4;  // of the beat
+  constexpr double kRelaxed = 0.75;
+  const double t = share - std::floor(share);
+  double tension = 0.0;
+  if (t < kSystole) {
+    tension = std::pow(std::sin(0.5 * M_PI * t / kSystole), 2);
+  } else if (t < kRelaxed) {
+    tension = std::pow(std::cos(0.5 * M_PI * (t - kSystole) / (kRelaxed - kSystole)), 2);
+  }
+  const double r = std::hypot(x_F.x(), x_F.y());
+  const double wide = 1.0 + 0.9 * tension * std::exp(-r * r / (19.2 * 19.2));
+  const double long_axis = 1.0 / (1.0 - 0.12 * tension);
+  const double turn = tension * 15.0 * M_PI / 180.0 * (kRim - x_F.z()) / 72.0;
+  const Vec3 rest(wide * (std::cos(turn) * x_F.x() - std::sin(turn) * x_F.y()),
+                  wide * (std::sin(turn) * x_F.x() + std::cos(turn) * x_F.y()),
+                  kRim + long_axis * (x_F.z() - kRim));
+  return rest - x_F;
+}
+
+double trunk(const Vec3& p_F) {
+  constexpr double kEdge = 6.0;  // blurred over [mm]
+  const double body = ellipsoid({p_F.x(), p_F.y(), 0.0}, {150.0, 100.0, 1e6});
+  const double ends = std::abs(p_F.z()) - 140.0;
+  // The lungs stand on the diaphragm, a dome.
+  const double dome = p_F.z() + 30.0 + (p_F.x() * p_F.x() + p_F.y() * p_F.y()) / 300.0;
+  double lungs = 1e9;
+  for (const double side : {-1.0, 1.0}) {
+    const double lung = ellipsoid(p_F - Vec3(side * 65.0, 0.0, 0.0), {52.0, 72.0, 115.0});
+    lungs = std::min(lungs, std::max(lung, -dome));
+  }
+  const double liver =
+      std::max(ellipsoid(p_F - Vec3(35.0, -10.0, -75.0), {85.0, 65.0, 60.0}), dome + 8.0);
+  const double air = ramp(std::max(body, ends), kEdge);
+  const double lung = ramp(-lungs, kEdge);
+  const double soft = 40.0 + 20.0 * ramp(-liver, kEdge);
+  return air * -1000.0 + (1.0 - air) * (lung * -800.0 + (1.0 - lung) * soft);
+}
+
+Vec3 breath(const Vec3& x_F, double share) {
+  // Breathing out takes longer than breathing in, and there is a rest (Lujan et al. 1999: a power
+  // of a cosine).
+  const double in = std::pow(std::sin(M_PI * share), 4);
+  const double front = ramp(40.0 - x_F.y(), 200.0);  // 0 at the spine, 1 at the front
+  const double diaphragm = std::exp(-std::pow((x_F.z() + 40.0) / 70.0, 2));
+  const double chest = std::exp(-std::pow((x_F.z() - 20.0) / 90.0, 2));
+  return in * Vec3(0.0, 6.0 * chest * front, 15.0 * diaphragm * (0.4 + 0.6 * front));
+}
+
 }  // namespace made
 
 namespace {
@@ -230,6 +303,43 @@ std::vector<Making> makeTwoBodies(double voxel) {
           {cloud, {.name = "", .what = "density of a cloud in it and about it", .value_unit = ""}}};
 }
 
+/// Displacements over one cycle, evenly in time; the last frame is the first again.
+void addCycle(std::vector<Making>& to, const Box& box_F, double voxel, int frames,
+              const std::string& what, Vec3 (*displaced)(const Vec3& x_F, double share)) {
+  for (int frame = 0; frame <= frames; ++frame) {
+    auto u = create<openvdb::Vec3SGrid>("u", voxel, openvdb::Vec3f(0.0F));
+    openvdb::Vec3SGrid::Accessor writer = u->getAccessor();
+    const double share = static_cast<double>(frame % frames) / frames;
+    everyVoxel(box_F, voxel, [&](const Coord& at, const Vec3& x_F) {
+      writer.setValue(at, toVdb(displaced(x_F, share)));
+    });
+    to.push_back({u, {.name = "", .what = what, .value_unit = "mm"}});
+  }
+}
+
+std::vector<Making> makeHeart(double voxel) {
+  std::vector<Making> all{
+      {levelSet("muscle", {{-36, -36, -52}, {36, 36, 28}}, voxel, made::ventricle),
+       {.name = "", .what = "distance to a ventricle's muscle at rest", .value_unit = "mm"}}};
+  addCycle(all, {{-48, -48, -66}, {48, 48, 42}}, 6.0, 16, "back to where the muscle rests",
+           made::beat);
+  return all;
+}
+
+std::vector<Making> makeBreathing(double voxel) {
+  auto ct = create<openvdb::FloatGrid>("ct", voxel, -1000.0F);
+  openvdb::FloatGrid::Accessor writer = ct->getAccessor();
+  everyVoxel({{-162, -112, -150}, {162, 112, 150}}, voxel, [&](const Coord& at, const Vec3& p_F) {
+    writer.setValue(at, static_cast<float>(made::trunk(p_F)));
+  });
+  std::vector<Making> all{
+      {ct,
+       {.name = "", .what = "a trunk, breathed out, in Hounsfield's units", .value_unit = "HU"}}};
+  addCycle(all, {{-180, -140, -180}, {180, 140, 180}}, 20.0, 16, "back to where it is breathed out",
+           made::breath);
+  return all;
+}
+
 struct Recipe {
   MadeVolume volume;
   std::vector<Making> (*make)(double voxel);
@@ -243,7 +353,10 @@ const std::vector<Recipe>& recipes() {
         0.25, 3.0},
        makeFibres},
       {{"two-bodies", "a bowl and a cloud, two objects that overlap", "mm", 1.0, 0.25, 3.0},
-       makeTwoBodies}};
+       makeTwoBodies},
+      {{"beating-heart", "a ventricle, and how it moves in a beat", "mm", 1.0, 0.5, 3.0},
+       makeHeart},
+      {{"breathing", "a trunk, and how it moves in a breath", "mm", 3.0, 2.0, 6.0}, makeBreathing}};
   return all;
 }
 
@@ -306,7 +419,11 @@ std::vector<MadeGrid> writeMade(const std::string& name, std::optional<double> v
     making.made.name = making.grid->getName();
     making.made.active_voxels = making.grid->activeVoxelCount();
     making.made.voxel = making.grid->voxelSize().x();
-    out.push_back(making.made);
+    if (!out.empty() && out.back().name == making.made.name) {
+      ++out.back().frames;
+    } else {
+      out.push_back(making.made);
+    }
     grids.push_back(making.grid);
   }
   writeGrids(file, grids);

@@ -33,6 +33,7 @@ struct MadeGrid {
   std::string value_unit;           ///< As "m/s"; empty for values without one.
   std::uint64_t active_voxels = 0;  ///< Active tiles counted by their voxels.
   double voxel = 0.0;               ///< Edge of its cubes, in MadeVolume::length_unit.
+  int frames = 1;                   ///< Grids of that name one after the other: name[0], name[1].
 };
 
 /// Makes a volume and writes it as a .vdb; its metadata say by which version, and of what unit.
@@ -93,6 +94,22 @@ struct Fibre {
 /// A cloud in the bowl, through its wall and over its rim: its density is 1 near its centre and
 /// falls off along a straight ramp to 0 at its edge. File: mm.
 [[nodiscard]] double cloud(const Vec3& p_F);
+
+/// The left ventricle of a heart at rest, an egg-shaped cup of muscle with a wall of 10 mm, open
+/// towards +z: signed distance to its surface, near it [mm].
+[[nodiscard]] double ventricle(const Vec3& p_F);
+/// How the muscle has moved at a share of a beat, 0 to 1: what is at x rests at x + u [mm]. The
+/// cavity narrows to two thirds, the wall thickens by a third, the apex (-z) comes up, and the cup
+/// wrings by 15 degrees between apex and rim; then it rests. Left out: that muscle keeps its volume
+/// exactly, the right ventricle, blood.
+[[nodiscard]] Vec3 beat(const Vec3& x_F, double share);
+
+/// A trunk as CT shows it, breathed out: muscle (40) about two lungs (-800) and a liver (60) under
+/// the diaphragm, air (-1000) outside. y to the back, z to the head. File: mm.
+[[nodiscard]] double trunk(const Vec3& p_F);
+/// How it has moved at a share of a breath, 0 to 1: what is at x rests at x + u [mm]. Breathing in,
+/// the diaphragm goes down by up to 15 mm and the chest's front comes out by 6; the spine stays.
+[[nodiscard]] Vec3 breath(const Vec3& x_F, double share);
 
 }  // namespace made
 }  // namespace palpate

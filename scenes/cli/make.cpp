@@ -35,6 +35,7 @@ int make(const MakeOptions& options) {
     json["grids"].push_back({{"name", grid.name},
                              {"what", grid.what},
                              {"unit", grid.value_unit},
+                             {"frames", grid.frames},
                              {"voxel", grid.voxel},
                              {"active_voxels", grid.active_voxels}});
   }
@@ -44,7 +45,8 @@ int make(const MakeOptions& options) {
   }
   say("{}:\n", options.out);
   for (const MadeGrid& grid : grids) {
-    say("  {}: {}{}, {} active voxels of {}\n", grid.name, sentence(grid.what),
+    say("  {}{}: {}{}, {} active voxels of {}\n", grid.name,
+        grid.frames > 1 ? fmt::format("[0] to [{}]", grid.frames - 1) : "", sentence(grid.what),
         grid.value_unit.empty() ? "" : " [" + grid.value_unit + "]", grid.active_voxels,
         rounded(grid.voxel));
   }

@@ -84,10 +84,10 @@ class Shapes {
     MotionPtr motion;
     Vec3 centre = Vec3::Zero();  ///< At rest [m].
     bool body = false;
-    int surface = -1;                   ///< Its number, of a surface that does not move.
-    vtkSmartPointer<vtkProp3D> depths;  ///< Of one that is seen through.
-    vtkSmartPointer<vtkPolyData> mesh;  ///< Of a surface that deforms: what is drawn,
-    vtkSmartPointer<vtkPoints> rest;    ///< and its points where they rest.
+    int surface = -1;                             ///< Its number, of a surface that does not move.
+    vtkSmartPointer<vtkProp3D> depths = nullptr;  ///< Of one that is seen through.
+    vtkSmartPointer<vtkPolyData> mesh = nullptr;  ///< Of a surface that deforms: what is drawn,
+    vtkSmartPointer<vtkPoints> rest = nullptr;    ///< and its points where they rest.
   };
   void addGraph(const Graph& graph, bool fine);
   void addSurface(const Graph& graph, std::size_t field, double level, const std::string& name,

