@@ -75,7 +75,7 @@ void Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) no
   for (std::size_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     const Pose last = body.pose;
-    body.pose = graph.motions[i]->poseAt(now_, body.about);
+    body.pose = parts == 1 ? body.target : graph.motions[i]->poseAt(now_, body.about);
     body.from = last.toRest(proxy);
     body.moved = !(body.pose == last);
     body.carried = body.moved ? body.pose(body.from) : proxy;

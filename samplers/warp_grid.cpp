@@ -15,8 +15,11 @@ namespace palpate {
 namespace {
 
 constexpr std::size_t kAxes = 3;
+/// Of a vector, as it is stored.
+constexpr std::size_t kLanes = 4;
+using Lanes = Eigen::Array4f;
 /// Of a node and frame: u and its rate.
-constexpr std::size_t kNumbers = 2 * kAxes;
+constexpr std::size_t kNumbers = 2 * kLanes;
 
 /// The weights of three nodes at a distance t from the middle one, -1/2 to 1/2, and their slopes.
 struct Weights {
@@ -41,6 +44,7 @@ class GridWarp final : public Warp {
       : size_(of.size),
         padded_{of.size[0] + 2, of.size[1] + 2, of.size[2] + 2},
         count_(of.frames.size()),
+        second_(count_ > 1 ? kNumbers : 0),
         times_(when.times),
         repeat_(when.repeat),
         origin_(of.origin),
@@ -64,52 +68,61 @@ class GridWarp final : public Warp {
       if (within != i) w[a].slope = w[a].bend = {};
     }
     const Moment moment = momentAt(time);
-    Displacement out;
-    Mat3 by_index = Mat3::Zero();
-    // By two indices: 00, 11, 22, 01, 02, 12.
-    std::array<Vec3, 6> twice;
-    twice.fill(Vec3::Zero());
+    // Sums over nodes in floats, as these are stored: four lanes, of which the last is nothing.
+    const auto lanes = [](const float* at) { return Lanes(Eigen::Map<const Lanes>(at)); };
+    std::array<float, 4> of{};
+    std::array<float, 4> by_time{};
+    for (std::size_t m = 0; m < 4; ++m) {
+      of[m] = static_cast<float>(moment.value[m]);
+      by_time[m] = static_cast<float>(moment.rate[m]);
+    }
+    std::array<Lanes, 11> sum;
+    sum.fill(Lanes::Zero());
     for (std::size_t i = 0; i < 3; ++i) {
       for (std::size_t j = 0; j < 3; ++j) {
-        // Along the last axis: u, its slope, its rate.
-        Vec3 u = Vec3::Zero();
-        Vec3 along = Vec3::Zero();
-        Vec3 bent = Vec3::Zero();
-        Vec3 rate = Vec3::Zero();
+        // Along the last axis: u, its slope and bend, and its rate.
+        Lanes u = Lanes::Zero();
+        Lanes along = Lanes::Zero();
+        Lanes bent = Lanes::Zero();
+        Lanes rate = Lanes::Zero();
         const float* node =
             nodeAt(middle[0] + static_cast<int>(i), middle[1] + static_cast<int>(j), middle[2]) +
             moment.frame * kNumbers;
         for (std::size_t k = 0; k < 3; ++k, node += count_ * kNumbers) {
-          for (std::size_t c = 0; c < kAxes; ++c) {
-            const double u0 = node[c];
-            const double r0 = node[kAxes + c];
-            const double u1 = count_ > 1 ? node[kNumbers + c] : 0.0;
-            const double r1 = count_ > 1 ? node[kNumbers + kAxes + c] : 0.0;
-            const double value = moment.value[0] * u0 + moment.value[1] * r0 +
-                                 moment.value[2] * u1 + moment.value[3] * r1;
-            const double by_time = moment.rate[0] * u0 + moment.rate[1] * r0 + moment.rate[2] * u1 +
-                                   moment.rate[3] * r1;
-            const auto n = static_cast<Eigen::Index>(c);
-            u[n] += w[2].value[k] * value;
-            along[n] += w[2].slope[k] * value;
-            bent[n] += w[2].bend[k] * value;
-            rate[n] += w[2].value[k] * by_time;
-          }
+          const Lanes u0 = lanes(node);
+          const Lanes r0 = lanes(node + kLanes);
+          const Lanes u1 = lanes(node + second_);
+          const Lanes r1 = lanes(node + second_ + kLanes);
+          const Lanes value = of[0] * u0 + of[1] * r0 + of[2] * u1 + of[3] * r1;
+          u += static_cast<float>(w[2].value[k]) * value;
+          along += static_cast<float>(w[2].slope[k]) * value;
+          bent += static_cast<float>(w[2].bend[k]) * value;
+          rate += static_cast<float>(w[2].value[k]) *
+                  (by_time[0] * u0 + by_time[1] * r0 + by_time[2] * u1 + by_time[3] * r1);
         }
-        const double here = w[0].value[i] * w[1].value[j];
-        out.shift += here * u;
-        out.rate += here * rate;
-        by_index.col(0) += w[0].slope[i] * w[1].value[j] * u;
-        by_index.col(1) += w[0].value[i] * w[1].slope[j] * u;
-        by_index.col(2) += here * along;
-        twice[0] += w[0].bend[i] * w[1].value[j] * u;
-        twice[1] += w[0].value[i] * w[1].bend[j] * u;
-        twice[2] += here * bent;
-        twice[3] += w[0].slope[i] * w[1].slope[j] * u;
-        twice[4] += w[0].slope[i] * w[1].value[j] * along;
-        twice[5] += w[0].value[i] * w[1].slope[j] * along;
+        const auto weight = [](double a, double b) { return static_cast<float>(a * b); };
+        const float here = weight(w[0].value[i], w[1].value[j]);
+        sum[0] += here * u;
+        sum[1] += here * rate;
+        sum[2] += weight(w[0].slope[i], w[1].value[j]) * u;
+        sum[3] += weight(w[0].value[i], w[1].slope[j]) * u;
+        sum[4] += here * along;
+        // By two indices: 00, 11, 22, 01, 02, 12.
+        sum[5] += weight(w[0].bend[i], w[1].value[j]) * u;
+        sum[6] += weight(w[0].value[i], w[1].bend[j]) * u;
+        sum[7] += here * bent;
+        sum[8] += weight(w[0].slope[i], w[1].slope[j]) * u;
+        sum[9] += weight(w[0].slope[i], w[1].value[j]) * along;
+        sum[10] += weight(w[0].value[i], w[1].slope[j]) * along;
       }
     }
+    Displacement out;
+    const auto taken = [&](std::size_t n) { return Vec3(sum[n].head<3>().cast<double>()); };
+    out.shift = taken(0);
+    out.rate = taken(1);
+    Mat3 by_index;
+    by_index << taken(2), taken(3), taken(4);
+    const std::array<Vec3, 6> twice{taken(5), taken(6), taken(7), taken(8), taken(9), taken(10)};
     out.slope = by_index * index_from_rest_;
     for (std::size_t c = 0; c < kAxes; ++c) {
       const auto n = static_cast<Eigen::Index>(c);
@@ -267,7 +280,7 @@ class GridWarp final : public Warp {
           const double here = node[f * kNumbers + c];
           const double d0 = (here - node[before * kNumbers + c]) / h0;
           const double d1 = (node[after * kNumbers + c] - here) / h1;
-          node[f * kNumbers + kAxes + c] = static_cast<float>((d0 * h1 + d1 * h0) / (h0 + h1));
+          node[f * kNumbers + kLanes + c] = static_cast<float>((d0 * h1 + d1 * h0) / (h0 + h1));
         }
       }
     });
@@ -280,7 +293,7 @@ class GridWarp final : public Warp {
       const float* node = nodes_.data() + n * count_ * kNumbers;
       for (std::size_t f = 0; f < count_; ++f, node += kNumbers) {
         const Vec3 u(node[0], node[1], node[2]);
-        const Vec3 rate(node[3], node[4], node[5]);
+        const Vec3 rate(node[4], node[5], node[6]);
         shifts_.extend(-u);
         if (f > 0) shifts_.extend(-(u - (times_[f] - times_[f - 1]) / 3.0 * rate));
         if (f + 1 < count_) shifts_.extend(-(u + (times_[f + 1] - times_[f]) / 3.0 * rate));
@@ -309,7 +322,8 @@ class GridWarp final : public Warp {
 
   std::array<int, 3> size_;
   std::array<int, 3> padded_;
-  std::size_t count_;  ///< Frames.
+  std::size_t count_;   ///< Frames.
+  std::size_t second_;  ///< From a frame to the next; of a single one that is itself.
   std::vector<double> times_;
   bool repeat_;
   Vec3 origin_;

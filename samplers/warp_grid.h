@@ -44,7 +44,7 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
 /// Throws SceneError, with `path` before what is wrong (/times/2): no frame, another number of
 /// times, times that do not ascend, a repeated warp that does not end as it began, u that is not
 /// finite, one that folds space (det F below 0.1 at or between nodes and frames), more memory than
-/// kMostWarpMemory. Slow, parallel, allocates 24 bytes a node and frame. RT: at() reads 27 nodes.
+/// kMostWarpMemory. Slow, parallel, allocates 32 bytes a node and frame. RT: at() reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
