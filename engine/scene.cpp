@@ -224,16 +224,16 @@ Mat3 BoundGraph::gradientJacobian(std::size_t i, const Vec3& p_W,
                                   std::span<const Body> bodies) const noexcept {
   const Body* body = bodyOf(graph->scalar_motions[i], bodies);
   const Vec3& p = body == nullptr ? p_W : body->seen;
-  const Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
+  Mat3 by = graph->scalar_fields[i]->gradientJacobian(p, caches[i]);
   if (body == nullptr) return by;
-  Mat3 turned = body->pose.gradientJacobian(by);
+  by = body->pose.gradientJacobian(by);
   if (graph->motions[static_cast<std::size_t>(graph->scalar_motions[i])]->warp() != nullptr) {
     // d (F^T g) / dx = F^T (dg/dX) F + sum g_i d^2 u_i: as the rigid part turns it.
     const Mat3 rotation = body->pose.linear * body->about.slope;
     const Vec3 g = graph->scalar_fields[i]->sample(p, caches[i]).gradient;
-    turned += rotation * body->about.bendOf(g) * rotation.transpose();
+    by += rotation * body->about.bendOf(g) * rotation.transpose();
   }
-  return turned;
+  return by;
 }
 
 void BoundGraph::turn(Properties& read, std::span<const Body> bodies) const noexcept {
