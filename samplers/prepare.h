@@ -22,6 +22,14 @@ struct Prepared {
 [[nodiscard]] Prepared prepare(const std::string& name, const openvdb::GridBase::Ptr& grid,
                                const LoadOptions& options);
 
+/// The same at once to a volume; throws VolumeError with what it refuses. For a grid that is nobody
+/// else's.
+/// @param called  What it is called in errors.
+[[nodiscard]] std::shared_ptr<const Volume> preparedVolume(const std::string& name,
+                                                           const openvdb::GridBase::Ptr& grid,
+                                                           const std::string& called,
+                                                           const LoadOptions& options = {});
+
 /// Three scalars as the x, y and z of a vector.
 [[nodiscard]] Prepared join(const std::string& name, std::array<Prepared, 3> components);
 

@@ -481,13 +481,21 @@ std::shared_ptr<const Volume> loadVolume(const std::filesystem::path& file, cons
   return VdbFile(file).load(grid, options);
 }
 
+std::shared_ptr<const Volume> preparedVolume(const std::string& name,
+                                             const openvdb::GridBase::Ptr& grid,
+                                             const std::string& called,
+                                             const LoadOptions& options) {
+  initialise();
+  return feltFrom(prepare(name, grid, options), called);
+}
+
 std::shared_ptr<const Volume> makeVolume(const openvdb::GridBase& grid,
                                          const LoadOptions& options) {
   initialise();
   const std::string name = "grid \"" + grid.getName() + "\"";
   try {
     // What prepares it changes it.
-    return feltFrom(prepare(grid.getName(), grid.deepCopyGrid(), options), name);
+    return preparedVolume(grid.getName(), grid.deepCopyGrid(), name, options);
   } catch (const openvdb::Exception& e) {
     throw VolumeError(name, std::string("it cannot be read (") + e.what() + ")", "make it again");
   }

@@ -1,0 +1,48 @@
+/// Private to samplers: the files of a folder of bricks. Include it in .cpp files only.
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <span>
+#include <string>
+
+namespace palpate {
+
+/// A folder that is held: it stays the same one, whatever becomes of its name.
+class BrickFolder {
+ public:
+  /// Of one that is there. Throws VolumeError.
+  explicit BrickFolder(std::filesystem::path path);
+  BrickFolder(const BrickFolder&) = delete;
+  BrickFolder& operator=(const BrickFolder&) = delete;
+  ~BrickFolder();
+
+  [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
+  /// It has been removed.
+  [[nodiscard]] bool isGone() const noexcept;
+
+  /// Reads a file into `to`, as much of it as there is room for.
+  /// @return  0, or errno; EISDIR for what is no file.
+  [[nodiscard]] int read(const std::string& name, std::span<std::byte> to,
+                         std::size_t& got) const noexcept;
+
+  /// Nobody else writes into it from here on. Throws Error where somebody does.
+  void lock();
+  /// Makes a folder in it, if there is none.
+  void makeFolder(const std::string& name) const;
+  /// A file that is there whole or not at all, in place of what has its name. Throws Error.
+  void write(const std::string& name, std::span<const std::byte> bytes) const;
+  void write(const std::string& name, const std::string& text) const;
+  /// What others, who were ended, have begun to write. Also after the last write.
+  void removePartial() const;
+  /// Until here everything is on the disk.
+  void sync() const;
+
+ private:
+  [[noreturn]] void fail(const std::string& name, int error) const;
+
+  std::filesystem::path path_;
+  int folder_ = -1;
+};
+
+}  // namespace palpate

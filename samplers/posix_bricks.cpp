@@ -1,0 +1,126 @@
+#include <algorithm>
+#include <cassert>
+#include <cerrno>
+#include <condition_variable>
+#include <cstring>
+#include <mutex>
+#include <set>
+#include <utility>
+
+#include "palpate/samplers/brick_codec.h"
+#include "palpate/samplers/brick_folder.h"
+#include "palpate/samplers/bricks.h"
+
+namespace palpate {
+
+struct PosixBricks::State {
+  State(const std::filesystem::path& path, BrickManifest known)
+      : manifest(std::move(known)), folder(path) {}
+
+  BrickManifest manifest;
+  BrickFolder folder;
+
+  std::mutex mutex;
+  std::condition_variable wake;
+  std::vector<BrickWish> wishes;  ///< The most urgent last.
+  std::vector<BrickId> begun;     ///< Being fetched for next().
+  std::vector<BrickCodec> free;   ///< Of threads that are not in here now.
+
+  BrickCodec takeCodec() {
+    const std::lock_guard lock(mutex);
+    if (free.empty()) return {manifest.format(), manifest.identity()};
+    BrickCodec codec = std::move(free.back());
+    free.pop_back();
+    return codec;
+  }
+  void giveBack(BrickCodec codec) {
+    const std::lock_guard lock(mutex);
+    free.push_back(std::move(codec));
+  }
+
+  /// Why there is nothing to be read.
+  BrickVerdict verdictOf(int error) const {
+    if (folder.isGone()) return {BrickStatus::kGone, "the volume is not there any more"};
+    if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
+    if (error == EISDIR) return {BrickStatus::kDamaged, "it is no file"};
+    return {BrickStatus::kUnreadable,
+            std::string("it cannot be read (") + std::strerror(error) + ")"};
+  }
+
+  BrickVerdict fetch(const BrickId& id, std::span<std::byte> slot) {
+    if (!manifest.has(id)) return {BrickStatus::kUnknown, "there is no such place in its pyramid"};
+    const BrickEntry entry = manifest.entry(id);
+    if (entry.kind != BrickKind::kStored) {
+      fillBrick(manifest.format(), entry, slot);
+      return {};
+    }
+    BrickCodec codec = takeCodec();
+    std::size_t got = 0;
+    const int error = folder.read(brickObject(id, manifest.format()), codec.object(), got);
+    BrickVerdict verdict = error != 0 ? verdictOf(error) : codec.decode(id, got, &entry, slot);
+    giveBack(std::move(codec));
+    return verdict;
+  }
+};
+
+PosixBricks::PosixBricks(const std::filesystem::path& folder)
+    : PosixBricks(folder, BrickManifest::read(folder)) {}
+
+PosixBricks::PosixBricks(const std::filesystem::path& folder, BrickManifest manifest)
+    : state_(std::make_unique<State>(folder, std::move(manifest))) {}
+
+PosixBricks::~PosixBricks() = default;
+
+const BrickManifest& PosixBricks::manifest() const noexcept {
+  return state_->manifest;
+}
+
+void PosixBricks::want(std::vector<BrickWish> wishes) {
+  std::stable_sort(wishes.begin(), wishes.end(),
+                   [](const BrickWish& a, const BrickWish& b) { return a.priority > b.priority; });
+  // Once each, where it is the most urgent.
+  std::set<BrickId> seen;
+  std::erase_if(wishes, [&](const BrickWish& wish) { return !seen.insert(wish.id).second; });
+  std::reverse(wishes.begin(), wishes.end());
+  {
+    const std::lock_guard lock(state_->mutex);
+    for (const BrickId& id : state_->begun) {
+      std::erase_if(wishes, [&](const BrickWish& wish) { return wish.id == id; });
+    }
+    state_->wishes.swap(wishes);
+  }
+  state_->wake.notify_all();
+}
+
+std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
+                                              std::chrono::milliseconds patience) {
+  BrickId id;
+  {
+    std::unique_lock lock(state_->mutex);
+    if (!state_->wake.wait_for(lock, patience, [&] { return !state_->wishes.empty(); })) {
+      return std::nullopt;
+    }
+    id = state_->wishes.back().id;
+    state_->wishes.pop_back();
+    state_->begun.push_back(id);
+  }
+  BrickArrival arrival = read(id, slot);
+  const std::lock_guard lock(state_->mutex);
+  std::erase(state_->begun, id);
+  return arrival;
+}
+
+BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {
+  assert(slot.size() == state_->manifest.format().bytes());
+  BrickVerdict verdict = state_->fetch(id, slot);
+  BrickArrival arrival{id, verdict.status, ""};
+  if (verdict.status == BrickStatus::kArrived) return arrival;
+  const char* remedy = "copy or write the volume again";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "ask for one that there is";
+  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and its permissions";
+  arrival.why = (state_->folder.path() / brickObject(id, state_->manifest.format())).string() +
+                ": " + verdict.why + ": " + remedy;
+  return arrival;
+}
+
+}  // namespace palpate

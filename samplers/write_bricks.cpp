@@ -1,0 +1,385 @@
+#include "palpate/samplers/write_bricks.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <mutex>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include <tbb/enumerable_thread_specific.h>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/brick_codec.h"
+#include "palpate/samplers/brick_facts.h"
+#include "palpate/samplers/brick_folder.h"
+#include "palpate/samplers/brick_pyramid.h"
+#include "palpate/samplers/parallel.h"
+
+namespace palpate {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What a folder holds before anything is written into it.
+enum class Found { kNothing, kUnfinished, kFinished };
+
+std::string contentsOf(const fs::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+/// Makes the folder where there is none. Throws Error where it is somebody else's.
+Found lookInto(const fs::path& folder, std::uint64_t identity) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder, error))) {
+    fs::create_directory(folder, error);
+    if (error) {
+      throw Error(folder.string(), "the folder cannot be made (" + error.message() + ")",
+                  "choose another place");
+    }
+    return Found::kNothing;
+  }
+  if (!fs::is_directory(folder, error)) {
+    throw Error(folder.string(), "it is there already, and no folder", "name another place");
+  }
+  const std::string remedy = "remove it, or name another folder";
+  if (fs::exists(folder / kBrickManifestFile, error)) {
+    if (BrickManifest::read(folder).identity() == identity) return Found::kFinished;
+    throw Error(folder.string(), "it holds bricks of another input or of other options", remedy);
+  }
+  if (fs::exists(folder / kBrickAttributesFile, error)) {
+    if (BrickFacts::identityIn(contentsOf(folder / kBrickAttributesFile)) == identity) {
+      return Found::kUnfinished;
+    }
+    throw Error(folder.string(), "it holds something else, or unfinished bricks of another input",
+                remedy);
+  }
+  // What a run that was ended at once may have left.
+  for (const auto& one : fs::directory_iterator(folder, error)) {
+    const std::string name = one.path().filename().string();
+    if (name != ".partial" && name != ".zgroup") {
+      throw Error(folder.string(), "it is there already and holds \"" + name + "\"", remedy);
+    }
+  }
+  return Found::kNothing;
+}
+
+/// A thread's.
+struct Space {
+  Space(const BrickFormat& format, std::uint64_t identity)
+      : values(kBrickVoxels * format.components()),
+        active(kBrickActiveBytes),
+        slot(format.bytes()),
+        codec(format, identity) {}
+
+  std::vector<float> values;
+  std::vector<std::uint8_t> active;
+  std::vector<std::byte> slot;
+  BrickCodec codec;
+  CoarserSpace coarser;
+};
+
+/// Of a brick's own voxels.
+BrickStatistics statisticsOf(const Space& space, std::size_t components, const VoxelAt& voxel) {
+  BrickStatistics s;
+  for (int i = 0; i < kBrickSide; ++i) {
+    for (int j = 0; j < kBrickSide; ++j) {
+      const std::size_t row = BrickView::numberOf(i, j, 0);
+      for (int k = 0; k < kBrickSide; ++k) {
+        const std::size_t n = row + static_cast<std::size_t>(k);
+        if (((space.active[n / 8] >> (n % 8)) & 1) == 0) continue;
+        const float* v = space.values.data() + n * components;
+        const double size =
+            components == 1 ? static_cast<double>(v[0]) : Vec3(v[0], v[1], v[2]).norm();
+        const VoxelAt here{voxel[0] + i, voxel[1] + j, voxel[2] + k};
+        s.join({1, here, here, size, size, size});
+      }
+    }
+  }
+  return s;
+}
+
+/// All of a brick as its first.
+void spreadFirst(Space& space, std::size_t components) {
+  for (std::size_t n = components; n < space.values.size(); ++n) {
+    space.values[n] = space.values[n - components];
+  }
+  const bool on = (space.active[0] & 1) != 0;
+  std::fill(space.active.begin(), space.active.end(), static_cast<std::uint8_t>(on ? 0xFF : 0));
+}
+
+bool isOneValue(const Space& space, std::size_t components) {
+  const auto& bits = space.active;
+  return (bits[0] == 0 || bits[0] == 0xFF) &&
+         std::memcmp(bits.data(), bits.data() + 1, bits.size() - 1) == 0 &&
+         std::memcmp(space.values.data(), space.values.data() + components,
+                     (space.values.size() - components) * sizeof(float)) == 0;
+}
+
+class Writer {
+ public:
+  Writer(BrickFolder& folder, const BrickInput& input, const BrickOptions& options,
+         BrickFacts& facts, bool resumes)
+      : folder_(folder),
+        input_(input),
+        options_(options),
+        facts_(facts),
+        resumes_(resumes),
+        components_(input.format.components()),
+        spaces_([&] { return Space(input.format, facts.manifest().identity()); }) {
+    for (const BrickLevel& level : facts.manifest().levels()) {
+      all_ += static_cast<double>(level.bricks());
+    }
+  }
+
+  BrickReport write() {
+    folder_.removePartial();
+    folder_.makeFolder(".partial");
+    folder_.write(".zgroup", std::string("{\n  \"zarr_format\": 2\n}\n"));
+    folder_.write(kBrickAttributesFile, facts_.attributes());
+    const auto levels = static_cast<std::int32_t>(facts_.manifest().levels().size());
+    for (std::int32_t l = 0; l < levels; ++l) {
+      folder_.makeFolder(std::to_string(l));
+      folder_.write(std::to_string(l) + "/.zarray", facts_.array(l, options_.compression));
+    }
+    for (std::int32_t l = 0; l < levels; ++l) {
+      l == 0 ? writeFinest() : writeCoarser(l);
+      finish(l);
+    }
+    folder_.write(kBrickAttributesFile, facts_.attributes());
+    const std::vector<std::byte> manifest = facts_.file();
+    BrickReport report{BrickFacts::parse(manifest, (folder_.path() / kBrickManifestFile).string()),
+                       written_, kept_};
+    // What it names is on the disk before it is.
+    folder_.sync();
+    folder_.write(kBrickManifestFile, manifest);
+    folder_.removePartial();
+    folder_.sync();
+    return report;
+  }
+
+ private:
+  /// A brick that need not be background, and what is to be said of it.
+  struct Row {
+    BrickEntry entry;
+    BrickStatistics statistics;
+  };
+
+  [[nodiscard]] const BrickLevel& level(std::int32_t l) const {
+    return facts_.manifest().levels()[static_cast<std::size_t>(l)];
+  }
+
+  void writeFinest() {
+    const auto& count = level(0).count;
+    const auto along = [&](std::size_t a) { return static_cast<std::size_t>(count[a]); };
+    inParallel(level(0).bricks(), [&](std::size_t n) {
+      const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * along(2))),
+                       static_cast<std::int32_t>(n / along(2) % along(1)),
+                       static_cast<std::int32_t>(n % along(2))};
+      make({0, at}, [&](Space& space) { return fill(at, space); });
+    });
+  }
+
+  void writeCoarser(std::int32_t l) {
+    PosixBricks source(folder_.path(), facts_.manifest());
+    HalvedBricks finer(source, l - 1);
+    const bool level_set = input_.grid_class == GridClass::kLevelSet && !input_.format.vector;
+    const std::vector<VoxelAt> places = coarserPlaces(facts_.manifest(), l - 1);
+    inParallel(places.size(), [&](std::size_t n) {
+      make({l, places[n]}, [&](Space& space) {
+        return coarserBrick(finer, places[n], level_set, space.coarser, space.values, space.active);
+      });
+    });
+  }
+
+  /// @param fill  Sets the values and bits of a space; true: only the first of them.
+  template <class Fill>
+  void make(const BrickId& id, Fill fill) {
+    Space& space = spaces_.local();
+    if (!resumes_ || !keep(id, space)) {
+      bool one = fill(space);
+      if (!one) {
+        one = isOneValue(space, components_);
+      } else if (!isBackground(space)) {
+        spreadFirst(space, components_);
+      }
+      if (!one) {
+        store(id, space);
+      } else if (!isBackground(space)) {
+        BrickEntry entry;
+        entry.kind = (space.active[0] & 1) != 0 ? BrickKind::kActive : BrickKind::kInactive;
+        std::copy_n(space.values.begin(), components_, entry.value.begin());
+        add(id, entry, space);
+      }
+    }
+    told(static_cast<double>(++done_));
+  }
+
+  /// Of one value, is it nothing at all?
+  [[nodiscard]] bool isBackground(const Space& space) const {
+    return (space.active[0] & 1) == 0 &&
+           std::memcmp(space.values.data(), facts_.manifest().background().data(),
+                       components_ * sizeof(float)) == 0;
+  }
+
+  /// Level 0, as the input has it.
+  bool fill(const VoxelAt& at, Space& space) {
+    std::fill(space.active.begin(), space.active.end(), std::uint8_t{0});
+    VoxelAt lower = level(0).voxelOf(at);
+    for (std::int32_t& v : lower) v -= kBrickApron;
+    const bool one = input_.fill({lower, space.values, space.active}) == BoxFilled::kOneValue;
+    const std::size_t count = one ? components_ : space.values.size();
+    for (std::size_t n = 0; n < count; ++n) {
+      float& v = space.values[n];
+      if (input_.format.half) v = floatOfHalf(halfOfFloat(v));
+      if (!std::isfinite(v)) refuse(lower, n / components_);
+    }
+    return clip(lower, one, space);
+  }
+
+  [[noreturn]] void refuse(const VoxelAt& lower, std::size_t n) const {
+    const auto edge = static_cast<std::size_t>(kBrickEdge);
+    const std::array<std::size_t, 3> step{n / (edge * edge), n / edge % edge, n % edge};
+    std::string voxel;
+    for (std::size_t a = 0; a < 3; ++a) {
+      voxel += (a == 0 ? "" : ", ") + std::to_string(lower[a] + static_cast<std::int32_t>(step[a]));
+    }
+    throw VolumeError("\"" + input_.name + "\"",
+                      "its value at voxel (" + voxel + ") is no number" +
+                          (input_.format.half ? ", or too large for 16 bits" : ""),
+                      input_.format.half ? "replace it, or store 32 bits" : "replace it");
+  }
+
+  /// Beyond the extent there is nothing, whatever the input says.
+  bool clip(const VoxelAt& lower, bool one, Space& space) {
+    std::array<int, 3> begin{};
+    std::array<int, 3> end{};
+    bool within = true;
+    for (std::size_t a = 0; a < 3; ++a) {
+      begin[a] = std::max(0, input_.lower[a] - lower[a]);
+      end[a] = std::min<int>(kBrickEdge, input_.upper[a] - lower[a] + 1);
+      within = within && begin[a] == 0 && end[a] == kBrickEdge;
+    }
+    if (within || (one && isBackground(space))) return one;
+    if (one) spreadFirst(space, components_);
+    const auto is_in = [&](std::size_t a, int i) { return i >= begin[a] && i < end[a]; };
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      for (int j = 0; j < kBrickEdge; ++j) {
+        for (int k = 0; k < kBrickEdge; ++k, ++n) {
+          if (is_in(0, i) && is_in(1, j) && is_in(2, k)) continue;
+          std::copy_n(facts_.manifest().background().begin(), components_,
+                      space.values.begin() + static_cast<std::ptrdiff_t>(n * components_));
+          space.active[n / 8] &= static_cast<std::uint8_t>(~(1U << (n % 8)));
+        }
+      }
+    }
+    return false;
+  }
+
+  /// What a run before this one has written is not written again, if it is to the last bit what
+  /// would be: a flipped one may mean the same to zstd.
+  bool keep(const BrickId& id, Space& space) {
+    std::size_t got = 0;
+    const std::string name = brickObject(id, input_.format);
+    if (folder_.read(name, space.codec.object(), got) != 0 ||
+        space.codec.decode(id, got, nullptr, space.slot).status != BrickStatus::kArrived) {
+      return false;
+    }
+    const std::uint32_t checksum = brickChecksum(space.codec.object().first(got));
+    unpackBrick(input_.format, space.slot, space.values, space.active);
+    const auto object = space.codec.encode(id, space.values, space.active, options_.compression);
+    if (object.size() != got || brickChecksum(object) != checksum) return false;
+    add(id, stored(object), space);
+    ++kept_;
+    return true;
+  }
+
+  static BrickEntry stored(std::span<const std::byte> object) {
+    BrickEntry entry;
+    entry.kind = BrickKind::kStored;
+    entry.bytes = static_cast<std::uint32_t>(object.size());
+    entry.checksum = brickChecksum(object);
+    return entry;
+  }
+
+  void store(const BrickId& id, Space& space) {
+    const auto object = space.codec.encode(id, space.values, space.active, options_.compression);
+    folder_.write(brickObject(id, input_.format), object);
+    add(id, stored(object), space);
+    ++written_;
+  }
+
+  void add(const BrickId& id, BrickEntry entry, const Space& space) {
+    Row row{entry, {}};
+    row.entry.at = id.at;
+    if (id.level == 0) row.statistics = statisticsOf(space, components_, level(0).voxelOf(id.at));
+    const std::lock_guard lock(mutex_);
+    rows_.push_back(row);
+  }
+
+  /// A level is whole. In order, so that sums do not depend on the threads.
+  void finish(std::int32_t l) {
+    std::sort(rows_.begin(), rows_.end(),
+              [](const Row& a, const Row& b) { return a.entry.at < b.entry.at; });
+    BrickStatistics sum;
+    std::vector<BrickEntry> entries;
+    entries.reserve(rows_.size());
+    for (const Row& row : rows_) {
+      entries.push_back(row.entry);
+      sum.join(row.statistics);
+    }
+    rows_.clear();
+    facts_.setEntries(l, std::move(entries));
+    if (l == 0) facts_.setStatistics(sum);
+    before_ += static_cast<double>(level(l).bricks());
+    done_ = 0;
+    told(0.0);
+  }
+
+  /// Whoever comes while another tells is passed over.
+  void told(double done) {
+    if (!options_.progress) return;
+    const std::unique_lock lock(telling_, std::try_to_lock);
+    if (lock) options_.progress((before_ + done) / all_);
+  }
+
+  BrickFolder& folder_;
+  const BrickInput& input_;
+  const BrickOptions& options_;
+  BrickFacts& facts_;
+  bool resumes_;
+  std::size_t components_;
+  tbb::enumerable_thread_specific<Space> spaces_;
+  std::mutex mutex_;
+  std::vector<Row> rows_;
+  std::mutex telling_;
+  double all_ = 0.0;
+  double before_ = 0.0;  ///< Of the levels that are whole.
+  std::atomic<std::uint64_t> done_{0};
+  std::atomic<std::uint64_t> written_{0};
+  std::atomic<std::uint64_t> kept_{0};
+};
+
+}  // namespace
+
+BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
+                        const BrickOptions& options) {
+  BrickFacts facts(input, options);
+  const Found found = lookInto(folder, facts.manifest().identity());
+  BrickFolder held(folder);
+  if (found == Found::kFinished) {
+    held.removePartial();
+    return {BrickManifest::read(folder), 0, 0};
+  }
+  held.lock();
+  return Writer(held, input, options, facts, found == Found::kUnfinished).write();
+}
+
+}  // namespace palpate
