@@ -1,7 +1,9 @@
-/// palpate info: what is in a .vdb, and what one can feel in it.
+/// palpate info: what is in a .vdb, or in a volume in bricks, and what one can feel in it.
 #include <fmt/format.h>
 
+#include "palpate/samplers/bricks.h"
 #include "palpate/samplers/volume.h"
+#include "palpate/scenes/cli/bricks_told.h"
 #include "palpate/scenes/cli/common.h"
 
 namespace palpate::cli {
@@ -62,17 +64,31 @@ void print(const GridInfo& grid) {
   say("  feel      {}\n", sentence(feelOf(grid)));
 }
 
+int infoOfBricks(const std::string& folder, bool json) {
+  const BrickManifest manifest = BrickManifest::read(folder);
+  if (json) {
+    OrderedJson grid = describe(manifest.info());
+    grid["bricks"] = bricksJson(manifest);
+    sayJson(OrderedJson{{"file", folder}, {"grids", OrderedJson::array({grid})}});
+    return kDone;
+  }
+  print(manifest.info());
+  sayBricks(manifest);
+  return kDone;
+}
+
 }  // namespace
 
 void addInfo(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("info", "What is in a .vdb, and what one can feel in it");
   auto file = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
-  verb->add_option("FILE", *file, "A .vdb file")->required();
+  verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate info head.vdb");
   verb->callback([=, &body] {
     body = [=] {
+      if (isBricks(*file)) return infoOfBricks(*file, *json);
       const std::vector<GridInfo> grids = describeGrids(*file);
       if (*json) {
         OrderedJson out;

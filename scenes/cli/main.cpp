@@ -28,6 +28,7 @@ using Body = std::function<int()>;
 // status.
 void addInfo(CLI::App& app, Body& body);
 void addImport(CLI::App& app, Body& body);
+void addBrick(CLI::App& app, Body& body);
 void addMake(CLI::App& app, Body& body);
 void addScene(CLI::App& app, Body& body);
 void addShatter(CLI::App& app, Body& body);
@@ -48,10 +49,10 @@ void addCompletion(CLI::App& app, Body& body);
 
 namespace {
 
-constexpr std::array kVerbs{addInfo,      addImport,  addScene,   addMake,      addShatter,
-                            addSample,    addSolve,   addCheck,   addExplain,   addPress,
-                            addFeel,      addView,    addCompare, addConvert,   addPlot,
-                            addStability, addDevices, addSchema,  addCompletion};
+constexpr std::array kVerbs{addInfo,    addImport,    addBrick,   addScene,   addMake,
+                            addShatter, addSample,    addSolve,   addCheck,   addExplain,
+                            addPress,   addFeel,      addView,    addCompare, addConvert,
+                            addPlot,    addStability, addDevices, addSchema,  addCompletion};
 
 }  // namespace
 }  // namespace palpate::cli

@@ -12,8 +12,10 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
+#include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/samplers/volume.h"
+#include "palpate/samplers/write_bricks.h"
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
 #include "palpate/scenes/metadata.h"
@@ -259,6 +261,22 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
   for (std::size_t i = 0; i < std::min(read.size(), count); ++i) {
     if (!read[i].refusal.empty()) refused("array \"" + read[i].name + "\"", read[i].refusal);
   }
+}
+
+void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress) {
+  if (step.grids.size() != 1) {
+    std::vector<std::string> names;
+    names.reserve(step.grids.size());
+    for (const Imported& imported : step.grids) names.push_back(imported.made.grid->getName());
+    throw Error("--bricks",
+                fmt::format("it has {} arrays: {}", names.size(), fmt::join(names, ", ")),
+                "choose one with --field");
+  }
+  const auto volume = makeVolume(*step.grids.front().made.grid);
+  step.grids.clear();
+  BrickOptions options;
+  options.progress = progress;
+  (void)writeBricks(folder, brickInput(volume), options);
 }
 
 std::string sceneFor(const std::string& vdb, const Step& step) {

@@ -25,6 +25,7 @@ struct Options {
   std::string time;                 ///< "", a step's number, or "all".
   std::filesystem::path scene;      ///< Empty: none; -: standard output.
   bool json = false;                ///< Report as JSON.
+  bool bricks = false;              ///< Write a folder of bricks, not a .vdb.
 };
 
 /// A grid and how it came about.
@@ -64,6 +65,10 @@ struct Telling {
 /// Throws Error where that refuses one, and leaves what there is of the file.
 /// @param in  What they were imported from, for errors.
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
+
+/// Writes the one grid as bricks (samplers/write_bricks.h), and lets go of it. Throws Error where
+/// there are several.
+void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress);
 
 /// A first scene for a .vdb with these grids; `vdb` as the scene shall say it. Throws VolumeError
 /// if nothing in it varies.

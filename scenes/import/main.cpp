@@ -95,7 +95,7 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
   if (first.empty()) return text;
   const std::string felt = scene.empty() ? first.string() : options.scene.string();
   // Of which there could be no scene, that cannot be felt as it is.
-  const bool none = scene.empty() && !options.scene.empty();
+  const bool none = options.bricks || (scene.empty() && !options.scene.empty());
   return text + cli::words("next: palpate {} {}{}\n", none ? "info" : "feel",
                            cli::sentence(cli::shellWord(felt)), none ? "" : " --seconds 10")
                     .text();
@@ -119,7 +119,9 @@ int importAll(const Options& options, Teller& teller) {
     Step step = importStep(asked, *reader, number, telling);
     fs::path out = options.out;
     if (options.time == "all") {
-      out.replace_filename(fmt::format("{}_{:04}.vdb", options.out.stem().string(), number));
+      const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
+      out.replace_filename(
+          fmt::format("{}_{:04}{}", stem.string(), number, options.bricks ? "" : ".vdb"));
     }
     if (step.grids.empty()) {
       if (steps.size() == 1) {
@@ -141,9 +143,14 @@ int importAll(const Options& options, Teller& teller) {
     reports.push_back(jsonOf(out, step));
     if (!step.grids.empty()) {
       teller.stage("writing");
-      const fs::path partial = partialOf(out);
-      teller.file(partial, out);
-      writeVdb(partial, step, options.request.file.string());
+      if (options.bricks) {
+        // Whole or not by itself, and to be gone on with.
+        writeAsBricks(out, step, telling.progress);
+      } else {
+        const fs::path partial = partialOf(out);
+        teller.file(partial, out);
+        writeVdb(partial, step, options.request.file.string());
+      }
     }
     reports.back()["memory"]["peak"] = peakMemory();
   }
@@ -169,10 +176,17 @@ int import(const Options& options, Teller& teller) {
 }
 
 void check(const Options& options) {
-  cli::checkReplaceable(options.out);
+  if (!options.bricks) cli::checkReplaceable(options.out);
   if (options.scene != "-") cli::checkReplaceable(options.scene);
-  if (options.out.extension() != ".vdb") {
-    throw Error(options.out.string(), "the output is not named .vdb", "name it so");
+  if ((options.out.extension() == ".vdb") == options.bricks) {
+    throw Error(
+        options.out.string(),
+        options.bricks ? "a folder of bricks is named as a file" : "the output is not named .vdb",
+        options.bricks ? "name it without .vdb" : "name it so");
+  }
+  if (options.bricks && !options.scene.empty()) {
+    throw Error("--scene", "it is of a .vdb, which --bricks does not write",
+                "leave one of them out");
   }
   if (cli::isSamePlace(options.request.file, options.out) ||
       (!options.scene.empty() && (cli::isSamePlace(options.scene, options.out) ||
@@ -212,7 +226,7 @@ int main(int argc, char** argv) {
                  "CGNS, an OpenFOAM case, netCDF (CF), GRIB, PLOT3D with --solution, or anything "
                  "with --raw")
       ->required();
-  app.add_option("OUT", options.out, "The .vdb to write")->required();
+  app.add_option("OUT", options.out, "The .vdb to write, or the folder")->required();
   app.add_option("--field", request.fields, "An array to take; again for more; default all");
   app.add_option("--voxel", options.voxel,
                  "Edge of cubes to resample to, in the file's unit; default: an image's own, of a "
@@ -236,6 +250,8 @@ int main(int argc, char** argv) {
                  "Layout of raw values: JSON or a file of it; keys: size, type, endian, "
                  "components, order, skip, spacing, axes, origin, name, unit");
   app.add_option("--scene", options.scene, "Write a first scene file, to be edited; - prints it");
+  app.add_flag("--bricks", options.bricks,
+               "Write a folder of bricks, for volumes larger than memory");
   app.add_flag("--json", options.json, "Report as JSON");
   app.add_flag_callback(
          cli::kOptionsOption,
