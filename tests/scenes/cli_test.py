@@ -59,8 +59,8 @@ class Case(unittest.TestCase):
 
 class Program(Case):
     def test_help_has_an_example_for_every_verb(self):
-        for verb in ("info", "make", "shatter", "sample", "solve", "check", "explain", "press", "feel",
-                     "view", "compare", "convert", "plot", "stability", "devices", "schema", "completion", "help"):
+        for verb in ("info", "brick", "make", "shatter", "sample", "solve", "check", "explain", "press",
+                     "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "completion", "help"):
             self.assertIn("Example", run(verb, "--help").stdout)
         self.assertRegex(run("--version").stdout, r"^palpate \d+\.\d+\.\d+( \([0-9a-f]+\+?\))?\n"
                          r"\w+ [\d.]+, \w+; imports with(out)? VTK\n$")
@@ -166,8 +166,8 @@ class Documents(unittest.TestCase):
 
     def test_every_verb_is_documented(self):
         text = (self.ROOT / "docs" / "interfaces.md").read_text()
-        for verb in ("info", "import", "make", "shatter", "sample", "solve", "check", "explain",
-                     "press", "feel", "plot", "stability", "devices", "schema", "completion", "help"):
+        for verb in ("info", "import", "brick", "make", "shatter", "sample", "solve", "check",
+                     "explain", "press", "feel", "plot", "stability", "devices", "schema", "completion", "help"):
             self.assertIn(f"\n## {verb} ", text)
 
 

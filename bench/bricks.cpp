@@ -1,0 +1,135 @@
+/// What does a volume in bricks cost: bytes, time to write, time to fetch a brick?
+///
+///     palpate_bench_bricks FILE.vdb [--grid NAME] [--compression N]... [--folder FOLDER]
+///
+/// A row for 32 and for 16 bits at each of zstd's levels. Fetched in an order at random by one
+/// thread, decompressed and checked: from files in the system's cache, then from those that it was
+/// told to let go of.
+#include "palpate/samplers/bricks.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
+#include <fcntl.h>
+#include <filesystem>
+#include <random>
+#include <string>
+#include <system_error>
+#include <unistd.h>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "bench/machine.h"
+#include "palpate/samplers/write_bricks.h"
+#include "tests/support/percentiles.h"
+
+namespace {
+
+using namespace palpate;
+using bench::Clock;
+namespace fs = std::filesystem;
+
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+/// From now on the file is on the disk only, as far as the system does as it is told.
+void letGo(const fs::path& file) {
+  const int opened = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+  if (opened < 0) return;
+  (void)posix_fadvise(opened, 0, 0, POSIX_FADV_DONTNEED);
+  close(opened);
+}
+
+/// How long each of some bricks takes [ms].
+std::vector<double> fetched(BrickSource& source, const std::vector<BrickId>& ids) {
+  std::vector<std::byte> slot(source.manifest().format().bytes());
+  std::vector<double> times;
+  times.reserve(ids.size());
+  for (const BrickId& id : ids) {
+    const auto start = Clock::now();
+    const BrickArrival arrival = source.read(id, slot);
+    times.push_back(millisecondsSince(start));
+    if (arrival.status != BrickStatus::kArrived) throw std::runtime_error(arrival.why);
+  }
+  return times;
+}
+
+void row(const std::shared_ptr<const Volume>& volume, bool half, int compression,
+         const fs::path& folder) {
+  const BrickInput input = brickInput(volume, half);
+  fs::remove_all(folder);
+  const auto start = Clock::now();
+  BrickOptions options;
+  options.compression = compression;
+  const BrickManifest manifest = writeBricks(folder, input, options).manifest;
+  const double seconds = millisecondsSince(start) / 1e3;
+
+  std::vector<BrickId> ids;
+  for (std::int32_t l = 0; l < static_cast<std::int32_t>(manifest.levels().size()); ++l) {
+    for (const BrickEntry& entry : manifest.entries(l)) {
+      if (entry.kind == BrickKind::kStored) ids.push_back({l, entry.at});
+    }
+  }
+  const std::size_t stored = ids.size();
+  std::mt19937_64 random(1);
+  std::vector<BrickId> asked;
+  while (asked.size() < 2000) {
+    std::shuffle(ids.begin(), ids.end(), random);
+    asked.insert(asked.end(), ids.begin(), ids.end());
+  }
+  PosixBricks source(folder);
+  (void)fetched(source, ids);
+  const std::vector<double> warm = fetched(source, asked);
+  for (const BrickId& id : ids) letGo(folder / brickObject(id, manifest.format()));
+  const std::vector<double> cold = fetched(source, ids);
+
+  const auto unpacked = static_cast<double>(stored * manifest.format().bytes());
+  const auto bytes = static_cast<double>(manifest.storedBytes());
+  std::printf("| %s | %d | %zu | %.1f | %.2f | %.2f | %.0f | %.2f | %.2f | %.2f | %.2f | %.2f |\n",
+              half ? "16 bits" : "32 bits", compression, stored, bytes / 1e6, unpacked / bytes,
+              bytes / static_cast<double>(volume->info().active_voxels), unpacked / 1e6 / seconds,
+              bench::percentile(warm, 0.5), bench::percentile(warm, 0.99),
+              bench::percentile(warm, 1.0), bench::percentile(cold, 0.5),
+              bench::percentile(cold, 0.99));
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app{"What does a volume in bricks cost?"};
+  std::string file;
+  std::string grid;
+  std::vector<int> compressions{1, 3, 9};
+  std::string folder =
+      (fs::temp_directory_path() / ("bricks-" + std::to_string(getpid()))).string();
+  app.add_option("FILE", file, "The .vdb")->required();
+  app.add_option("--grid", grid, "Which grid; not needed where there is one");
+  app.add_option("--compression", compressions, "zstd's level; again for more");
+  app.add_option("--folder", folder, "Where to write; removed at the end");
+  CLI11_PARSE(app, argc, argv);
+  try {
+    std::printf("%s\n", bench::describe(bench::takeMachine(/*pin=*/false)).c_str());
+    const auto volume = loadVolume(file, grid);
+    std::printf("%s: %llu active voxels, %.1f MB in memory\n\n", volume->info().name.c_str(),
+                static_cast<unsigned long long>(volume->info().active_voxels),
+                static_cast<double>(volume->info().memory) / 1e6);
+    std::puts(
+        "| stored as | zstd | bricks | MB | ratio | bytes an active voxel | written MB/s | fetched "
+        "ms p50 | p99 | max | from disk ms p50 | p99 |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|---|");
+    for (const bool half : {false, true}) {
+      for (const int compression : compressions) row(volume, half, compression, folder);
+    }
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "palpate_bench_bricks: %s\n", e.what());
+    return 2;
+  }
+  std::error_code error;
+  fs::remove_all(folder, error);
+  return 0;
+}

@@ -1,0 +1,344 @@
+#!/usr/bin/env python3
+"""Volumes in bricks as users and other tools meet them: bricks_test.py BIN_DIR VOLUMES_PROGRAM."""
+import ctypes
+import ctypes.util
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from refusals import refusal  # noqa: E402
+
+BIN = Path(sys.argv[1])
+VOLUMES = sys.argv[2]
+PALPATE = str(BIN / "palpate")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*words, status=0, **more):
+    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
+                          **more)
+    if status is not None and done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def bytes_in(folder):
+    return {str(file.relative_to(folder)): file.read_bytes() if file.is_file() else None
+            for file in sorted(folder.rglob("*"))}
+
+
+def snippet(number):
+    """Python of docs/bricks.md."""
+    text = (ROOT / "docs/bricks.md").read_text(encoding="utf-8")
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)[number]
+
+
+class ZarrArray:
+    """As little of Zarr v2 as its specification asks of who reads: none of palpate's code."""
+    ZSTD = ctypes.CDLL(ctypes.util.find_library("zstd") or "libzstd.so.1")
+    ZSTD.ZSTD_decompress.restype = ctypes.c_size_t
+    ZSTD.ZSTD_decompress.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p,
+                                     ctypes.c_size_t]
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.meta = json.loads((folder / ".zarray").read_text())
+        assert self.meta["zarr_format"] == 2 and self.meta["order"] == "C"
+        assert self.meta["compressor"]["id"] == "zstd" and self.meta["filters"] is None
+        self.shape = tuple(self.meta["shape"])
+
+    def chunk(self, *at):
+        shape, dtype = self.meta["chunks"], np.dtype(self.meta["dtype"])
+        name = self.meta["dimension_separator"].join(map(str, (*at, *[0] * (len(shape) - 3))))
+        try:
+            packed = (self.folder / name).read_bytes()
+        except FileNotFoundError:
+            return np.full(shape, self.meta["fill_value"], dtype)[0, 0, 0]
+        out = ctypes.create_string_buffer(int(np.prod(shape)) * dtype.itemsize)
+        got = self.ZSTD.ZSTD_decompress(out, len(out), packed, len(packed))
+        assert got == len(out), got
+        return np.frombuffer(out, dtype).reshape(shape)[0, 0, 0]
+
+    def chunks(self):
+        return np.ndindex(self.shape[:3])
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(holder.cleanup)
+        cls.dir = Path(holder.name)
+        subprocess.run([VOLUMES, str(cls.dir)], check=True)
+        run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.5)
+
+    def refused(self, *words, says, status=2, **more):
+        _, line = refusal(self, self.dir, lambda: run(*words, status=status, **more))
+        self.assertIn(says, line)
+        return line
+
+    def brick(self, name, file, *words):
+        out = self.dir / name
+        return out, json.loads(run("brick", self.dir / file, out, "--json", *words).stdout)
+
+
+class Others(Case):
+    """What a tool finds that knows of Zarr and of docs/bricks.md only."""
+
+    def test_values_are_where_the_document_says(self):
+        # "density" = x + 2 y - z and "velocity" = (-y, x, 3 z), 9^3 voxels of 0.5 from 0.
+        for half, tolerance in (((), 0), (("--half",), 2e-3)):
+            for grid in ("density", "velocity"):
+                out, _ = self.brick(f"{grid}{len(half)}", "linear.vdb", "--grid", grid, *half)
+                facts = json.loads((out / ".zattrs").read_text())["palpate"]
+                level = facts["levels"][0]
+                array = ZarrArray(out / "0")
+                self.assertEqual(array.shape[:3], (1, 1, 1))
+                chunk = array.chunk(0, 0, 0)
+                values = chunk[:68].astype(float)
+                bits = np.unpackbits(chunk[68:].reshape(-1).view(np.uint8), bitorder="little")
+                active = bits[:68 ** 3].reshape(68, 68, 68).astype(bool)
+                self.assertEqual(int(active.sum()), 9 ** 3)
+                at = np.argwhere(active)
+                index = at - 2 + 64 * np.array(level["first"])
+                x, y, z = (index @ np.array(level["linear"]).T + level["origin"]).T
+                self.assertEqual((x.min(), x.max()), (0, 4))
+                found = values[tuple(at.T)]
+                is_to_be = x + 2 * y - z if grid == "density" else np.stack([-y, x, 3 * z], 1)
+                self.assertLessEqual(float(np.abs(found - is_to_be).max()), tolerance)
+
+    def test_the_manifest_is_read_by_the_document(self):
+        out, said = self.brick("manifest", "bodies.vdb", "--grid", "bowl")
+        names = {"folder": str(out)}
+        exec(snippet(1), names)  # pylint: disable=exec-used
+        facts, tables = names["facts"], names["tables"]
+        self.assertEqual(facts, json.loads((out / ".zattrs").read_text())["palpate"])
+        stored = 0
+        for level, table in enumerate(tables):
+            array = ZarrArray(out / str(level))
+            rows = {tuple(row["at"]): row for row in table}
+            for at in array.chunks():
+                row = rows.get(at)
+                file = out / str(level) / (".".join(map(str, at)) + ".0.0.0")
+                self.assertEqual(file.exists(), row is not None and row["kind"] == 2)
+                if not file.exists():
+                    continue
+                stored += 1
+                packed = file.read_bytes()
+                self.assertEqual((len(packed), zlib.crc32(packed)), (row["bytes"], row["crc"]))
+        self.assertEqual(stored, said["stored"])
+        self.assertEqual(sum(len(t) for t in tables), stored + sum(
+            level["constant"] for level in said["levels"]))
+
+    def test_neighbours_share_their_rims_and_levels_are_means(self):
+        out, _ = self.brick("rims", "bodies.vdb", "--grid", "cloud")
+        fine, coarse = ZarrArray(out / "0"), ZarrArray(out / "1")
+        for i, j, k in fine.chunks():
+            if i + 1 < fine.shape[0]:
+                here, there = fine.chunk(i, j, k)[:68], fine.chunk(i + 1, j, k)[:68]
+                np.testing.assert_array_equal(here[-4:], there[:4])
+        facts = json.loads((out / ".zattrs").read_text())["palpate"]
+        first = [np.array(level["first"]) for level in facts["levels"]]
+        whole = np.zeros([64 * n for n in fine.shape[:3]])
+        for i, j, k in fine.chunks():
+            whole[64 * i:64 * i + 64, 64 * j:64 * j + 64, 64 * k:64 * k + 64] = \
+                fine.chunk(i, j, k)[2:66, 2:66, 2:66]
+        for at in coarse.chunks():
+            corner = 2 * (first[1] + at) - first[0]
+            if (corner < 0).any() or (corner + 2 > fine.shape[:3]).any():
+                continue
+            i, j, k = 64 * corner
+            means = whole[i:i + 128, j:j + 128, k:k + 128].reshape(64, 2, 64, 2, 64, 2).mean(
+                axis=(1, 3, 5))
+            np.testing.assert_array_equal(coarse.chunk(*at)[2:66, 2:66, 2:66],
+                                          means.astype(np.float32))
+
+    def test_zarr_reads_it_in_five_lines(self):
+        try:
+            import zarr  # noqa: F401 pylint: disable=import-outside-toplevel,unused-import
+        except ImportError:
+            self.skipTest("there is no python3-zarr")
+        out, _ = self.brick("zarr", "bodies.vdb", "--grid", "cloud")
+        names = {}
+        exec(snippet(0).replace("head.bricks", str(out)), names)  # pylint: disable=exec-used
+        volume = names["volume"]
+        array = ZarrArray(out / "0")
+        self.assertEqual(volume.shape, tuple(64 * n for n in array.shape[:3]))
+        for i, j, k in array.chunks():
+            np.testing.assert_array_equal(
+                volume[64 * i:64 * i + 64, 64 * j:64 * j + 64, 64 * k:64 * k + 64],
+                array.chunk(i, j, k)[2:66, 2:66, 2:66])
+
+
+class Broken(Case):
+    def test_a_killed_run_is_gone_on_with(self):
+        """kill -9 at many points: in the end the bytes are those of one run."""
+        run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.25)
+        words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
+        begin = time.monotonic()
+        run(*words, self.dir / "whole")
+        took = time.monotonic() - begin
+        expected = bytes_in(self.dir / "whole")
+        dice = random.Random(4)
+        broken = []
+        for attempt in range(4):
+            out = self.dir / f"killed{attempt}"
+            for _ in range(3):
+                child = subprocess.Popen([PALPATE, *map(str, words), str(out)],
+                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                try:
+                    child.wait(dice.uniform(0.2, 1.0) * took)
+                except subprocess.TimeoutExpired:
+                    child.kill()
+                    child.wait()
+                broken.append((out / "0").exists() and not (out / "palpate.bricks").exists())
+                if broken[-1]:
+                    self.refused("info", out, says="it is unfinished")
+            run(*words, out)
+            self.assertEqual(bytes_in(out), expected)
+            shutil.rmtree(out)
+        self.assertGreater(sum(broken), 3)
+
+    def test_an_interrupted_run_says_how_it_goes_on(self):
+        run("make", "two-bodies", self.dir / "slow.vdb", "--voxel", 0.25)
+        words = ["brick", self.dir / "slow.vdb", self.dir / "slow", "--grid", "bowl",
+                 "--compression", 12]
+        child = subprocess.Popen([PALPATE, *map(str, words)], stdout=subprocess.PIPE,
+                                 stderr=subprocess.PIPE, text=True)
+        while not list(self.dir.glob("slow/0/*.0")):
+            self.assertIsNone(child.poll())
+            time.sleep(0.01)
+        child.send_signal(signal.SIGINT)
+        out, said = child.communicate(timeout=60)
+        self.assertEqual((child.returncode, out), (130, ""))
+        self.assertEqual(said, "palpate: interrupted: the same command goes on from here\n")
+        told = run(*words).stdout
+        self.assertRegex(told, r"note +\d+ of them were there already, from a run that did not end")
+        self.assertIn("all of it was there already", run(*words).stdout)
+
+    def test_where_there_is_no_room(self):
+        out = self.dir / "full"
+
+        def small():
+            resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+        done = run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud", status=2,
+                   preexec_fn=small)
+        self.assertRegex(done.stderr, r"^palpate: \S+: it cannot be written \(File too large\): make "
+                         r"room and run the same command again: it goes on where it stopped\n$")
+        self.assertFalse((out / "palpate.bricks").exists())
+        run("brick", self.dir / "bodies.vdb", out, "--grid", "cloud")
+        self.assertTrue((out / "palpate.bricks").exists())
+
+
+class Verbs(Case):
+    def test_info_tells_of_bricks_as_of_the_file(self):
+        out, made = self.brick("told", "bodies.vdb", "--grid", "bowl")
+        grids = json.loads(run("info", self.dir / "bodies.vdb", "--json").stdout)["grids"]
+        file = next(grid for grid in grids if grid["name"] == "bowl")
+        bricks = json.loads(run("info", out, "--json").stdout)["grids"][0]
+        told = bricks.pop("bricks")
+        self.assertEqual(list(bricks), list(file))
+        for key in file:
+            if key == "mean":
+                self.assertAlmostEqual(bricks[key], file[key], places=6)
+            elif key == "source":
+                self.assertEqual(bricks[key], file[key])
+            elif key != "memory_bytes":
+                np.testing.assert_allclose(np.array(bricks[key], dtype=object) == file[key], True)
+        for key, value in told.items():
+            self.assertEqual(made[key], value)
+        self.assertEqual(made["written"], told["stored"])
+        self.assertEqual(made["kept"], 0)
+        for level in told["levels"]:
+            self.assertEqual(level["stored"] + level["constant"] + level["background"],
+                             int(np.prod(level["count"])))
+        self.assertLessEqual(int(np.prod(told["levels"][-1]["count"])), 8)
+        text = run("info", out).stdout
+        self.assertIn("level set", text)
+        self.assertRegex(text, r"level 0 +\d+ x \d+ x \d+ bricks: \d+ stored in \S+ MB")
+        again = json.loads(run("brick", self.dir / "bodies.vdb", out, "--grid", "bowl",
+                               "--json").stdout)
+        self.assertEqual(again["written"], 0)
+
+    def test_half_is_smaller_and_said(self):
+        whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
+        half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
+        self.assertLess(less["bytes"], 0.8 * made["bytes"])
+        self.assertNotEqual(less["identity"], made["identity"])
+        self.assertTrue(json.loads(run("info", half, "--json").stdout)["grids"][0]["half"])
+        self.assertFalse(json.loads(run("info", whole, "--json").stdout)["grids"][0]["half"])
+
+    def test_what_cannot_be_is_refused(self):
+        ball = self.dir / "ball.vdb"
+        out, _ = self.brick("there", "ball.vdb")
+        self.refused("brick", ball, out, "--half", says="it holds bricks of another input or of other "
+                     "options: remove it, or name another folder")
+        self.refused("brick", self.dir / "linear.vdb", self.dir / "n", says="more than one grid")
+        self.refused("brick", self.dir / "nan.vdb", self.dir / "n", says="NaN")
+        self.refused("brick", ball, ball, says="it is there already, and no folder")
+        self.refused("brick", ball, "/no/such/place", says="the folder cannot be made")
+        self.refused("brick", ball, self.dir, says="it is there already and holds")
+        self.refused("brick", ball, self.dir / "n", "--compression", 20, says="give 1 to 19")
+        self.refused("brick", ball, self.dir / "n", "--compression", "x", says="--compression")
+        self.refused("brick", self.dir / "none.vdb", self.dir / "n", says="no such file")
+        self.refused("brick", self.dir / "labels.vdb", self.dir / "n", says="convert it")
+        # What others have done to it.
+        manifest = out / "palpate.bricks"
+        whole = manifest.read_bytes()
+        manifest.write_bytes(whole[:-5])
+        self.refused("info", out, says="it is cut off or damaged: copy or write it again")
+        manifest.write_bytes(whole.replace(b'"components":1', b'"components":9'))
+        self.refused("info", out, says="it is cut off or damaged")
+        manifest.unlink()
+        self.refused("info", out, says="it is unfinished: it has no manifest: run the command that "
+                     "writes it again")
+        (out / ".zattrs").unlink()
+        self.refused("info", out, says="it is not a file")
+
+
+class Import(Case):
+    def raw(self):
+        i, j, k = np.mgrid[0:70, 0:80, 0:90]
+        values = np.where((i - 35) ** 2 + (j - 40) ** 2 + (k - 45) ** 2 < 900, i + j + k, 0)
+        file = self.dir / "cube.raw"
+        values.astype("<i2").transpose(2, 1, 0).tofile(file)
+        return file, json.dumps({"size": [70, 80, 90], "type": "int16", "unit": "mm"})
+
+    def test_bricks_are_those_of_the_vdb_that_it_makes(self):
+        file, layout = self.raw()
+        run("import", file, self.dir / "cube.vdb", "--raw", layout)
+        direct, between = self.dir / "direct", self.dir / "between"
+        text = run("import", file, direct, "--bricks", "--raw", layout).stdout
+        self.assertIn(f"next: palpate info {direct}", text)
+        run("brick", self.dir / "cube.vdb", between)
+        self.assertEqual(bytes_in(direct), bytes_in(between))
+        facts = json.loads((direct / ".zattrs").read_text())["palpate"]
+        self.assertEqual(facts["metadata"]["length_unit"], {"string": "mm"})
+        self.assertEqual(facts["source"], "cube.raw")
+
+    def test_what_cannot_be_is_refused(self):
+        file, layout = self.raw()
+        words = ["import", file, "--raw", layout, "--bricks"]
+        self.refused(*words, self.dir / "a.vdb", says="name it without .vdb")
+        self.refused(*words, self.dir / "a", "--scene", "s.json", says="--scene: it is of a .vdb")
+        self.refused("import", file, self.dir / "a", "--raw", layout, says="name it so")
+        self.refused(*words, self.dir, says="it is there already and holds")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
