@@ -15,10 +15,10 @@ namespace palpate {
 /// Of an object: CRC-32 as zlib, and so Python's own zlib.crc32, has it.
 [[nodiscard]] std::uint32_t brickChecksum(std::span<const std::byte> bytes) noexcept;
 
-/// How a brick that has been read is: `why` says it in words.
+/// How a brick that has been read is.
 struct BrickVerdict {
-  BrickStatus status = BrickStatus::kArrived;
-  std::string why;
+  BrickStatus status = BrickStatus::kArrived;  ///< For who has asked.
+  std::string why;                             ///< In words; empty where nothing is wrong.
 };
 
 /// Compresses and decompresses with memory that is kept. Not for several threads at once.
@@ -26,8 +26,8 @@ class BrickCodec {
  public:
   /// @param identity  Of the volume, as BrickManifest.
   BrickCodec(const BrickFormat& format, std::uint64_t identity);
-  BrickCodec(BrickCodec&&) noexcept;
-  BrickCodec& operator=(BrickCodec&&) noexcept;
+  BrickCodec(BrickCodec&&) noexcept;             ///< What is moved from can only be destroyed.
+  BrickCodec& operator=(BrickCodec&&) noexcept;  ///< Likewise.
   ~BrickCodec();
 
   /// A brick's object, until the next call.

@@ -15,18 +15,19 @@
 namespace palpate {
 
 /// Names of the files of a folder of bricks.
-inline constexpr const char* kBrickManifestFile = "palpate.bricks";
-inline constexpr const char* kBrickAttributesFile = ".zattrs";
+inline constexpr const char* kBrickManifestFile = "palpate.bricks";  ///< Written last.
+inline constexpr const char* kBrickAttributesFile = ".zattrs";       ///< For readers of Zarr.
 
 /// What is known of active values, brick by brick; vectors by their magnitudes.
 struct BrickStatistics {
-  std::uint64_t active = 0;
-  VoxelAt lower{};  ///< Of the active ones; of none nothing.
-  VoxelAt upper{};
-  double lowest = 0.0;
-  double highest = 0.0;
-  double sum = 0.0;
+  std::uint64_t active = 0;  ///< Voxels.
+  VoxelAt lower{};           ///< The least coordinates of active ones.
+  VoxelAt upper{};           ///< The largest.
+  double lowest = 0.0;       ///< Of the values, if there are any.
+  double highest = 0.0;      ///< Likewise.
+  double sum = 0.0;          ///< Likewise.
 
+  /// Of both together.
   void join(const BrickStatistics& other) noexcept;
 };
 
@@ -36,10 +37,11 @@ class BrickFacts {
   /// Without entries. Throws VolumeError for an input that cannot be.
   BrickFacts(const BrickInput& input, const BrickOptions& options);
 
+  /// As far as it is known.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return manifest_; }
   /// Of a level: all of them, in order.
   void setEntries(std::int32_t level, std::vector<BrickEntry> entries);
-  void setStatistics(const BrickStatistics& statistics);
+  void setStatistics(const BrickStatistics& statistics);  ///< Of level 0.
 
   [[nodiscard]] std::string attributes() const;                                ///< .zattrs
   [[nodiscard]] std::string array(std::int32_t level, int compression) const;  ///< .zarray

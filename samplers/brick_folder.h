@@ -17,6 +17,7 @@ class BrickFolder {
   BrickFolder& operator=(const BrickFolder&) = delete;
   ~BrickFolder();
 
+  /// As it was given.
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// It has been removed.
   [[nodiscard]] bool isGone() const noexcept;
@@ -32,7 +33,7 @@ class BrickFolder {
   void makeFolder(const std::string& name) const;
   /// A file that is there whole or not at all, in place of what has its name. Throws Error.
   void write(const std::string& name, std::span<const std::byte> bytes) const;
-  void write(const std::string& name, const std::string& text) const;
+  void write(const std::string& name, const std::string& text) const;  ///< Likewise.
   /// What others, who were ended, have begun to write. Also after the last write.
   void removePartial() const;
   /// Until here everything is on the disk.

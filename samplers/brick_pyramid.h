@@ -18,10 +18,10 @@ namespace palpate {
 
 /// A brick's own voxels at half the resolution, 32^3 of them, or the one value of all.
 struct HalvedBrick {
-  BrickKind kind = BrickKind::kStored;
-  std::array<float, 3> value{};      ///< Where it is all of one.
-  std::vector<float> values;         ///< Means, rounded to the format.
-  std::vector<std::uint8_t> active;  ///< A byte a voxel: 1 where one of the eight is.
+  BrickKind kind = BrickKind::kStored;  ///< kStored: each voxel by itself.
+  std::array<float, 3> value{};         ///< Where it is all of one.
+  std::vector<float> values;            ///< Means, rounded to the format.
+  std::vector<std::uint8_t> active;     ///< A byte a voxel: 1 where one of the eight is.
 };
 
 /// Those of a level, made once and kept as long as there is room. By any thread.
@@ -33,8 +33,9 @@ class HalvedBricks {
   /// Throws VolumeError where it does not arrive.
   [[nodiscard]] std::shared_ptr<const HalvedBrick> of(const VoxelAt& at);
 
+  /// Of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_.manifest(); }
-  [[nodiscard]] std::int32_t level() const noexcept { return level_; }
+  [[nodiscard]] std::int32_t level() const noexcept { return level_; }  ///< Whose they are.
 
  private:
   /// So many are kept.
@@ -52,14 +53,15 @@ class HalvedBricks {
 
 /// Memory for coarserBrick(), a thread's.
 struct CoarserSpace {
-  std::vector<float> values;
-  std::vector<std::uint8_t> active;
-  std::vector<std::uint8_t> signs;
-  std::vector<std::uint8_t> other;
+  std::vector<float> values;         ///< Of the block about the brick.
+  std::vector<std::uint8_t> active;  ///< Likewise, a byte a voxel.
+  std::vector<std::uint8_t> signs;   ///< Likewise: 1 where one below zero is near, 2 one above.
+  std::vector<std::uint8_t> other;   ///< For making these.
 };
 
 /// A brick of the next level with its apron.
-/// @param values  kBrickVoxels of them, set; @param active  kBrickActiveBytes, set.
+/// @param values  kBrickVoxels of them, to be set.
+/// @param active  kBrickActiveBytes, to be set.
 /// @return        True: all are as the first, nothing else is set.
 [[nodiscard]] bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set,
                                 CoarserSpace& space, std::span<float> values,

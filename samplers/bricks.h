@@ -45,6 +45,7 @@ struct BrickFormat {
   [[nodiscard]] std::size_t activeBegin() const noexcept {
     return kBrickVoxels * components() * componentBytes();
   }
+  /// Of the values of one place along the first axis.
   [[nodiscard]] std::size_t slabBytes() const noexcept { return activeBegin() / kBrickEdge; }
   [[nodiscard]] std::size_t slabs() const noexcept;  ///< With those for the bits: 69 to 73.
   /// Of a brick in memory.
@@ -103,7 +104,7 @@ struct BrickId {
 /// whose mean it is.
 struct BrickLevel {
   Mat3 linear = Mat3::Identity();  ///< file = linear * index + origin, of this level's index.
-  Vec3 origin = Vec3::Zero();
+  Vec3 origin = Vec3::Zero();      ///< Of index (0, 0, 0), file.
   VoxelAt first{};  ///< Of the brick (0, 0, 0): its own voxels begin at 64 times this.
   std::array<std::int32_t, 3> count{};  ///< Bricks along each axis.
 
@@ -123,11 +124,11 @@ enum class BrickKind : std::uint32_t {
 
 /// One brick, as the manifest names it.
 struct BrickEntry {
-  VoxelAt at{};  ///< As BrickId.
-  BrickKind kind = BrickKind::kInactive;
-  std::uint32_t bytes = 0;       ///< Of its object.
-  std::uint32_t checksum = 0;    ///< Of its object, CRC-32 as zlib has it.
-  std::array<float, 3> value{};  ///< Where there is no object: its one value.
+  VoxelAt at{};                           ///< As BrickId.
+  BrickKind kind = BrickKind::kInactive;  ///< What is there.
+  std::uint32_t bytes = 0;                ///< Of its object.
+  std::uint32_t checksum = 0;             ///< Of its object, CRC-32 as zlib has it.
+  std::array<float, 3> value{};           ///< Where there is no object: its one value.
 };
 
 /// All that is known of a volume in bricks without its values: some hundred bytes, and 36 for each
@@ -143,9 +144,11 @@ class BrickManifest {
                                            const std::string& called);
 
   [[nodiscard]] const GridInfo& info() const noexcept { return info_; }  ///< Of level 0.
+  /// Of every brick.
   [[nodiscard]] const BrickFormat& format() const noexcept { return format_; }
   /// Where there is neither an entry nor a brick; inactive.
   [[nodiscard]] const std::array<float, 3>& background() const noexcept { return background_; }
+  /// From the finest to the coarsest, which has 8 bricks at most.
   [[nodiscard]] const std::vector<BrickLevel>& levels() const noexcept { return levels_; }
   /// Of a level, in the order of BrickId; the others are background.
   [[nodiscard]] std::span<const BrickEntry> entries(std::int32_t level) const noexcept;
@@ -200,14 +203,14 @@ enum class BrickStatus : std::uint8_t {
 
 /// A brick that is wanted.
 struct BrickWish {
-  BrickId id;
+  BrickId id;             ///< Which.
   double priority = 0.0;  ///< The highest is fetched first; of equal ones the first.
 };
 
 /// A brick that has been fetched, or not.
 struct BrickArrival {
-  BrickId id;
-  BrickStatus status = BrickStatus::kUnknown;
+  BrickId id;                                  ///< Which.
+  BrickStatus status = BrickStatus::kUnknown;  ///< Whether the slot holds it.
   std::string why;  ///< One line, "what: why: remedy"; empty where it has arrived.
 };
 

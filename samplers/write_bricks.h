@@ -30,11 +30,11 @@ enum class BoxFilled : std::uint8_t {
 
 /// A volume, by what fills a box of it.
 struct BrickInput {
-  std::string name;
+  std::string name;                            ///< Of the volume.
   GridClass grid_class = GridClass::kUnknown;  ///< Not staggered.
   BrickFormat format;                          ///< Values are rounded to it.
   Mat3 linear = Mat3::Identity();              ///< file = linear * index + origin.
-  Vec3 origin = Vec3::Zero();
+  Vec3 origin = Vec3::Zero();                  ///< Of index (0, 0, 0), file.
   std::array<float, 3> background{};  ///< Also of every voxel beyond the extent, which is inactive.
   VoxelAt lower{};                    ///< First voxel of the extent.
   VoxelAt upper{};                    ///< Last voxel of the extent.
@@ -56,7 +56,7 @@ struct BrickOptions {
 
 /// What was written.
 struct BrickReport {
-  BrickManifest manifest;
+  BrickManifest manifest;     ///< As it was written.
   std::uint64_t written = 0;  ///< Objects of bricks.
   std::uint64_t kept = 0;     ///< Those that were there already, from a run that did not end.
 };
