@@ -2,13 +2,17 @@
 ///
 ///     palpate_bench_bricks FILE.vdb [--grid NAME] [--compression N]... [--folder FOLDER]
 ///
+///     palpate_bench_bricks --formula N [--folder FOLDER]
+///
 /// A row for 32 and for 16 bits at each of zstd's levels. Fetched in an order at random by one
 /// thread, decompressed and checked: from files in the system's cache, then from those that it was
-/// told to let go of.
+/// told to let go of. By a formula: N^3 bricks that are nowhere else, and the most memory
+/// meanwhile.
 #include "palpate/samplers/bricks.h"
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -16,6 +20,7 @@
 #include <filesystem>
 #include <random>
 #include <string>
+#include <sys/resource.h>
 #include <system_error>
 #include <unistd.h>
 #include <vector>
@@ -98,22 +103,71 @@ void row(const std::shared_ptr<const Volume>& volume, bool half, int compression
   std::fflush(stdout);
 }
 
+void writeFormula(int bricks, const fs::path& folder) {
+  const int side = kBrickSide * bricks;
+  BrickInput input;
+  input.name = "waves";
+  input.grid_class = GridClass::kFog;
+  input.upper = {side - 1, side - 1, side - 1};
+  input.identity = "waves";
+  std::vector<float> wave(static_cast<std::size_t>(side) + 4);
+  for (std::size_t n = 0; n < wave.size(); ++n) {
+    wave[n] = 1.0F + std::sin(0.03F * static_cast<float>(n));
+  }
+  input.fill = [&](const BrickBox& box) {
+    const auto at = [&](std::size_t a, int n) {
+      return wave[static_cast<std::size_t>(std::max(0, box.lower[a] + n))];
+    };
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      for (int j = 0; j < kBrickEdge; ++j) {
+        for (int k = 0; k < kBrickEdge; ++k, ++n) {
+          // Of 12 bits, as a scan's.
+          box.values[n] = std::round(512.0F * at(0, i) * at(1, j) * at(2, k));
+        }
+      }
+    }
+    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
+    return BoxFilled::kEach;
+  };
+  fs::remove_all(folder);
+  const auto start = Clock::now();
+  const BrickManifest manifest = writeBricks(folder, input).manifest;
+  const double seconds = millisecondsSince(start) / 1e3;
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const double whole = 4.0 * std::pow(static_cast<double>(side), 3);
+  std::printf(
+      "%d^3 values, %.1f GB: %zu levels of %.1f GB written in %.0f s, %.0f MB/s, with %.0f MB of "
+      "memory at most\n",
+      side, whole / 1e9, manifest.levels().size(),
+      static_cast<double>(manifest.storedBytes()) / 1e9, seconds, whole / 1e6 / seconds,
+      static_cast<double>(usage.ru_maxrss) / 1024.0);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   CLI::App app{"What does a volume in bricks cost?"};
   std::string file;
   std::string grid;
+  int formula = 0;
   std::vector<int> compressions{1, 3, 9};
   std::string folder =
       (fs::temp_directory_path() / ("bricks-" + std::to_string(getpid()))).string();
-  app.add_option("FILE", file, "The .vdb")->required();
+  app.add_option("FILE", file, "The .vdb");
   app.add_option("--grid", grid, "Which grid; not needed where there is one");
   app.add_option("--compression", compressions, "zstd's level; again for more");
+  app.add_option("--formula", formula, "Write so many bricks along each edge, without a file");
   app.add_option("--folder", folder, "Where to write; removed at the end");
   CLI11_PARSE(app, argc, argv);
   try {
     std::printf("%s\n", bench::describe(bench::takeMachine(/*pin=*/false)).c_str());
+    if (formula > 0) {
+      writeFormula(formula, folder);
+      fs::remove_all(folder);
+      return 0;
+    }
     const auto volume = loadVolume(file, grid);
     std::printf("%s: %llu active voxels, %.1f MB in memory\n\n", volume->info().name.c_str(),
                 static_cast<unsigned long long>(volume->info().active_voxels),

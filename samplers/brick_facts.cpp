@@ -161,7 +161,7 @@ bool isExtent(const VoxelAt& lower, const VoxelAt& upper) {
   double bricks = 1.0;
   for (std::size_t a = 0; a < 3; ++a) {
     if (lower[a] > upper[a] || lower[a] < -kFarthest || upper[a] > kFarthest) return false;
-    bricks *= static_cast<double>(upper[a] - lower[a]) / kBrickSide + 2.0;
+    bricks *= (static_cast<double>(upper[a]) - lower[a]) / kBrickSide + 2.0;
   }
   return bricks <= static_cast<double>(kMostBricks);
 }

@@ -1,8 +1,11 @@
 #include <algorithm>
 #include <cassert>
 #include <cerrno>
+#include <cmath>
 #include <condition_variable>
 #include <cstring>
+#include <limits>
+#include <memory>
 #include <mutex>
 #include <set>
 #include <utility>
@@ -76,6 +79,10 @@ const BrickManifest& PosixBricks::manifest() const noexcept {
 }
 
 void PosixBricks::want(std::vector<BrickWish> wishes) {
+  // What is no number is the least urgent, and in an order all the same.
+  for (BrickWish& wish : wishes) {
+    if (std::isnan(wish.priority)) wish.priority = -std::numeric_limits<double>::infinity();
+  }
   std::stable_sort(wishes.begin(), wishes.end(),
                    [](const BrickWish& a, const BrickWish& b) { return a.priority > b.priority; });
   // Once each, where it is the most urgent.
@@ -104,10 +111,13 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     state_->wishes.pop_back();
     state_->begun.push_back(id);
   }
-  BrickArrival arrival = read(id, slot);
-  const std::lock_guard lock(state_->mutex);
-  std::erase(state_->begun, id);
-  return arrival;
+  // Also where there was no memory to read it.
+  const auto end = [&](State* state) {
+    const std::lock_guard lock(state->mutex);
+    std::erase(state->begun, id);
+  };
+  const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
+  return read(id, slot);
 }
 
 BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <mutex>
 #include <system_error>
 #include <utility>
@@ -90,16 +91,26 @@ BrickStatistics statisticsOf(const Space& space, std::size_t components, const V
   BrickStatistics s;
   for (int i = 0; i < kBrickSide; ++i) {
     for (int j = 0; j < kBrickSide; ++j) {
-      const std::size_t row = BrickView::numberOf(i, j, 0);
+      // Row by row: it is asked of every voxel.
+      const std::size_t begin = BrickView::numberOf(i, j, 0);
+      const VoxelAt lower{voxel[0] + i, voxel[1] + j, voxel[2] + kBrickSide};
+      const VoxelAt upper{lower[0], lower[1], voxel[2]};
+      constexpr double kEndless = std::numeric_limits<double>::infinity();
+      BrickStatistics row{0, lower, upper, kEndless, -kEndless, 0.0};
       for (int k = 0; k < kBrickSide; ++k) {
-        const std::size_t n = row + static_cast<std::size_t>(k);
+        const std::size_t n = begin + static_cast<std::size_t>(k);
         if (((space.active[n / 8] >> (n % 8)) & 1) == 0) continue;
         const float* v = space.values.data() + n * components;
         const double size =
             components == 1 ? static_cast<double>(v[0]) : Vec3(v[0], v[1], v[2]).norm();
-        const VoxelAt here{voxel[0] + i, voxel[1] + j, voxel[2] + k};
-        s.join({1, here, here, size, size, size});
+        ++row.active;
+        row.lower[2] = std::min(row.lower[2], voxel[2] + k);
+        row.upper[2] = voxel[2] + k;
+        row.lowest = std::min(row.lowest, size);
+        row.highest = std::max(row.highest, size);
+        row.sum += size;
       }
+      s.join(row);
     }
   }
   return s;

@@ -922,6 +922,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
       {"lower", {0, 0, 1000}},
       {"lower", {-4294967296, 0, 0}},
       {"upper", {1073741824, 1073741824, 1073741824}},
+      {"lower", {-1073741824, -1073741824, -1073741824}},
       {"upper", {2147483648, 63, 63}},
       {"upper", {18446744073709551615U, 63, 63}},
       {"linear", {{1, 0, 0}, {0, 1, 0}, {0, 0, 0}}},
@@ -998,7 +999,8 @@ TEST_CASE("the most urgent brick arrives first, and what is not wanted any more 
   const BrickId near{0, {0, 0, 0}};
   const BrickId middle{0, {1, 1, 1}};
   const BrickId never{0, {9, 9, 9}};
-  source.want({{far, 1.0}, {near, 3.0}, {middle, 2.0}, {far, -5.0}, {never, 0.5}});
+  source.want(
+      {{never, std::nan("")}, {far, 1.0}, {near, 3.0}, {middle, 2.0}, {far, -5.0}, {never, 0.5}});
   CHECK(source.next(slot, kNone)->id == near);
   const BrickView view(manifest.format(), slot.data());
   CHECK(view.value(BrickView::numberOf(0, 0, 1)) == 31.0F);
