@@ -4,7 +4,6 @@
 
 #include <array>
 #include <chrono>
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -96,8 +95,11 @@ struct BrickId {
   std::int32_t level = 0;  ///< 0: as fine as the volume was given.
   VoxelAt at{};            ///< From 0, along the three axes of its level's array.
 
-  [[nodiscard]] auto operator<=>(const BrickId&) const =
-      default;  ///< Level by level, as arrays are.
+  [[nodiscard]] bool operator==(const BrickId&) const = default;  ///< For the same place.
+  /// Level by level, in the order of arrays.
+  [[nodiscard]] bool operator<(const BrickId& other) const noexcept {
+    return level != other.level ? level < other.level : at < other.at;
+  }
 };
 
 /// One level of a pyramid. Its voxel I lies about the voxels 2 I and 2 I + 1 of the level before,

@@ -79,7 +79,7 @@ typename GridT::Ptr scattered(std::uint64_t seed, const typename GridT::ValueTyp
   grid->tree().addTile(1, Coord(8, 8, 8), tile, true);
   grid->tree().addTile(1, Coord(16, 8, 8), tile, false);
   grid->tree().addTile(2, Coord(128, 0, 0), any(), true);
-  grid->tree().addTile(2, Coord(-256, 0, -128), any(), false);
+  grid->tree().addTile(2, Coord(-128, 0, -128), any(), false);
   grid->setTransform(skewed());
   grid->setName("scattered");
   grid->insertMeta("value_unit", openvdb::StringMetadata("HU"));
@@ -1084,7 +1084,14 @@ TEST_CASE("a volume larger than what memory may be had is written", "[bricks]") 
     file >> pages >> pages;
     return pages * static_cast<double>(sysconf(_SC_PAGESIZE)) / 1e6;
   };
+  // AddressSanitizer has memory of its own, and takes its time.
+#if defined(__SANITIZE_ADDRESS__)
+  constexpr int kBricks = 3;
+  constexpr double kMost = 1e9;
+#else
   constexpr int kBricks = 8;
+  constexpr double kMost = 0.25;
+#endif
   constexpr double kWhole = 4e-6 * (64.0 * kBricks) * (64.0 * kBricks) * (64.0 * kBricks);
   const double before = resident();
   double most = 0.0;
@@ -1092,9 +1099,7 @@ TEST_CASE("a volume larger than what memory may be had is written", "[bricks]") 
   options.compression = 1;
   options.progress = [&](double) { most = std::max(most, resident() - before); };
   const BrickReport report = writeBricks(folder / "b", fogOf(kBricks), options);
-  CHECK(report.manifest.info().active_voxels == 512ULL * 512 * 512);
+  CHECK(report.manifest.info().active_voxels == 262144ULL * kBricks * kBricks * kBricks);
   CAPTURE(most, kWhole);
-#if !defined(__SANITIZE_ADDRESS__)
-  CHECK(most < 0.25 * kWhole);
-#endif
+  CHECK(most < kMost * kWhole);
 }
