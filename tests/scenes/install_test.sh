@@ -12,13 +12,14 @@ printf 'x,y,z\n0,0,0\n' >points.csv
 "$palpate" make two-bodies bodies.vdb >/dev/null
 # A verb each, and what only it says. Those that none is here for are found out below.
 declare -A says=(
-    [info]=voxels [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
+    [info]=voxels [brick]=stored [sample]=gx [solve]='"force"' [check]=samples [explain]=spring [press]=depth
     [feel]=ticks [plot]=bodies [stability]=stable [devices]=polhem [schema]='"$schema"' [shatter]=pieces
     [compare]="last bit" [convert]=force_z
     [make]=voxels [import]=voxels [view]=felt [scene]=isosurface [completion]=--trace [help]=--trace)
 run() {
     case $1 in
         info) "$palpate" info bodies.vdb ;;
+        brick) "$palpate" brick bodies.vdb bricks --grid cloud && "$palpate" info bricks ;;
         sample) "$palpate" sample bodies.vdb --grid cloud --points points.csv ;;
         solve) "$palpate" solve balance.jsonl ;;
         check) "$palpate" check bodies.vdb ;;
