@@ -226,7 +226,8 @@ struct BrickArrival {
 ///
 /// What is wanted is said as a whole: each list stands in place of the one before, so that nothing
 /// has to be called off. A brick whose fetch has begun arrives all the same, once, whatever lists
-/// came since; it is not begun again meanwhile. All may be called by any thread at any time.
+/// came since; it is not begun again meanwhile. Who lists what has arrived gets it anew. All may be
+/// called by any thread at any time.
 class BrickSource {
  public:
   BrickSource() = default;
