@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <array>
-#include <cmath>
+#include <bit>
 #include <cstdio>
-#include <cstring>
 #include <memory>
-#include <optional>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -42,6 +40,13 @@ void copyValue(const Value& from, float* to) {
   } else {
     for (int c = 0; c < 3; ++c) to[c] = static_cast<float>(from[c]);
   }
+}
+
+template <class Value>
+std::array<std::uint32_t, 3> bitsOf(const Value& value) {
+  std::array<float, 3> numbers{};
+  copyValue(value, numbers.data());
+  return std::bit_cast<std::array<std::uint32_t, 3>>(numbers);
 }
 
 /// What OpenVDB keeps of a grid by itself, or counts anew.
@@ -281,16 +286,13 @@ BrickNodes<GridT> nodesOf(const BrickView& view, const Coord& origin,
   constexpr int kLeaf = Leaf::DIM;
   constexpr int kAlong = kBrickSide / kLeaf;
   // -0.0 is not 0.0.
-  const auto same = [](const Value& a, const Value& b) {
-    return std::memcmp(&a, &b, sizeof a) == 0;
-  };
+  const auto same = [](const Value& a, const Value& b) { return bitsOf(a) == bitsOf(b); };
   BrickNodes<GridT> nodes;
-  std::unique_ptr<Leaf> leaf;
+  nodes.leaves.reserve(std::size_t{kAlong} * kAlong * kAlong);
   for (int n = 0; n < kAlong * kAlong * kAlong; ++n) {
     const Coord corner(n / (kAlong * kAlong) * kLeaf, n / kAlong % kAlong * kLeaf,
                        n % kAlong * kLeaf);
-    if (!leaf) leaf = std::make_unique<Leaf>(origin, background);
-    leaf->setOrigin(origin + corner);
+    auto leaf = std::make_unique<Leaf>(origin + corner, background);
     bool one = true;
     for (openvdb::Index v = 0; v < Leaf::SIZE; ++v) {
       const Coord c = corner + Leaf::offsetToLocalCoord(v);
@@ -305,11 +307,10 @@ BrickNodes<GridT> nodesOf(const BrickView& view, const Coord& origin,
       leaf->setActiveState(v, view.active(number));
       one = one && same(value, leaf->getValue(0)) && leaf->isValueOn(v) == leaf->isValueOn(0);
     }
-    if (!one) {
-      nodes.leaves.push_back(std::move(leaf));
-    } else if (leaf->isValueOn(0) || !same(leaf->getValue(0), background)) {
+    if (one && (leaf->isValueOn(0) || !same(leaf->getValue(0), background))) {
       nodes.tiles.push_back({leaf->origin(), leaf->getValue(0), leaf->isValueOn(0)});
     }
+    if (!one) nodes.leaves.push_back(std::move(leaf));
   }
   return nodes;
 }
@@ -320,14 +321,14 @@ openvdb::GridBase::Ptr gridOf(BrickSource& source, std::int32_t level) {
   const BrickManifest& manifest = source.manifest();
   const BrickFormat& format = manifest.format();
   const BrickLevel& geometry = manifest.levels()[static_cast<std::size_t>(level)];
-  const auto valueOf = [](const std::array<float, 3>& v) {
+  const auto value_of = [](const std::array<float, 3>& v) {
     if constexpr (std::is_arithmetic_v<Value>) {
       return v[0];
     } else {
       return Value(v[0], v[1], v[2]);
     }
   };
-  const Value background = valueOf(manifest.background());
+  const Value background = value_of(manifest.background());
   const auto entries = manifest.entries(level);
   std::vector<BrickNodes<GridT>> made(entries.size());
   inParallel(entries.size(), [&](std::size_t n) {
@@ -350,7 +351,7 @@ openvdb::GridBase::Ptr gridOf(BrickSource& source, std::int32_t level) {
     if (entries[n].kind != BrickKind::kStored) {
       const Coord lower = coordOf(geometry.voxelOf(entries[n].at));
       grid->tree().sparseFill(CoordBBox(lower, lower.offsetBy(kBrickSide - 1)),
-                              valueOf(entries[n].value), entries[n].kind == BrickKind::kActive);
+                              value_of(entries[n].value), entries[n].kind == BrickKind::kActive);
     }
     for (auto& leaf : made[n].leaves) grid->tree().addLeaf(leaf.release());
     for (const auto& tile : made[n].tiles) {

@@ -244,7 +244,7 @@ class BrickSource {
   /// Several threads may wait at a time, each with its own slot. Takes the time of one brick where
   /// there is something to do, else as long as nothing is wanted, `patience` at most.
   /// @param slot  BrickFormat::bytes() of the caller's; unspecified where it has not arrived.
-  /// @return      None: nothing was wanted.
+  /// @return      None: nothing was wanted, or, of a source that is far away, nothing has come yet.
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 

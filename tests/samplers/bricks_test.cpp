@@ -423,7 +423,6 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
   const BrickManifest manifest =
       writeBricks(folder / "b", ballsBy(balls, {-70, -70, -110}, {1600, 1000, 80})).manifest;
   REQUIRE(manifest.levels().size() >= 4);
-  Random random(11);
   int looked = 0;
   for (std::int32_t l = 0; l < static_cast<std::int32_t>(manifest.levels().size()); ++l) {
     const auto volume = loadBricks(folder / "b", l);
@@ -434,11 +433,20 @@ TEST_CASE("a ball's surface is closed on every level where its radius is three v
       if (radius < 3.0 * voxel) continue;
       ++looked;
       const Vec3 centre(at[0], at[1], at[2]);
-      // Each cell with both signs, and those up to two cells on, have data at all corners.
       const CoordBBox about = CoordBBox::createCube(
           Coord::floor(grid.worldToIndex(Vec3d(centre.x(), centre.y(), centre.z()))) -
               Coord(static_cast<int>(radius / voxel) + 4),
           2 * static_cast<int>(radius / voxel) + 9);
+      // Within and without, but for a voxel at the surface: it is closed, and where it should be.
+      int astray = 0;
+      for (auto c = about.begin(); c; ++c) {
+        const Vec3d p = grid.indexToWorld(*c);
+        const double beyond = ((Vec3(p.x(), p.y(), p.z()) - centre).norm() - radius) / voxel;
+        const bool negative = accessor.getValue(*c) < 0.0F;
+        if ((beyond > 1.0 && negative) || (beyond < -1.0 && !negative)) ++astray;
+      }
+      CHECK(astray == 0);
+      // Each cell with both signs, and those up to two cells on, have data at all corners.
       int crossed = 0;
       int lacking = 0;
       for (auto c = about.begin(); c; ++c) {

@@ -187,31 +187,31 @@ class Others(Case):
 class Broken(Case):
     def test_a_killed_run_is_gone_on_with(self):
         """kill -9 at many points: in the end the bytes are those of one run."""
-        run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.25)
+        run("make", "two-bodies", self.dir / "fine.vdb", "--voxel", 0.3)
         words = ["brick", self.dir / "fine.vdb", "--grid", "bowl", "--compression", 12]
-        begin = time.monotonic()
         run(*words, self.dir / "whole")
-        took = time.monotonic() - begin
         expected = bytes_in(self.dir / "whole")
+        stored = sum(name.endswith(".0.0.0") for name in expected)
         dice = random.Random(4)
-        broken = []
+        killed = 0
         for attempt in range(4):
             out = self.dir / f"killed{attempt}"
-            for _ in range(3):
+            for count in sorted(dice.sample(range(stored), 3)):
                 child = subprocess.Popen([PALPATE, *map(str, words), str(out)],
                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                try:
-                    child.wait(dice.uniform(0.2, 1.0) * took)
-                except subprocess.TimeoutExpired:
-                    child.kill()
-                    child.wait()
-                broken.append((out / "0").exists() and not (out / "palpate.bricks").exists())
-                if broken[-1]:
+                # When so many bricks are there, and at any point of the next one.
+                while child.poll() is None and len(list(out.glob("*/*.0.0.0"))) < count:
+                    time.sleep(0.001)
+                time.sleep(dice.uniform(0, 0.005))
+                child.kill()
+                child.wait()
+                if (out / ".zattrs").exists() and not (out / "palpate.bricks").exists():
+                    killed += 1
                     self.refused("info", out, says="it is unfinished")
             run(*words, out)
             self.assertEqual(bytes_in(out), expected)
             shutil.rmtree(out)
-        self.assertGreater(sum(broken), 3)
+        self.assertGreater(killed, 6)
 
     def test_an_interrupted_run_says_how_it_goes_on(self):
         run("make", "two-bodies", self.dir / "slow.vdb", "--voxel", 0.25)
