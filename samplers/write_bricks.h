@@ -64,7 +64,7 @@ struct BrickReport {
 /// Writes a volume into a folder: level 0 out of `fill`, each further one out of the bricks before,
 /// read back; then the manifest, without which nobody reads it. In parallel over bricks. Memory:
 /// for each thread some ten times a brick's, and 128 bricks of a level at half its resolution; no
-/// more for a larger volume, but for 36 bytes a brick.
+/// more for a larger volume, but for some hundred bytes for each brick that is not the background.
 ///
 /// A run that ends early, however that is, leaves what it has: the same call goes on from there.
 /// The bytes do not depend on that nor on the number of threads. A folder that is finished already
