@@ -8,6 +8,9 @@ namespace palpate {
 
 namespace {
 
+/// What is foreseen of a warp counts as it is where it is no farther off than this [voxels].
+constexpr double kSure = 0.25;
+
 /// True if the path from `Body::from` to b, in the body's resting frame, comes near a field's data.
 bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
   const Vec3 end = body.pose.toRest(b);
@@ -19,11 +22,32 @@ bool meets(const Body& body, const Vec3& b, const FieldFrame& frame) noexcept {
 void Bodies::place(const Graph& graph, double time, const Vec3& proxy) noexcept {
   posed_at_ = time_ = now_ = time;
   count_ = graph.motions.size();
+  for (Body& body : all()) body.sure = std::numeric_limits<double>::infinity();
+  const auto look = [&](const std::vector<FieldFrame>& frames, const std::vector<int>& motions) {
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      if (motions[i] < 0) continue;
+      double& sure = bodies_[static_cast<std::size_t>(motions[i])].sure;
+      sure = std::min(sure, kSure * frames[i].voxel);
+    }
+  };
+  look(graph.scalar_frames, graph.scalar_motions);
+  look(graph.vector_frames, graph.vector_motions);
   for (std::size_t i = 0; i < count_; ++i) {
     const Motion& motion = *graph.motions[i];
     bodies_[i].about = motion.deformationAt(proxy, time);
     bodies_[i].pose = motion.poseAt(time, bodies_[i].about);
   }
+}
+
+int Bodies::foresee(const Motion& motion, double time, const Vec3& rest, double sure,
+                    Deformation& about, Pose& pose) noexcept {
+  pose = motion.poseAt(time, about);
+  if (motion.warp() == nullptr) return 0;
+  const Vec3 x = about.back * (rest - about.origin - (time - about.time) * about.rate);
+  if (about.errorAt(x, time, motion.warp()->topAcceleration()) <= sure) return 0;
+  about = motion.deformationAt(pose(rest), time);
+  pose = motion.poseAt(time, about);
+  return 1;
 }
 
 int Bodies::readAt(const Graph& graph, const Vec3& p) noexcept {
@@ -49,7 +73,10 @@ int Bodies::plan(std::span<const Felt> felt, double time, const Vec3& proxy, con
   time_ = time;
   const Graph& graph = felt[0].graph();
   for (std::size_t i = 0; i < count_; ++i) {
-    bodies_[i].target = graph.motions[i]->poseAt(time, bodies_[i].about);
+    Body& body = bodies_[i];
+    body.ahead = body.about;
+    report.samples += foresee(*graph.motions[i], time, body.pose.toRest(proxy), body.sure,
+                              body.ahead, body.target);
   }
   double parts = 1.0;
   eachField(felt, [&](const FieldFrame& frame, int motion) {
@@ -69,14 +96,20 @@ int Bodies::plan(std::span<const Felt> felt, double time, const Vec3& proxy, con
   return static_cast<int>(std::min<double>(parts, most));
 }
 
-void Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept {
+int Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept {
+  int warps = 0;
   const double share = static_cast<double>(part) / parts;
   now_ = part < parts ? posed_at_ + share * (time_ - posed_at_) : time_;
   for (std::size_t i = 0; i < count_; ++i) {
     Body& body = bodies_[i];
     const Pose last = body.pose;
-    body.pose = parts == 1 ? body.target : graph.motions[i]->poseAt(now_, body.about);
     body.from = last.toRest(proxy);
+    if (parts == 1) {
+      body.pose = body.target;
+      body.about = body.ahead;
+    } else {
+      warps += foresee(*graph.motions[i], now_, body.from, body.sure, body.about, body.pose);
+    }
     body.moved = !(body.pose == last);
     body.carried = body.moved ? body.pose(body.from) : proxy;
     if (!body.moved) continue;
@@ -84,6 +117,7 @@ void Bodies::move(const Graph& graph, int part, int parts, const Vec3& proxy) no
     body.carry.back = last.linear * body.pose.back;
     body.carry.translate = body.pose.translate - body.carry.linear * last.translate;
   }
+  return warps;
 }
 
 double Bodies::reachFrom(std::span<const Felt> felt, const Vec3& a, const Vec3& b,

@@ -32,10 +32,10 @@ class Bodies {
                          const Vec3& probe, int most,
                          StepReport& report) noexcept PALPATE_NONBLOCKING;
   /// Moves the volumes to their poses in one of the slices, `part` of 1 to `parts`, and finds where
-  /// each sees the proxy. What deforms goes on as the last reading of it says: the next one, in the
-  /// same slice, says how it is.
-  void move(const Graph& graph, int part, int parts,
-            const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
+  /// each sees the proxy. What deforms goes on as the last reading of it says, where that is sure
+  /// to a quarter of a voxel; else it is read where it has carried the proxy. The next reading,
+  /// in the same slice, says how it is. Returns how many were read.
+  int move(const Graph& graph, int part, int parts, const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
   /// Ends a motion: the volumes are where plan() led.
   void arrive() noexcept { posed_at_ = time_; }
 
@@ -75,6 +75,10 @@ class Bodies {
 
  private:
   [[nodiscard]] std::span<Body> all() noexcept { return {bodies_.data(), count_}; }
+  /// The pose that a body will have about what rests at `rest` [m], by `about` or by a reading that
+  /// takes its place; the number of these.
+  static int foresee(const Motion& motion, double time, const Vec3& rest, double sure,
+                     Deformation& about, Pose& pose) noexcept PALPATE_NONBLOCKING;
 
   std::vector<Body> bodies_;
   std::size_t count_ = 0;

@@ -130,6 +130,7 @@ void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
   ++tick.report.substeps;
   Bodies& bodies = tick.around.bodies;
   tick.report.samples += bodies.readAt(tick.scene.graph, at);
+  keepRail(tick, at, now.rail);
   for (const Felt& felt : tick.felt()) {
     tick.report.samples += felt.bound.sample(at, *felt.properties, bodies.items());
   }

@@ -219,7 +219,7 @@ int handSlices(const Tick& tick, const Vec3& hand_before) noexcept {
 void moveBodies(Tick& tick, int slice, int slices) noexcept {
   const Graph& graph = tick.scene.graph;
   Surroundings& around = tick.around;
-  around.bodies.move(graph, slice, slices, tick.proxy.position);
+  tick.report.samples += around.bodies.move(graph, slice, slices, tick.proxy.position);
   tick.felt()[0].bound.turn(around.properties, around.bodies.items());
   for (std::size_t i = 0; i < graph.modes.size(); ++i) {
     const Body* body = around.bodies.of(graph.mode_motions[i]);

@@ -132,12 +132,14 @@ using MotionPtr = std::shared_ptr<const Motion>;  ///< Volumes of one pointer mo
 
 /// A motion within a tick: where its volumes are, and the proxy as seen from them.
 struct Body {
-  Pose pose;                 ///< Pose in this sub-step; of what deforms, about the last reading.
-  Pose target;               ///< Pose at the end of the tick, as far as it is known at its begin.
-  Deformation about;         ///< How it deforms, by the last reading.
-  Pose carry;                ///< Motion from the last pose to this one, in W.
-  Vec3 from = Vec3::Zero();  ///< The proxy before it moves, carried along, in the resting frame
-                             ///< [m].
+  Pose pose;                    ///< Pose in this sub-step; of what deforms, about the last reading.
+  Pose target;                  ///< Pose at the end of the tick, as it is foreseen at its begin.
+  Deformation about;            ///< How it deforms, by the last reading.
+  Deformation ahead;            ///< That by which `target` was foreseen.
+  double sure = 0.0;            ///< How far off what is foreseen may be [m].
+  Pose carry;                   ///< Motion from the last pose to this one, in W.
+  Vec3 from = Vec3::Zero();     ///< The proxy before it moves, carried along, in the resting frame
+                                ///< [m].
   Vec3 carried = Vec3::Zero();  ///< The proxy before it moves, carried along, in W [m].
   Vec3 seen = Vec3::Zero();     ///< Where properties are read, in the resting frame [m].
   Vec3 swept = Vec3::Zero();    ///< From `seen` to where the path to it ended, as the pose before

@@ -62,6 +62,8 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
   const Vec3 waiting = shift + ahead.dot(force) / k * ahead;
   if (!(waiting.norm() <= line.strength / k)) return true;
   rail.of = &of;
+  rail.motion = felt.graph().mode_motions[i];
+  rail.along_rest = trace.direction;
   rail.line = {PrimitiveKind::kLine, curve + rest * line.direction, ahead, line.strength};
   rail.waiting = waiting;
   trial.end += shift;
@@ -72,6 +74,15 @@ bool layAlong(Tick& tick, const Curve& along, ModeMemory& of, const Felt& felt, 
 }
 
 }  // namespace
+
+void keepRail(const Tick& tick, const Vec3& at, Rail& rail) noexcept {
+  if (rail.of == nullptr || rail.motion < 0) return;
+  const auto motion = static_cast<std::size_t>(rail.motion);
+  if (tick.scene.graph.motions[motion]->warp() == nullptr) return;
+  const Body& body = *tick.around.bodies.of(rail.motion);
+  rail.line.position += body.pose(body.seen + body.swept) - at;
+  rail.line.direction = body.pose.vector(rail.along_rest).normalized();
+}
 
 void layRail(Tick& tick, const Vec3& balance, Rail& rail, Trial& trial) noexcept {
   rail.laid = true;

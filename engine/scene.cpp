@@ -186,8 +186,16 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const Vec3& p = body == nullptr ? p_W : body->seen;
     VectorSample s = graph->vector_fields[i]->sample(p, caches[graph->scalar_fields.size() + i]);
     if (body != nullptr) {
+      const Motion& motion = *graph->motions[static_cast<std::size_t>(graph->vector_motions[i])];
+      const Vec3 w = body->about.back * s.value;
       s.value = body->pose.vector(s.value);
       s.jacobian = body->pose.vectorJacobian(s.jacobian);
+      if (motion.warp() != nullptr) {
+        // d (F^-1 v) / dx = F^-1 (dv/dX) F - F^-1 (dF/dx) F^-1 v: as the rigid part turns it.
+        const Mat3 rotation = body->pose.linear * body->about.slope;
+        s.jacobian -= body->pose.linear * body->about.bendAlong(w) * rotation.transpose() *
+                      graph->vector_frames[i].metres_per_unit;
+      }
     }
     vector(read.value, s.value, s.inside, s.jacobian / graph->vector_frames[i].metres_per_unit);
     vector(read.curl, curl(s.jacobian), s.inside, straight);

@@ -17,6 +17,7 @@ Deformation deformationAt(const Warp& warp, const Vec3& x, double time) noexcept
   about.rate = u.rate;
   about.bend = u.bend;
   about.time = time;
+  about.at = x;
   return about;
 }
 

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <limits>
 #include <memory>
 
 #include "palpate/engine/types.h"
@@ -39,6 +41,11 @@ class Warp {
   [[nodiscard]] virtual Box shifts() const = 0;
   /// Upper bound of the speed of its matter, as sampled [m/s].
   [[nodiscard]] virtual double topSpeed() const = 0;
+  /// Upper bound of |d^2 u / dt^2| at a fixed x [m/s^2]: how far u can be foreseen by its rate.
+  /// Unknown: infinite, at the cost of a reading more a tick.
+  [[nodiscard]] virtual double topAcceleration() const noexcept {
+    return std::numeric_limits<double>::infinity();
+  }
 };
 
 using WarpPtr = std::shared_ptr<const Warp>;  ///< None: what moves is rigid.
@@ -51,9 +58,24 @@ struct Deformation {
   Vec3 origin = Vec3::Zero();     ///< [m]
   Vec3 rate = Vec3::Zero();       ///< du/dt [m/s]
   double time = 0.0;              ///< [s]
+  Vec3 at = Vec3::Zero();         ///< x [m]
   std::array<Mat3, 3> bend{Mat3::Zero(), Mat3::Zero(),
                            Mat3::Zero()};  ///< d^2 X_i / dx_j dx_k [1/m]
 
+  /// How far X by this may be from X itself at a place and a time [m], to second order.
+  [[nodiscard]] double errorAt(const Vec3& x, double when, double acceleration) const noexcept {
+    const double later = when - time;
+    const double bent =
+        std::sqrt(bend[0].squaredNorm() + bend[1].squaredNorm() + bend[2].squaredNorm());
+    const double way = (x - at).squaredNorm();
+    return 0.5 * ((later == 0.0 ? 0.0 : acceleration * later * later) + bent * way);
+  }
+  /// (i, j): sum over k of d^2 X_i / dx_j dx_k w_k: how F changes, on w.
+  [[nodiscard]] Mat3 bendAlong(const Vec3& w) const noexcept {
+    Mat3 out;
+    out << (bend[0] * w).transpose(), (bend[1] * w).transpose(), (bend[2] * w).transpose();
+    return out;
+  }
   /// What bends the derivative of a gradient besides: sum g_i bend_i, in the resting frame.
   [[nodiscard]] Mat3 bendOf(const Vec3& g) const noexcept {
     return g.x() * bend[0] + g.y() * bend[1] + g.z() * bend[2];

@@ -69,6 +69,11 @@ DisplacementFrames displacementsOf(std::span<const std::shared_ptr<const Volume>
     }
     box.expand(activeBox(parts.front().data));
   }
+  // Where not all of the box is active the lattice goes on as its background, not as its rim.
+  const bool sparse = std::any_of(frames.begin(), frames.end(), [&](const auto& volume) {
+    return volume->info().active_voxels < box.volume();
+  });
+  if (sparse) box.expand(1);
   checkWarpMemory({box.dim().x(), box.dim().y(), box.dim().z()}, frames.size(), path);
   const Mat3 to_rest = placement.scale * placement.rotation;
   const Coord low = box.min();

@@ -6,6 +6,7 @@
 #include <sstream>
 #include <utility>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 
 #include "palpate/engine/error.h"
@@ -18,6 +19,10 @@ constexpr std::size_t kAxes = 3;
 /// Of a vector, as it is stored.
 constexpr std::size_t kLanes = 4;
 using Lanes = Eigen::Array4f;
+/// Between two frames a warp is looked at so many times.
+constexpr std::size_t kParts = 4;
+/// A length of matter may become so many times itself, or the inverse.
+constexpr double kMostStretch = 10.0;
 /// Of a node and frame: u and its rate.
 constexpr std::size_t kNumbers = 2 * kLanes;
 
@@ -137,6 +142,7 @@ class GridWarp final : public Warp {
 
   [[nodiscard]] Box shifts() const override { return shifts_; }
   [[nodiscard]] double topSpeed() const override { return top_speed_; }
+  [[nodiscard]] double topAcceleration() const noexcept override { return top_acceleration_; }
 
   /// Looks at and between all nodes and frames; throws where space folds.
   void look(const std::string& path) {
@@ -152,8 +158,8 @@ class GridWarp final : public Warp {
           const bool even = plane % 2 == 0;
           if ((j % 2 == 0) != even || (k % 2 == 0) != even) continue;
           const Vec3 x = origin_ + rest_from_index * (0.5 * Vec3(static_cast<double>(plane), j, k));
-          for (std::size_t half = 0; half < 2 * count_ - 1; ++half) {
-            speed = std::max(speed, speedAt(x, half, path));
+          for (std::size_t part = 0; part <= kParts * (count_ - 1); ++part) {
+            speed = std::max(speed, speedAt(x, part, path));
           }
         }
       }
@@ -296,24 +302,44 @@ class GridWarp final : public Warp {
         const Vec3 rate(node[4], node[5], node[6]);
         shifts_.extend(-u);
         if (f > 0) shifts_.extend(-(u - (times_[f] - times_[f - 1]) / 3.0 * rate));
-        if (f + 1 < count_) shifts_.extend(-(u + (times_[f + 1] - times_[f]) / 3.0 * rate));
+        if (f + 1 == count_) continue;
+        const double h = times_[f + 1] - times_[f];
+        shifts_.extend(-(u + h / 3.0 * rate));
+        // A cubic's second derivative is linear: it is largest at an end.
+        const float* next = node + kNumbers;
+        const Vec3 way = (Vec3(next[0], next[1], next[2]) - u) / h;
+        const Vec3 after(next[4], next[5], next[6]);
+        top_acceleration_ =
+            std::max({top_acceleration_, (6.0 * way - 4.0 * rate - 2.0 * after).norm() / h,
+                      (6.0 * way - 2.0 * rate - 4.0 * after).norm() / h});
       }
     }
   }
 
-  double speedAt(const Vec3& x, std::size_t half, const std::string& path) const {
-    constexpr double kFolds = 0.1;
-    const std::size_t frame = half / 2;
+  /// Looks at one place, a quarter of the way between two frames or at one.
+  double speedAt(const Vec3& x, std::size_t part, const std::string& path) const {
+    const std::size_t frame = part / kParts;
     double time = times_.empty() ? 0.0 : times_[frame];
-    if (half % 2 == 1) time = 0.5 * (times_[frame] + times_[frame + 1]);
+    const auto share = static_cast<double>(part % kParts) / kParts;
+    if (share > 0.0) time += share * (times_[frame + 1] - times_[frame]);
     const Displacement u = at(x, time);
     const Mat3 F = Mat3::Identity() + u.slope;
-    const double volume = F.determinant();
-    if (!(volume >= kFolds)) {
+    const Mat3 squares = F.transpose() * F;
+    Eigen::SelfAdjointEigenSolver<Mat3> stretch;
+    stretch.computeDirect(squares, Eigen::EigenvaluesOnly);
+    const double least = std::sqrt(std::max(stretch.eigenvalues()[0], 0.0));
+    const double most = std::sqrt(std::max(stretch.eigenvalues()[2], 0.0));
+    const bool folds = !(F.determinant() > 0.0);
+    if (folds || !(least >= 1.0 / kMostStretch) || !(most <= kMostStretch)) {
       std::ostringstream where;
-      where.precision(4);
+      where.precision(3);
       where << "at (" << x.x() << ", " << x.y() << ", " << x.z() << ") m and " << time
-            << " s the displacement presses matter to " << volume << " of its volume, or folds it";
+            << " s the displacement ";
+      if (folds) {
+        where << "folds space";
+      } else {
+        where << "makes lengths " << 1.0 / most << " to " << 1.0 / least << " times what they are";
+      }
       throw SceneError(path, where.str(),
                        "is its sign or its unit another? else smooth it, or take less of it");
     }
@@ -331,6 +357,7 @@ class GridWarp final : public Warp {
   std::vector<float> nodes_;  ///< By node, by frame: u and its rate, of the spline's coefficients.
   Box shifts_;
   double top_speed_ = 0.0;
+  double top_acceleration_ = 0.0;
 };
 
 void check(const DisplacementFrames& of, const WarpTimes& when, const std::string& path) {
@@ -377,7 +404,7 @@ void check(const DisplacementFrames& of, const WarpTimes& when, const std::strin
 }  // namespace
 
 void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const std::string& path) {
-  const double nodes = static_cast<double>(size[0]) * size[1] * size[2];
+  const double nodes = (size[0] + 2.0) * (size[1] + 2.0) * (size[2] + 2.0);
   const double memory = nodes * static_cast<double>(frames * kNumbers * sizeof(float));
   if (memory <= static_cast<double>(kMostWarpMemory)) return;
   throw SceneError(path,

@@ -43,14 +43,17 @@ void checkWarpMemory(const std::array<int, 3>& size, std::size_t frames, const s
 ///
 /// Throws SceneError, with `path` before what is wrong (/times/2): no frame, another number of
 /// times, times that do not ascend, a repeated warp that does not end as it began, u that is not
-/// finite, one that folds space (det F below 0.1 at or between nodes and frames), more memory than
-/// kMostWarpMemory. Slow, parallel, allocates 32 bytes a node and frame. RT: at() reads 27 nodes.
+/// finite, more memory than kMostWarpMemory, and one that folds space or makes lengths of matter
+/// more than ten times as long or as short, where it is looked at: at all nodes and middles of
+/// cells, at all frames and quarters between. Slow, parallel; 32 bytes a node and frame, of the
+/// lattice with one node more all round, and about twice that meanwhile. RT: at() reads 27 nodes.
 [[nodiscard]] WarpPtr makeWarp(const DisplacementFrames& of, const WarpTimes& when,
                                const std::string& path);
 
 /// The displacements that vector volumes are, one a frame, all on one lattice: of the box of their
-/// active voxels, in the files' own unit of length, as their axes are; the placement scales and
-/// turns them. Throws SceneError at `path`: no vector in one grid, or another lattice.
+/// active voxels, and a voxel of background about it where not all of them are active, in the
+/// files' own unit of length, as their axes are; the placement scales and turns them. Throws
+/// SceneError at `path`: no vector in one grid, or another lattice.
 [[nodiscard]] DisplacementFrames displacementsOf(
     std::span<const std::shared_ptr<const Volume>> frames, const Placement& placement,
     const std::string& path);

@@ -204,7 +204,29 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
                      "name a volume of the same file besides it");
   };
   for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
-    check(spec.graph.modes[i].of, fmt::format("/modes/{}/of", i));
+    const ModeSpec& mode = spec.graph.modes[i];
+    check(mode.of, fmt::format("/modes/{}/of", i));
+    check(mode.by, fmt::format("/modes/{}/by", i));
+    for (const auto& [transfer, key] : {std::pair{&mode.strength, "strength"},
+                                        {&mode.friction, "friction"},
+                                        {&mode.viscosity, "viscosity"}}) {
+      for (const TransferSpec::Factor& factor : transfer->factors) {
+        check(factor.by, fmt::format("/modes/{}/{}", i, key));
+      }
+    }
+  }
+  for (const auto& [i, name] : spec.guide_volumes) check(name, fmt::format("/modes/{}/in", i));
+  if (spec.graph.stiffness) {
+    for (const TransferSpec::Factor& factor : spec.graph.stiffness->factors) {
+      check(factor.by, "/coupling/stiffness");
+    }
+  }
+  for (const std::string& name : names) {
+    const PlaceSpec& place = spec.volumes.at(name).place;
+    if (place.keyframes.empty() && !place.warp && spec.volumes.at(name).instances.empty()) continue;
+    throw SceneError(at(spec, "/volumes/" + name),
+                     "it is how another volume deforms, and moves or stands more than once itself",
+                     "give it one place, as {\"like\": ...}");
   }
   for (const auto& [name, derived] : spec.graph.fields) check(derived.of, "/fields/" + name);
 }
@@ -576,6 +598,13 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   std::map<std::string, std::shared_ptr<const Volume>> standing = built.volumes;
   for (const auto& [name, frames] : displacements) standing[name] = frames.front();
   Placer placer(spec, standing);
+  for (const auto& [name, frames] : displacements) {
+    for (const auto& frame : frames) {
+      for (const std::string& remark : remarks(frame->info())) {
+        built.notes.push_back(fmt::format("{}: {}", at(spec, "/volumes/" + name), remark));
+      }
+    }
+  }
   for (const auto& [name, volume] : built.volumes) {
     built.placements[name] = placer.placementOf(name);
     for (const std::string& remark : remarks(volume->info())) {

@@ -12,6 +12,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
+#include "palpate/engine/bodies.h"
 #include "palpate/engine/error.h"
 #include "palpate/samplers/analytic_field.h"
 #include "palpate/samplers/warp_grid.h"
@@ -508,10 +509,15 @@ TEST_CASE("displacements that are none are refused with their path", "[motion][w
   // The sign or the unit of another: space folds.
   CHECK_THAT(message([](DisplacementFrames& f, auto&) {
                for (auto& frame : f.frames) {
-                 for (float& value : frame) value *= 40.0F;
+                 for (float& value : frame) value *= 200.0F;
                }
              }),
-             Contains("folds it"));
+             Contains("makes lengths"));
+  const Displaces turned_over = [](const Vec3& x, double) {
+    return Vec3(-2.0 * (x - kVoxel * kCentre));
+  };
+  CHECK_THROWS_WITH(makeWarp(framesOf(turned_over, 16.0, {0.0}), {}, "/warp"),
+                    Contains("/warp: at (") && Contains("folds space"));
 }
 
 TEST_CASE("a warp that folds space or is no number spoils no force", "[motion][warp]") {
@@ -552,6 +558,106 @@ TEST_CASE("a warp that folds space or is no number spoils no force", "[motion][w
       last = r.force;
     }
   }
+}
+
+TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp]") {
+  // What was foreseen of a turning point says that nothing moves.
+  const FieldPtr ball = sphereMotion("level set", kRadius, 2.56).field;
+  const auto breath = [](double t) { return 1.0 + 0.2 * std::sin(2.0 * kPi * 5.0 * t); };
+  const auto scene =
+      sceneOf({isosurface(12.0)}, ball, deforming(warpOf(swelling(breath), 8.0, 0.2, 17)));
+  const Vec3 d = Vec3(1, 2, -1).normalized();
+  for (int phase = 0; phase < 100; ++phase) {
+    Reader reader;
+    ProxyState state({1e3, 1e12});
+    const Vec3 hand = kVoxel * (kCentre + 0.75 * kRadius * d);
+    for (int i = 0; i < 300 + 2 * phase; ++i) {
+      const double away = std::max(0.0, 0.02 - 0.2 * kMotionTick * i);
+      (void)hapticStep(*scene, reader, {hand + away * d}, state, kMotionTick);
+    }
+    const StepReport late = hapticStep(*scene, reader, {hand}, state, 0.025);
+    CAPTURE(phase, wordFor(late.status));
+    CHECK(hapticStep(*scene, reader, {hand}, state, kMotionTick).wanted.norm() > 0.1);
+  }
+}
+
+TEST_CASE("a stream is followed where its volume has bent it", "[motion][warp]") {
+  // Straight lines at rest: bent, they are the places whose rest lies on one.
+  const FieldPtr flow =
+      vectorGrid(Vec3::Constant(105.0), [](const Vec3&) { return Vec3(1.0, 0.0, 0.0); });
+  const Displaces bends = wave(50.0, 4.0, 1.0);
+  for (const bool moves : {false, true}) {
+    const Displaces u =
+        moves ? bends : Displaces([bends](const Vec3& x, double) { return bends(x, 0.0); });
+    const MotionPtr motion = deforming(warpOf(u, 5.0, 1.0, 17));
+    GraphSpec spec;
+    spec.modes.resize(1);
+    spec.modes[0].kind = ModeKind::kFollow;
+    spec.modes[0].of = "flow";
+    spec.modes[0].strength = 1.0;
+    spec.motions["flow"] = motion;
+    const auto scene = makeScene(spec, {{"flow", flow}}, {kMotionStiffness, 0.0});
+    Reader reader;
+    ProxyState state({1e3, 1e12});
+    const Vec3 start = kVoxel * Vec3(15.0, 52.0, 52.0);
+    Vec3 line = Vec3::Zero();
+    double off = 0.0;
+    for (int i = 0; i < 120; ++i) {
+      const double time = state.time() + kMotionTick;
+      const Vec3 rest = start + Vec3(0.5e-3 * i, 0.0, 0.0);
+      // Half a voxel aside of where the line's matter is.
+      const Vec3 hand = motion->poseOf(rest, time)(rest) + Vec3(0.0, 0.0, i > 5 ? 0.4e-3 : 0.0);
+      const StepReport r = provenStep(*scene, reader, {hand}, state, kMotionTick);
+      const Vec3 at = motion->poseAbout(r.proxy, state.time()).toRest(r.proxy);
+      if (i == 8) line = at;
+      if (i > 8) off = std::max(off, (at - line).tail<2>().norm() / kVoxel);
+    }
+    CAPTURE(moves, off);
+    std::cout << (moves ? "moving" : "still") << " bends: a stream is left by " << off
+              << " voxel in 60 mm\n";
+    CHECK(off <= 0.01);
+  }
+}
+
+TEST_CASE("curl and divergence of a bent flow are those of its vectors", "[motion][warp]") {
+  const FieldPtr flow = vectorGrid(Vec3::Constant(105.0), [](const Vec3& p) {
+    return Vec3(std::sin(0.1 * p.y()), std::cos(0.07 * p.z()), std::sin(0.09 * p.x()));
+  });
+  const MotionPtr motion = deforming(warpOf(wave(50.0, 4.0, 1.0), 5.0, 1.0, 9));
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = ModeKind::kForce;
+  spec.modes[0].of = "flow";
+  spec.modes[0].strength = 1.0;
+  spec.motions["flow"] = motion;
+  const auto scene = makeScene(spec, {{"flow", flow}}, {kMotionStiffness, 0.0});
+  Reader reader;
+  Bodies bodies;
+  const auto read = [&](const Vec3& p) {
+    Properties out;
+    bodies.place(scene->graph, 0.3, p);
+    (void)bodies.readAt(scene->graph, p);
+    (void)reader.sample(*scene, p, out, bodies.items());
+    return out.vectors[0];
+  };
+  Random random(8);
+  double off = 0.0;
+  double largest = 0.0;
+  for (int i = 0; i < 300; ++i) {
+    const Vec3 p = kVoxel * (kCentre + random.inCube(25.0));
+    const Properties::Vector at = read(p);
+    constexpr double kAside = 1e-5;
+    Mat3 by;
+    for (int a = 0; a < 3; ++a) {
+      const Vec3 aside = kAside * Vec3::Unit(a);
+      by.col(a) = (read(p + aside).value - read(p - aside).value) / (2.0 * kAside);
+    }
+    off = std::max(off, (by - at.jacobian).norm());
+    largest = std::max(largest, by.norm());
+  }
+  CAPTURE(off, largest);
+  // Of trilinear data the Jacobian is that of differences over a voxel.
+  CHECK(off <= 0.1 * largest);
 }
 
 TEST_CASE("a guide in what deforms is refused", "[motion][warp]") {

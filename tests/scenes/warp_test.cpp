@@ -136,6 +136,12 @@ TEST_CASE("a warp that cannot be is refused with its path, and the schema agrees
                s["modes"].push_back({{"mode", "force"}, {"of", "u"}, {"strength", 1}});
              }),
              Contains("/modes/1/of: \"u\" is how another volume deforms"));
+  CHECK_THAT(with([](Json&, Json& s) { s["modes"][0]["by"] = "u"; }),
+             Contains("/modes/0/by: \"u\" is how another volume deforms"));
+  CHECK_THAT(with([](Json& w, Json& s) {
+               s["volumes"]["u"]["place"] = {{"scale", 0.001}, {"warp", w}};
+             }),
+             Contains("/volumes/u: it is how another volume deforms"));
   CHECK_THAT(with([](Json&, Json& s) {
                s["fields"]["much"] = {{"magnitude", "u"}};
              }),
