@@ -40,7 +40,9 @@ WarpPtr breathing() {
     const double size = 1.0 + 0.1 * std::sin(2.0 * std::numbers::pi * (f % kFrames) / kFrames);
     std::vector<float>& frame = out.frames.emplace_back();
     for (int n = 0; n < 8000; ++n) {
-      const Vec3 x = out.origin + out.axes * Vec3(n / 400, n / 20 % 20, n % 20);
+      const int i = n / 400;
+      const int j = n / 20 % 20;
+      const Vec3 x = out.origin + out.axes * Vec3(i, j, n % 20);
       const Vec3 u = (1.0 / size - 1.0) * (x - kVoxel * kCentre);
       for (int c = 0; c < 3; ++c) frame.push_back(static_cast<float>(u[c]));
     }

@@ -68,7 +68,8 @@ class GridWarp final : public Warp {
       const double last = size_[a] - 1;
       const double i = index[static_cast<Eigen::Index>(a)];
       const double within = i > 0.0 ? std::min(i, last) : 0.0;  // NaN: 0
-      middle[a] = static_cast<int>(within + 0.5);
+      const int below = static_cast<int>(within);
+      middle[a] = within - below < 0.5 ? below : below + 1;
       w[a] = Weights(within - middle[a]);
       if (within != i) w[a].slope = w[a].bend = {};
     }
