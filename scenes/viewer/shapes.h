@@ -67,7 +67,6 @@ class Shapes {
     std::string name;
     FieldPtr field;
     MotionPtr motion;
-    Vec3 centre = Vec3::Zero();  ///< At rest [m].
   };
   /// All of them.
   [[nodiscard]] const std::vector<Volume>& volumes() const noexcept { return volumes_; }

@@ -16,7 +16,6 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/analytic_field.h"
 #include "palpate/samplers/warp_grid.h"
-#include "tests/support/counters.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/random.h"
@@ -24,7 +23,6 @@
 
 using namespace palpate;
 using namespace palpate::bench;
-using palpate::test::CountScope;
 using palpate::test::Random;
 
 namespace {
@@ -581,6 +579,21 @@ TEST_CASE("a still hand keeps its surface through a long tick", "[motion][warp]"
   }
 }
 
+namespace {
+
+/// One mode of a flow that deforms.
+std::unique_ptr<const Scene> flowing(ModeKind kind, const FieldPtr& flow, const MotionPtr& motion) {
+  GraphSpec spec;
+  spec.modes.resize(1);
+  spec.modes[0].kind = kind;
+  spec.modes[0].of = "flow";
+  spec.modes[0].strength = 1.0;
+  spec.motions["flow"] = motion;
+  return makeScene(spec, {{"flow", flow}}, {kMotionStiffness, 0.0});
+}
+
+}  // namespace
+
 TEST_CASE("a stream is followed where its volume has bent it", "[motion][warp]") {
   // Straight lines at rest: bent, they are the places whose rest lies on one.
   const FieldPtr flow =
@@ -590,13 +603,7 @@ TEST_CASE("a stream is followed where its volume has bent it", "[motion][warp]")
     const Displaces u =
         moves ? bends : Displaces([bends](const Vec3& x, double) { return bends(x, 0.0); });
     const MotionPtr motion = deforming(warpOf(u, 5.0, 1.0, 17));
-    GraphSpec spec;
-    spec.modes.resize(1);
-    spec.modes[0].kind = ModeKind::kFollow;
-    spec.modes[0].of = "flow";
-    spec.modes[0].strength = 1.0;
-    spec.motions["flow"] = motion;
-    const auto scene = makeScene(spec, {{"flow", flow}}, {kMotionStiffness, 0.0});
+    const auto scene = flowing(ModeKind::kFollow, flow, motion);
     Reader reader;
     ProxyState state({1e3, 1e12});
     const Vec3 start = kVoxel * Vec3(15.0, 52.0, 52.0);
@@ -624,13 +631,7 @@ TEST_CASE("curl and divergence of a bent flow are those of its vectors", "[motio
     return Vec3(std::sin(0.1 * p.y()), std::cos(0.07 * p.z()), std::sin(0.09 * p.x()));
   });
   const MotionPtr motion = deforming(warpOf(wave(50.0, 4.0, 1.0), 5.0, 1.0, 9));
-  GraphSpec spec;
-  spec.modes.resize(1);
-  spec.modes[0].kind = ModeKind::kForce;
-  spec.modes[0].of = "flow";
-  spec.modes[0].strength = 1.0;
-  spec.motions["flow"] = motion;
-  const auto scene = makeScene(spec, {{"flow", flow}}, {kMotionStiffness, 0.0});
+  const auto scene = flowing(ModeKind::kForce, flow, motion);
   Reader reader;
   Bodies bodies;
   const auto read = [&](const Vec3& p) {
