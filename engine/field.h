@@ -19,6 +19,7 @@ struct ScalarSample {
   Vec3 gradient = Vec3::Zero();  ///< Continuous gradient of V, per unit of the data's own space
                                  ///< (not per metre), its direction turned into W.
   bool inside = false;           ///< False where the data mean nothing: modes stay silent.
+  bool coarse = false;           ///< Read of data coarser than the volume's, for want of these.
 };
 
 /// A vector property at one point. Components and derivatives are turned into W together.
@@ -26,6 +27,14 @@ struct VectorSample {
   Vec3 value = Vec3::Zero();     ///< v, in the data's unit.
   Mat3 jacobian = Mat3::Zero();  ///< J(i, j) = d v_i / d x_j, per unit of the data's space.
   bool inside = false;           ///< False where the data mean nothing: modes stay silent.
+  bool coarse = false;           ///< As ScalarSample::coarse.
+};
+
+/// What a field is told at the begin of a tick, where it rests.
+struct Attention {
+  Vec3 proxy = Vec3::Zero();     ///< [m]
+  Vec3 probe = Vec3::Zero();     ///< The hand [m].
+  Vec3 velocity = Vec3::Zero();  ///< Of the hand [m/s].
 };
 
 /// The memory that one thread's reads of one field change: accessor and last cell. Plain bytes that
@@ -99,6 +108,13 @@ class ScalarField {
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
 
+  /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
+  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
+  virtual void attend(const Attention& /*at*/,
+                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
+  /// True for a field that wants to be told.
+  [[nodiscard]] virtual bool attends() const noexcept { return false; }
+
   /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
   [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
@@ -131,6 +147,13 @@ class VectorField {
   /// one more; rejected steps count.
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
+
+  /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
+  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
+  virtual void attend(const Attention& /*at*/,
+                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
+  /// True for a field that wants to be told.
+  [[nodiscard]] virtual bool attends() const noexcept { return false; }
 
   /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }

@@ -107,6 +107,14 @@ Graph compileGraph(const GraphSpec& spec, const std::map<std::string, FieldPtr>&
     reads.graph.stiffness = compileStiffness(*spec.stiffness, reads);
     reads.graph.stiffness_reads = reads.current;
   }
+  Graph& graph = reads.graph;
+  for (std::size_t i = 0; i < graph.scalar_fields.size(); ++i) {
+    if (graph.scalar_fields[i]->attends()) graph.attentive.push_back(i);
+  }
+  for (std::size_t i = 0; i < graph.vector_fields.size(); ++i) {
+    if (graph.vector_fields[i]->attends())
+      graph.attentive.push_back(graph.scalar_fields.size() + i);
+  }
   for (const auto& [name, field] : fields) {
     if (!reads.isRead(name)) reads.graph.unused.push_back(name);
   }

@@ -249,6 +249,8 @@ struct Graph {
   std::vector<std::string> mode_names;    ///< For messages; else, without a name, /modes/5.
   Transfer stiffness;                     ///< Coupling stiffness [N/m]; no factors: it is constant.
   FieldSet stiffness_reads;  ///< Fields that the stiffness reads; where no data, their background.
+  std::vector<std::size_t>
+      attentive;                    ///< Fields that are told of each tick: scalars, then vectors.
   std::vector<std::string> unused;  ///< Fields and derived fields that no mode reads: not sampled.
   std::vector<std::string> silent;  ///< Modes left out: their strength is zero everywhere.
 };

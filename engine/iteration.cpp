@@ -133,6 +133,7 @@ void read(Tick& tick, Iteration& now, const Vec3& at) noexcept {
   keepRail(tick, at, now.rail);
   for (const Felt& felt : tick.felt()) {
     tick.report.samples += felt.bound.sample(at, *felt.properties, bodies.items());
+    tick.report.coarse = tick.report.coarse || felt.properties->coarse;
   }
   now.last_read = now.read_at = at;
   now.read = true;

@@ -147,6 +147,7 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
 
   const FieldSet wanted = fieldsAt(*graph, p_W, bodies);
   int count = 0;
+  out.coarse = false;
   for (const ScalarRead& read : graph->scalar_reads) {
     const auto i = static_cast<std::size_t>(read.field);
     if ((wanted.scalars >> i & 1U) == 0) {
@@ -160,6 +161,7 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const Body* body = bodyOf(graph->scalar_motions[i], bodies);
     const Vec3& p = body == nullptr ? p_W : body->seen;
     const ScalarSample s = field.sample(p, caches[i]);
+    out.coarse = out.coarse || s.coarse;
     const auto turned = [body](const Vec3& g) {
       return body == nullptr ? g : body->pose.gradient(g);
     };
@@ -185,6 +187,7 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
     const Body* body = bodyOf(graph->vector_motions[i], bodies);
     const Vec3& p = body == nullptr ? p_W : body->seen;
     VectorSample s = graph->vector_fields[i]->sample(p, caches[graph->scalar_fields.size() + i]);
+    out.coarse = out.coarse || s.coarse;
     if (body != nullptr) {
       const Motion& motion = *graph->motions[static_cast<std::size_t>(graph->vector_motions[i])];
       const Vec3 w = body->about.back * s.value;
@@ -205,6 +208,26 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
   }
   makeSteps(out);
   return count;
+}
+
+void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const noexcept {
+  const std::size_t scalars = graph->scalar_fields.size();
+  for (const std::size_t n : graph->attentive) {
+    const bool scalar = n < scalars;
+    const int motion = scalar ? graph->scalar_motions[n] : graph->vector_motions[n - scalars];
+    const Body* body = bodyOf(motion, bodies);
+    Attention rest = at;
+    if (body != nullptr) {
+      rest.proxy = body->pose.toRest(at.proxy);
+      rest.probe = body->pose.toRest(at.probe);
+      rest.velocity = body->pose.back * at.velocity;
+    }
+    if (scalar) {
+      graph->scalar_fields[n]->attend(rest, caches[n]);
+    } else {
+      graph->vector_fields[n - scalars]->attend(rest, caches[n]);
+    }
+  }
 }
 
 void BoundGraph::makeSteps(Properties& of) const noexcept {

@@ -1,0 +1,378 @@
+#include "palpate/samplers/brick_field.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <new>
+#include <utility>
+#include <vector>
+
+#include "palpate/samplers/lattice_reader.h"
+
+namespace palpate {
+namespace {
+
+using detail::IndexMap;
+using detail::kNoCell;
+using detail::LatticeReader;
+
+/// Over so many voxels of a level the next one takes over.
+constexpr double kFade = 4.0;
+/// A brick that arrives takes over in so many ticks, or as fast as the proxy goes.
+constexpr double kTicks = 50.0;
+
+/// The voxels of one level of a window, for a LatticeReader.
+template <int C>
+class BrickLevelSource {
+ public:
+  struct Cache {
+    BrickWindow::Entry entry;  ///< Of the brick that the last cell came from.
+    bool whole = true;         ///< No copy was torn since this was set.
+  };
+
+  template <int W, bool Edges>
+  class Block {
+    static_assert(W == 4);
+
+   public:
+    Block(const BrickLevelSource& of, Cache& cache, const std::array<int, 3>& low) noexcept {
+      const int i = low[0] + 1;
+      const int j = low[1] + 1;
+      const int k = low[2] + 1;
+      cache.entry = of.window_->entryAt(of.level_, i, j, k);
+      if (!of.window_->copyCell(cache.entry, of.level_, i, j, k, values_, active_)) {
+        cache.whole = false;
+        values_.fill(0.0F);
+        active_ = 0;
+      }
+      for (std::size_t row = 0; row < 16; ++row) {
+        rows_.first[row] = values_.data() + row * 4 * C;
+      }
+    }
+    Block(const Block&) = delete;
+    Block& operator=(const Block&) = delete;
+
+    [[nodiscard]] const Rows<float, 4>& rows() const noexcept { return rows_; }
+    [[nodiscard]] std::uint64_t active() const noexcept { return active_; }
+
+   private:
+    std::array<float, 64 * C> values_;
+    std::uint64_t active_ = 0;
+    Rows<float, 4> rows_;
+  };
+
+  BrickLevelSource(const BrickWindow& window, std::int32_t level)
+      : window_(&window), level_(level) {}
+
+  [[nodiscard]] static Cache cache() noexcept { return {}; }
+  [[nodiscard]] double background(int c) const noexcept {
+    return window_->manifest().background()[static_cast<std::size_t>(c)];
+  }
+
+ private:
+  const BrickWindow* window_;
+  std::int32_t level_;
+};
+
+FieldFrame frameOf(const BrickManifest& manifest, const Placement& placement) {
+  const Vec3 margin = manifest.levels().front().linear.cwiseAbs().rowwise().sum();
+  const Box& file = manifest.info().bounds;
+  FieldFrame frame;
+  frame.voxel = manifest.info().voxel.minCoeff() * placement.scale;
+  frame.metres_per_unit = placement.scale;
+  for (int corner = 0; corner < 8; ++corner) {
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) {
+      p[a] = ((corner >> a) & 1) != 0 ? file.upper[a] + margin[a] : file.lower[a] - margin[a];
+    }
+    frame.bounds.extend(placement(p));
+  }
+  frame.background = manifest.info().background;
+  return frame;
+}
+
+/// What scalars and vectors share.
+template <class Base, int C>
+class BrickField : public Base {
+ protected:
+  using Kernel = TrilinearKernel<C>;
+  using Level = LatticeReader<BrickLevelSource<C>, Kernel>;
+  using Row = typename Level::Row;
+
+  /// A level that is read, and the last cell of it.
+  struct Read {
+    explicit Read(typename Level::Cache of) : cache(std::move(of)) {}
+    typename Level::Cache cache;
+    int level = -1;
+  };
+  struct Cache {
+    Cache(typename Level::Cache a, typename Level::Cache b)
+        : fine(std::move(a)), coarse(std::move(b)) {}
+    Read fine;
+    Read coarse;
+    int level = -1;      ///< That was read last.
+    double share = 1.0;  ///< Of it; the rest is the next coarser one's.
+    double most = std::numeric_limits<double>::infinity();  ///< Of `share` in this tick.
+    Vec3 last = Vec3::Zero();                               ///< Where the proxy was [m].
+    std::size_t hand = 0;
+  };
+  static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
+
+  /// Which levels a place is read at.
+  struct Choice {
+    int fine = 0;
+    int coarse = -1;     ///< -1: only `fine`.
+    double share = 1.0;  ///< Of `fine`.
+    [[nodiscard]] bool pure() const noexcept { return coarse < 0; }
+  };
+
+ public:
+  BrickField(std::shared_ptr<const BrickWindow> window, const Placement& placement)
+      : Base(frameOf(window->manifest(), placement)), window_(std::move(window)) {
+    const BrickManifest& manifest = window_->manifest();
+    const auto count = static_cast<std::int32_t>(manifest.levels().size());
+    const bool all_corners = manifest.info().grid_class == GridClass::kLevelSet;
+    levels_.reserve(manifest.levels().size());
+    for (std::int32_t l = 0; l < count; ++l) {
+      const BrickLevel& level = manifest.levels()[static_cast<std::size_t>(l)];
+      const IndexMap map(level.linear, level.origin, placement);
+      maps_.push_back(map);
+      levels_.emplace_back(BrickLevelSource<C>(*window_, l), map, nullptr, all_corners, false);
+    }
+  }
+
+  void reset(FieldCache& memory) const noexcept final {
+    auto* cache = ::new (memory.bytes.data()) Cache(levels_[0].cache(), levels_[0].cache());
+    cache->hand = hands_.fetch_add(1, std::memory_order_relaxed) % BrickWindow::kMostHands;
+  }
+
+  void attend(const Attention& at, FieldCache& memory) const noexcept final {
+    Cache& cache = cacheIn(memory);
+    const IndexMap& map = maps_.front();
+    window_->aim(cache.hand, map(at.probe), detail::times(map.index_from_world, at.velocity));
+    const double went = (at.proxy - cache.last).norm() / (kFade * this->frame().voxel);
+    cache.last = at.proxy;
+    cache.most = cache.share + 1.0 / kTicks + went;
+  }
+  [[nodiscard]] bool attends() const noexcept final { return true; }
+
+ protected:
+  static Cache& cacheIn(FieldCache& memory) noexcept {
+    return *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
+  }
+
+  [[nodiscard]] static std::array<int, 3> cellOf(const Vec3& p_I) noexcept {
+    std::array<int, 3> cell{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double at = std::clamp(p_I[static_cast<Eigen::Index>(a)], -1e9, 1e9);
+      cell[a] = static_cast<int>(std::floor(at));
+    }
+    return cell;
+  }
+  [[nodiscard]] bool resident(int level, const std::array<int, 3>& cell) const noexcept {
+    return window_->entryAt(level, cell[0], cell[1], cell[2]).resident();
+  }
+  /// The finest level from `from` on that is there.
+  [[nodiscard]] int finestAt(const Vec3& p_W, int from) const noexcept {
+    const auto last = static_cast<int>(levels_.size()) - 1;
+    int level = from;
+    while (level < last && !resident(level, cellOf(maps_[static_cast<std::size_t>(level)](p_W)))) {
+      ++level;
+    }
+    return level;
+  }
+  /// How far a place is from the nearest brick about its own that is not there, 0 to kFade
+  /// [voxels].
+  [[nodiscard]] double toMissing(const Vec3& p_I, int level) const noexcept {
+    const std::array<int, 3> cell = cellOf(p_I);
+    std::array<int, 3> side{};
+    std::array<double, 3> off{};
+    for (std::size_t a = 0; a < 3; ++a) {
+      const int first = cell[a] & ~(kBrickSide - 1);
+      const double in = p_I[static_cast<Eigen::Index>(a)] - first;
+      side[a] = in < kFade ? -1 : in > kBrickSide - kFade ? 1 : 0;
+      off[a] = side[a] < 0 ? in : kBrickSide - in;
+    }
+    double least = kFade;
+    for (unsigned set = 1; set < 8; ++set) {
+      std::array<int, 3> other = cell;
+      double squared = 0.0;
+      bool near = true;
+      for (std::size_t a = 0; a < 3; ++a) {
+        if ((set >> a & 1U) == 0) continue;
+        near = near && side[a] != 0;
+        other[a] += kBrickSide * side[a];
+        squared += off[a] * off[a];
+      }
+      if (near && squared < least * least && !resident(level, other)) least = std::sqrt(squared);
+    }
+    return least;
+  }
+
+  [[nodiscard]] Choice choose(const Vec3& p_W, Cache& cache) const noexcept {
+    Choice out;
+    out.fine = finestAt(p_W, 0);
+    const auto last = static_cast<int>(levels_.size()) - 1;
+    double share = 1.0;
+    if (out.fine < last) {
+      share = toMissing(maps_[static_cast<std::size_t>(out.fine)](p_W), out.fine) / kFade;
+    }
+    if (cache.level >= 0 && out.fine < cache.level) cache.most -= cache.share;
+    cache.level = out.fine;
+    cache.share = out.share = std::max(0.0, std::min(share, cache.most));
+    if (out.share < 1.0) out.coarse = finestAt(p_W, out.fine + 1);
+    return out;
+  }
+
+  /// Readies the cache of a level for a place; false: a copy was torn.
+  [[nodiscard]] bool readAt(int level, const Vec3& p_W, Read& read, Row& row,
+                            bool& inside) const noexcept {
+    const auto n = static_cast<std::size_t>(level);
+    const std::array<int, 3> cell = cellOf(maps_[n](p_W));
+    const auto entry = window_->entryAt(level, cell[0], cell[1], cell[2]);
+    if (read.level != level || !(read.cache.source.entry == entry)) read.cache.cell.fill(kNoCell);
+    read.level = level;
+    read.cache.source.whole = true;
+    inside = levels_[n].read(p_W, read.cache, row);
+    if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
+    return read.cache.source.whole;
+  }
+
+  /// The row at a place; where a brick is taken away meanwhile, of the next coarser level.
+  [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
+    const Choice choice = choose(p_W, cache);
+    const auto last = static_cast<int>(levels_.size()) - 1;
+    bool inside = false;
+    coarse = choice.fine > 0 || !choice.pure();
+    for (int level = choice.fine; level <= last; ++level) {
+      if (readAt(level, p_W, cache.fine, row, inside)) break;
+      coarse = true;
+    }
+    if (choice.pure()) return inside;
+    Row other;
+    bool other_inside = false;
+    for (int level = choice.coarse; level <= last; ++level) {
+      if (readAt(level, p_W, cache.coarse, other, other_inside)) break;
+    }
+    for (std::size_t n = 0; n < row.size(); ++n) {
+      row[n] = choice.share * row[n] + (1.0 - choice.share) * other[n];
+    }
+    return (choice.share > 0.0 && inside) || other_inside;
+  }
+
+  [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
+  [[nodiscard]] const std::vector<IndexMap>& maps() const noexcept { return maps_; }
+
+ private:
+  std::shared_ptr<const BrickWindow> window_;
+  std::vector<IndexMap> maps_;
+  std::vector<Level> levels_;
+  mutable std::atomic<std::size_t> hands_{0};
+};
+
+class BrickScalarField final : public BrickField<ScalarField, 1> {
+  using Base = BrickField<ScalarField, 1>;
+
+ public:
+  using Base::Base;
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Row row;
+    bool coarse = false;
+    const bool inside = read(p_W, cacheIn(memory), row, coarse);
+    return {row[0], Vec3(row[1], row[2], row[3]), inside, coarse};
+  }
+
+  [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return mixed<Vec3>(p_W, memory, [&](const Level& level, typename Level::Cache& cache) {
+      return level.slope(p_W, cache);
+    });
+  }
+
+  [[nodiscard]] Mat3 gradientJacobian(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return mixed<Mat3>(p_W, memory, [&](const Level& level, typename Level::Cache& cache) {
+      return level.turning(p_W, cache);
+    });
+  }
+
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   FieldCache& memory) const noexcept override {
+    Cache& cache = cacheIn(memory);
+    const Choice choice = choose(a_W, cache);
+    if (choice.pure() && a_W.allFinite() && b_W.allFinite() && allResident(a_W, b_W, choice.fine)) {
+      Read& read = cache.fine;
+      if (read.level != choice.fine) read.cache.cell.fill(kNoCell);
+      read.level = choice.fine;
+      read.cache.cell.fill(kNoCell);
+      read.cache.source.whole = true;
+      const Crossing out = levels()[static_cast<std::size_t>(choice.fine)].firstFall(
+          a_W, b_W, level, sign, read.cache);
+      if (read.cache.source.whole) return out;
+      read.cache.cell.fill(kNoCell);
+    }
+    return ScalarField::firstFall(a_W, b_W, level, sign, memory);
+  }
+
+ private:
+  /// Of the levels that a place is read at, blended as values are.
+  template <class Out, class Of>
+  [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
+    Cache& cache = cacheIn(memory);
+    Row row;
+    bool coarse = false;
+    (void)read(p_W, cache, row, coarse);
+    const Out fine = of(levels()[static_cast<std::size_t>(cache.fine.level)], cache.fine.cache);
+    if (cache.share >= 1.0) return fine;
+    return cache.share * fine +
+           (1.0 - cache.share) *
+               of(levels()[static_cast<std::size_t>(cache.coarse.level)], cache.coarse.cache);
+  }
+  /// True if all bricks of the box about a path are there, and none near it is missing.
+  [[nodiscard]] bool allResident(const Vec3& a_W, const Vec3& b_W, int level) const noexcept {
+    const IndexMap& map = maps()[static_cast<std::size_t>(level)];
+    const Vec3 a = map(a_W);
+    const Vec3 b = map(b_W);
+    constexpr double kFarthest = 256.0;  // as far as a path is looked at
+    if ((b - a).cwiseAbs().maxCoeff() > kFarthest) return false;
+    const bool coarsest = level + 1 == static_cast<int>(levels().size());
+    const Vec3 fade = Vec3::Constant(coarsest ? 0.0 : kFade);
+    const std::array<int, 3> low = cellOf(a.cwiseMin(b) - fade);
+    const std::array<int, 3> high = cellOf(a.cwiseMax(b) + fade);
+    for (int i = low[0] & ~63; i <= high[0]; i += kBrickSide) {
+      for (int j = low[1] & ~63; j <= high[1]; j += kBrickSide) {
+        for (int k = low[2] & ~63; k <= high[2]; k += kBrickSide) {
+          if (!resident(level, {i, j, k})) return false;
+        }
+      }
+    }
+    return true;
+  }
+};
+
+class BrickVectorField final : public BrickField<VectorField, 3> {
+  using Base = BrickField<VectorField, 3>;
+
+ public:
+  using Base::Base;
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    VectorSample out;
+    Row row;
+    out.inside = read(p_W, cacheIn(memory), row, out.coarse);
+    out.value = Vec3(row[0], row[1], row[2]);
+    std::copy_n(row.begin() + 3, 9, out.jacobian.data());
+    return out;
+  }
+};
+
+}  // namespace
+
+FieldPtr makeBrickField(std::shared_ptr<const BrickWindow> window, const Placement& placement) {
+  if (window->manifest().format().vector) {
+    return std::make_shared<const BrickVectorField>(std::move(window), placement);
+  }
+  return std::make_shared<const BrickScalarField>(std::move(window), placement);
+}
+
+}  // namespace palpate

@@ -1,0 +1,511 @@
+#include "palpate/samplers/brick_window.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
+#include <sys/mman.h>
+#include <system_error>
+#include <utility>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/half.h"
+
+namespace palpate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using Word = std::uint32_t;
+
+/// Below this many slots beside the coarsest level a hand's neighbourhood does not fit.
+constexpr std::uint64_t kLeastSlots = 27;
+/// Bricks farther than this from where a hand is or will be are not wanted [bricks of a level].
+constexpr double kReach = 2.0;
+/// The way ahead is looked at in so many places.
+constexpr int kAhead = 4;
+constexpr std::size_t kMostTroubles = 16;
+/// What the system could not read now is tried again after this.
+constexpr std::chrono::seconds kAgain{1};
+
+int floorDiv(int a, int b) noexcept {
+  return a >= 0 ? a / b : -((-a + b - 1) / b);
+}
+
+/// The brick that a cell is read from, along an axis: its own; of the cell before the first one
+/// that brick, whose apron has its voxels.
+int brickOf(int cell, int first) noexcept {
+  return floorDiv(cell == kBrickSide * first - 1 ? cell + 1 : cell, kBrickSide) - first;
+}
+
+/// A place in the index space of level 0 in that of another.
+Vec3 toLevel(const Vec3& p_0, std::int32_t level) noexcept {
+  return (p_0 + Vec3::Constant(0.5)) * std::ldexp(1.0, -level) - Vec3::Constant(0.5);
+}
+
+}  // namespace
+
+/// Where a hand is, written by one thread and read by another: a seqlock.
+struct BrickWindow::Aim {
+  mutable std::atomic<std::uint32_t> count{0};
+  mutable std::array<std::atomic<double>, 6> numbers{};
+};
+
+/// Slots, and what is in them. The tables are read by all, written by the loader alone.
+struct BrickWindow::Pool {
+  struct Constant {
+    std::array<float, 3> value{};
+    bool active = false;
+  };
+
+  explicit Pool(const BrickManifest& manifest, const WindowParams& params);
+  Pool(const Pool&) = delete;
+  Pool& operator=(const Pool&) = delete;
+  ~Pool() {
+    if (words != nullptr) munmap(words, slots * words_per_slot * sizeof(Word));
+  }
+
+  [[nodiscard]] Word load(std::size_t slot, std::size_t word) const noexcept {
+    return std::atomic_ref<Word>(words[slot * words_per_slot + word])
+        .load(std::memory_order_relaxed);
+  }
+  void store(std::size_t slot, std::span<const std::byte> bytes) noexcept {
+    for (std::size_t n = 0; n < bytes.size() / sizeof(Word); ++n) {
+      Word word = 0;
+      std::memcpy(&word, bytes.data() + n * sizeof(Word), sizeof word);
+      std::atomic_ref<Word>(words[slot * words_per_slot + n])
+          .store(word, std::memory_order_relaxed);
+    }
+  }
+  [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
+                                                   int k) const noexcept;
+
+  std::vector<BrickLevel> levels;
+  BrickFormat format;
+  std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
+  std::vector<Constant> constants;
+  std::vector<std::atomic<Word>> generations;
+  std::array<Aim, kMostHands> aims;
+  mutable std::atomic<std::uint64_t> aimed{0};
+  Word* words = nullptr;
+  std::size_t slots = 0;
+  std::size_t words_per_slot = 0;
+  bool locked = false;
+};
+
+BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& params)
+    : levels(manifest.levels()), format(manifest.format()) {
+  words_per_slot = (format.bytes() + 63) / 64 * 64 / sizeof(Word);
+  slots = params.budget / (words_per_slot * sizeof(Word));
+  const std::uint64_t coarsest = levels.back().bricks();
+  if (slots < coarsest + kLeastSlots) {
+    throw VolumeError(manifest.info().name,
+                      "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
+                          std::to_string(slots) + " of its bricks",
+                      "give it " +
+                          std::to_string(((coarsest + kLeastSlots) * format.bytes() >> 20U) + 1) +
+                          " MB or more");
+  }
+  constants.push_back({manifest.background(), false});
+  for (const BrickLevel& level : levels) {
+    tables.emplace_back(static_cast<std::size_t>(level.bricks()));
+    const auto n = static_cast<std::int32_t>(tables.size() - 1);
+    const Entry background(Entry::kConstant, 0, 0);
+    for (auto& entry : tables.back()) entry.store(background.bits(), std::memory_order_relaxed);
+    for (const BrickEntry& entry : manifest.entries(n)) {
+      Entry at;
+      if (entry.kind != BrickKind::kStored) {
+        at = Entry(Entry::kConstant, static_cast<Word>(constants.size()), 0);
+        constants.push_back({entry.value, entry.kind == BrickKind::kActive});
+      }
+      const std::size_t place =
+          (static_cast<std::size_t>(entry.at[0]) * static_cast<std::size_t>(level.count[1]) +
+           static_cast<std::size_t>(entry.at[1])) *
+              static_cast<std::size_t>(level.count[2]) +
+          static_cast<std::size_t>(entry.at[2]);
+      tables.back()[place].store(at.bits(), std::memory_order_relaxed);
+    }
+  }
+  generations = std::vector<std::atomic<Word>>(slots);
+  const std::size_t bytes = slots * words_per_slot * sizeof(Word);
+  void* memory = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
+                      MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (memory == MAP_FAILED) {
+    throw VolumeError(manifest.info().name,
+                      "there is no memory for a window of " + std::to_string(bytes >> 20U) + " MB",
+                      "give it less");
+  }
+  words = static_cast<Word*>(memory);
+  locked = params.lock && mlock(memory, bytes) == 0;
+}
+
+std::optional<std::size_t> BrickWindow::Pool::placeOf(std::int32_t level, int i, int j,
+                                                      int k) const noexcept {
+  const BrickLevel& of = levels[static_cast<std::size_t>(level)];
+  std::size_t place = 0;
+  const std::array<int, 3> cell{i, j, k};
+  for (std::size_t a = 0; a < 3; ++a) {
+    const int at = brickOf(cell[a], of.first[a]);
+    if (at < 0 || at >= of.count[a]) return std::nullopt;
+    place = place * static_cast<std::size_t>(of.count[a]) + static_cast<std::size_t>(at);
+  }
+  return place;
+}
+
+/// Fetches what is wanted. All but `mutex` and what it guards is its thread's.
+struct BrickWindow::Loader {
+  Loader(BrickSource& of, Pool& to, const WindowParams& with);
+  ~Loader() {
+    stop = true;
+    thread.join();
+  }
+
+  void run();
+  void choose();
+  void take(const BrickArrival& arrival);
+  void publish(const BrickId& id, std::size_t slot);
+  [[nodiscard]] std::size_t placeOf(const BrickId& id) const noexcept;
+  [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
+
+  BrickSource& source;
+  Pool& pool;
+  WindowParams params;
+  std::vector<std::byte> staging;
+  std::vector<std::size_t> free;
+  std::vector<std::optional<BrickId>> owners;
+  std::map<BrickId, double> wanted;  ///< By how far they are.
+  std::set<BrickId> failed;
+  std::map<BrickId, Clock::time_point> again;
+  std::uint64_t chosen = 0;
+  std::size_t pinned = 0;
+
+  mutable std::mutex mutex;
+  std::vector<std::string> troubles;
+  std::uint64_t untold = 0;
+
+  std::atomic<std::uint64_t> seen{0};
+  std::atomic<std::uint64_t> pending{0};
+  std::atomic<std::uint64_t> resident{0};
+  std::atomic<std::uint64_t> fetched{0};
+  std::atomic<std::uint64_t> lost{0};
+  std::atomic<bool> gone{false};
+  std::atomic<bool> stop{false};
+  std::thread thread;
+};
+
+BrickWindow::Loader::Loader(BrickSource& of, Pool& to, const WindowParams& with)
+    : source(of), pool(to), params(with), staging(of.manifest().format().bytes()) {
+  owners.resize(pool.slots);
+  free.reserve(pool.slots);
+  for (std::size_t slot = pool.slots; slot-- > 0;) free.push_back(slot);
+  const auto coarsest = static_cast<std::int32_t>(pool.levels.size() - 1);
+  for (const BrickEntry& entry : source.manifest().entries(coarsest)) {
+    if (entry.kind != BrickKind::kStored) continue;
+    const BrickId id{coarsest, entry.at};
+    const BrickArrival arrival = source.read(id, staging);
+    if (arrival.status != BrickStatus::kArrived) {
+      throw VolumeError(source.manifest().info().name, "its coarsest level is not whole",
+                        arrival.why);
+    }
+    publish(id, free.back());
+    free.pop_back();
+    ++pinned;
+  }
+  thread = std::thread([this] { run(); });
+}
+
+std::size_t BrickWindow::Loader::placeOf(const BrickId& id) const noexcept {
+  const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
+  std::size_t place = 0;
+  for (std::size_t a = 0; a < 3; ++a) {
+    place = place * static_cast<std::size_t>(level.count[a]) + static_cast<std::size_t>(id.at[a]);
+  }
+  return place;
+}
+
+/// The slot is nobody's: a reader that still copies from it sees its generation change.
+void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
+  std::atomic<Word>& generation = pool.generations[slot];
+  const Word next = generation.load(std::memory_order_relaxed) + 1;
+  generation.store(next, std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_release);
+  pool.store(slot, staging);
+  generation.store(next + 1, std::memory_order_release);
+  owners[slot] = id;
+  const Entry entry(Entry::kSlot, static_cast<Word>(slot), next + 1);
+  pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].store(entry.bits(),
+                                                                     std::memory_order_release);
+  ++resident;
+}
+
+std::optional<std::size_t> BrickWindow::Loader::slotFor(const BrickId& id) {
+  if (!free.empty()) {
+    const std::size_t slot = free.back();
+    free.pop_back();
+    return slot;
+  }
+  const auto key = [&](const BrickId& of) {
+    const auto found = wanted.find(of);
+    return found == wanted.end() ? std::numeric_limits<double>::infinity() : found->second;
+  };
+  const auto coarsest = static_cast<std::int32_t>(pool.levels.size() - 1);
+  std::optional<std::size_t> victim;
+  double farthest = key(id);
+  for (std::size_t slot = 0; slot < owners.size(); ++slot) {
+    if (!owners[slot] || owners[slot]->level == coarsest) continue;
+    const double far = key(*owners[slot]);
+    if (far <= farthest) continue;
+    farthest = far;
+    victim = slot;
+  }
+  if (!victim) return std::nullopt;
+  const BrickId old = *owners[*victim];
+  pool.tables[static_cast<std::size_t>(old.level)][placeOf(old)].store(Entry().bits(),
+                                                                       std::memory_order_release);
+  owners[*victim].reset();
+  --resident;
+  return victim;
+}
+
+/// The bricks nearest to where hands are and will be, of all levels alike by their own size.
+void BrickWindow::Loader::choose() {
+  struct Place {
+    Vec3 p;
+    double later;
+  };
+  std::vector<Place> places;
+  for (const Aim& aim : pool.aims) {
+    std::array<double, 6> n{};
+    const std::uint32_t before = aim.count.load(std::memory_order_acquire);
+    if (before == 0 || (before & 1U) != 0) continue;
+    for (std::size_t i = 0; i < n.size(); ++i)
+      n[i] = aim.numbers[i].load(std::memory_order_acquire);
+    if (aim.count.load(std::memory_order_relaxed) != before) continue;
+    const Vec3 p(n[0], n[1], n[2]);
+    const Vec3 v(n[3], n[4], n[5]);
+    if (!p.allFinite()) continue;
+    const Vec3 way = v.allFinite() ? Vec3(params.horizon * v) : Vec3(Vec3::Zero());
+    for (int i = 0; i < kAhead; ++i) {
+      const double share = static_cast<double>(i) / (kAhead - 1);
+      places.push_back({p + share * way, share});
+      if (way.isZero(0.0)) break;
+    }
+  }
+  std::map<BrickId, double> all;
+  for (std::size_t l = 0; l + 1 < pool.levels.size(); ++l) {
+    const BrickLevel& level = pool.levels[l];
+    for (const Place& place : places) {
+      Vec3 b = toLevel(place.p, static_cast<std::int32_t>(l)) / kBrickSide;
+      for (int a = 0; a < 3; ++a) b[a] -= level.first[static_cast<std::size_t>(a)];
+      std::array<int, 3> low{};
+      std::array<int, 3> high{};
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double at = std::clamp(b[static_cast<Eigen::Index>(a)], -1e6, 1e6);
+        low[a] = std::max(0, static_cast<int>(std::floor(at - kReach)));
+        high[a] = std::min(level.count[a] - 1, static_cast<int>(std::floor(at + kReach)));
+      }
+      BrickId id{static_cast<std::int32_t>(l), {}};
+      for (id.at[0] = low[0]; id.at[0] <= high[0]; ++id.at[0]) {
+        for (id.at[1] = low[1]; id.at[1] <= high[1]; ++id.at[1]) {
+          for (id.at[2] = low[2]; id.at[2] <= high[2]; ++id.at[2]) {
+            const Vec3 corner(id.at[0], id.at[1], id.at[2]);
+            const Vec3 off = (b - (b.cwiseMax(corner).cwiseMin(corner + Vec3::Ones())));
+            // A coarser one first where both are as near: it serves more.
+            const double key = off.norm() + place.later - 1e-3 * static_cast<double>(l);
+            const auto known = all.find(id);
+            if (known != all.end() && known->second <= key) continue;
+            const Entry entry(pool.tables[l][placeOf(id)].load(std::memory_order_relaxed));
+            if (entry.kind() == Entry::kConstant || failed.contains(id)) continue;
+            all[id] = key;
+          }
+        }
+      }
+    }
+  }
+  std::vector<std::pair<double, BrickId>> order;
+  order.reserve(all.size());
+  for (const auto& [id, key] : all) order.emplace_back(key, id);
+  std::sort(order.begin(), order.end());
+  if (order.size() > pool.slots - pinned) order.resize(pool.slots - pinned);
+  wanted.clear();
+  std::vector<BrickWish> wishes;
+  const Clock::time_point now = Clock::now();
+  for (const auto& [key, id] : order) {
+    wanted[id] = key;
+    const Entry entry(pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].load(
+        std::memory_order_relaxed));
+    if (entry.resident()) continue;
+    const auto later = again.find(id);
+    if (later != again.end() && later->second > now) continue;
+    wishes.push_back({id, -key});
+  }
+  pending = wishes.size();
+  source.want(std::move(wishes));
+}
+
+void BrickWindow::Loader::take(const BrickArrival& arrival) {
+  switch (arrival.status) {
+    case BrickStatus::kArrived: {
+      ++fetched;
+      gone = false;
+      const Entry entry(
+          pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
+              std::memory_order_relaxed));
+      if (entry.resident()) return;
+      if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
+      return;
+    }
+    case BrickStatus::kGone:
+      gone = true;
+      again[arrival.id] = Clock::now() + kAgain;
+      break;
+    case BrickStatus::kUnreadable:
+      again[arrival.id] = Clock::now() + kAgain;
+      break;
+    default:
+      failed.insert(arrival.id);
+      ++lost;
+      break;
+  }
+  const std::lock_guard lock(mutex);
+  if (troubles.size() < kMostTroubles) {
+    troubles.push_back(arrival.why);
+  } else {
+    ++untold;
+  }
+}
+
+void BrickWindow::Loader::run() {
+  constexpr std::chrono::milliseconds kTurn{5};
+  while (!stop) {
+    const std::uint64_t aimed = pool.aimed.load(std::memory_order_acquire);
+    if (aimed != chosen || !again.empty()) {
+      choose();
+      chosen = aimed;
+      seen = aimed;
+    }
+    const auto begin = Clock::now();
+    while (!stop && Clock::now() - begin < kTurn) {
+      const auto arrival = source.next(staging, kTurn);
+      if (!arrival) break;
+      take(*arrival);
+      if (pending > 0) --pending;
+    }
+  }
+}
+
+BrickWindow::BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params)
+    : source_(std::move(source)),
+      pool_(std::make_unique<Pool>(source_->manifest(), params)),
+      loader_(std::make_unique<Loader>(*source_, *pool_, params)) {}
+
+BrickWindow::~BrickWindow() = default;
+
+void BrickWindow::aim(std::size_t hand, const Vec3& p_I, const Vec3& v_I) const noexcept {
+  if (hand >= kMostHands) return;
+  const Aim& aim = pool_->aims[hand];
+  const std::uint32_t begun = aim.count.load(std::memory_order_relaxed) | 1U;
+  aim.count.store(begun, std::memory_order_relaxed);
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto a = static_cast<Eigen::Index>(i);
+    aim.numbers[i].store(p_I[a], std::memory_order_release);
+    aim.numbers[3 + i].store(v_I[a], std::memory_order_release);
+  }
+  aim.count.store(begun + 1U, std::memory_order_release);
+  pool_->aimed.fetch_add(1, std::memory_order_release);
+}
+
+BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k) const noexcept {
+  const auto place = pool_->placeOf(level, i, j, k);
+  if (!place) return {Entry::kConstant, 0, 0};
+  return Entry(
+      pool_->tables[static_cast<std::size_t>(level)][*place].load(std::memory_order_acquire));
+}
+
+bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
+                           std::span<float> values, std::uint64_t& active) const noexcept {
+  const Pool& pool = *pool_;
+  const std::size_t components = pool.format.components();
+  active = 0;
+  if (entry.kind() == Entry::kAbsent) return false;
+  if (entry.kind() == Entry::kConstant) {
+    const Pool::Constant& constant = pool.constants[entry.index()];
+    for (std::size_t n = 0; n < 64 * components; ++n) values[n] = constant.value[n % components];
+    active = constant.active ? ~std::uint64_t{0} : 0;
+    return true;
+  }
+  const std::size_t slot = entry.index();
+  const std::atomic<Word>& generation = pool.generations[slot];
+  if (generation.load(std::memory_order_acquire) != entry.generation()) return false;
+  const BrickLevel& of = pool.levels[static_cast<std::size_t>(level)];
+  const std::array<int, 3> cell{i, j, k};
+  std::array<int, 3> local{};
+  for (std::size_t a = 0; a < 3; ++a) {
+    const int at = brickOf(cell[a], of.first[a]);
+    local[a] = cell[a] - kBrickSide * (at + of.first[a]);
+  }
+  const std::size_t words_of_bits = pool.format.activeBegin() / sizeof(Word);
+  for (int a = 0; a < 4; ++a) {
+    for (int b = 0; b < 4; ++b) {
+      const std::size_t first =
+          BrickView::numberOf(local[0] + a - 1, local[1] + b - 1, local[2] - 1);
+      const auto row = static_cast<std::size_t>(4 * a + b);
+      for (std::size_t n = 0; n < 4 * components; ++n) {
+        const std::size_t number = first * components + n;
+        float& to = values[row * 4 * components + n];
+        if (pool.format.half) {
+          const Word word = pool.load(slot, number / 2);
+          to = floatOfHalf(static_cast<std::uint16_t>(word >> (16 * (number % 2))));
+        } else {
+          const Word word = pool.load(slot, number);
+          std::memcpy(&to, &word, sizeof to);
+        }
+      }
+      if (a == 0 || a == 3 || b == 0 || b == 3) continue;
+      for (std::size_t c = 0; c < 4; ++c) {
+        const std::size_t bit = first + c;
+        const Word word = pool.load(slot, words_of_bits + bit / 32);
+        active |= std::uint64_t{word >> (bit % 32) & 1U} << (row * 4 + c);
+      }
+    }
+  }
+  std::atomic_thread_fence(std::memory_order_acquire);
+  return generation.load(std::memory_order_relaxed) == entry.generation();
+}
+
+WindowState BrickWindow::state() const {
+  WindowState out;
+  out.slots = pool_->slots;
+  out.resident = loader_->resident;
+  out.bytes = pool_->slots * pool_->words_per_slot * sizeof(Word) + loader_->staging.size();
+  for (const auto& table : pool_->tables) out.bytes += table.size() * sizeof(table[0]);
+  out.fetched = loader_->fetched;
+  out.failed = loader_->lost;
+  out.locked = pool_->locked;
+  out.gone = loader_->gone;
+  return out;
+}
+
+std::vector<std::string> BrickWindow::takeTroubles() {
+  const std::lock_guard lock(loader_->mutex);
+  std::vector<std::string> out = std::exchange(loader_->troubles, {});
+  if (loader_->untold > 0) {
+    out.push_back(std::to_string(std::exchange(loader_->untold, 0)) + " bricks more likewise");
+  }
+  return out;
+}
+
+bool BrickWindow::settle(double seconds) const {
+  const auto until = Clock::now() + std::chrono::duration<double>(seconds);
+  while (Clock::now() < until) {
+    if (loader_->seen == pool_->aimed && loader_->pending == 0) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  return false;
+}
+
+}  // namespace palpate

@@ -1,0 +1,110 @@
+/// A window of bricks about the hands: what of a volume larger than memory is in memory.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "palpate/samplers/bricks.h"
+
+namespace palpate {
+
+/// What a window may take, and how far it looks ahead.
+struct WindowParams {
+  std::uint64_t budget = 256ULL << 20;  ///< Of the pool of bricks [bytes].
+  double horizon = 0.25;  ///< A hand's way in this time is fetched as it goes on now [s].
+  bool lock = true;       ///< Locks the pool in memory, where that is allowed.
+};
+
+/// What a window has and has done.
+struct WindowState {
+  std::uint64_t slots = 0;     ///< Bricks that the pool can hold.
+  std::uint64_t resident = 0;  ///< Bricks in it, those of the coarsest level included.
+  std::uint64_t bytes = 0;     ///< Of pool, tables and what is being fetched.
+  std::uint64_t fetched = 0;   ///< Since the window was made.
+  std::uint64_t failed = 0;    ///< Bricks that cannot be had: felt coarse.
+  bool locked = false;         ///< The pool stays in memory.
+  bool gone = false;           ///< The whole volume is not there any more.
+};
+
+/// A pool of bricks of all levels about the hands, kept full by a thread of its own, finest where a
+/// hand is and soon will be. All of the coarsest level is always there.
+///
+/// One pool for any number of readers, which are never in its way: a slot is a seqlock, read a cell
+/// at a time by copying; whoever copies while it is written anew sees that, and reads the next
+/// coarser level.
+class BrickWindow {
+ public:
+  static constexpr std::size_t kMostHands = 8;
+
+  /// Fetches the coarsest level and begins. Throws VolumeError: it cannot be had, or the budget
+  /// does not hold it and 27 bricks more.
+  BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params = {});
+  BrickWindow(const BrickWindow&) = delete;
+  BrickWindow& operator=(const BrickWindow&) = delete;
+  ~BrickWindow();  ///< Ends the thread: as long as one fetch takes.
+
+  [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
+
+  /// Tells where a hand is, in index space of level 0, and how fast it goes [voxels/s]. RT:
+  /// wait-free.
+  void aim(std::size_t hand, const Vec3& p_I, const Vec3& v_I) const noexcept;
+
+  /// What is known of a brick at a moment. RT: to be asked again before each reading.
+  class Entry {
+   public:
+    enum Kind : std::uint32_t { kAbsent = 0, kConstant = 1, kSlot = 2 };
+
+    Entry() = default;
+    explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}
+    Entry(Kind kind, std::uint32_t index, std::uint32_t generation) noexcept
+        : bits_(std::uint64_t{generation} << 32U | std::uint64_t{index} << 2U | kind) {}
+    [[nodiscard]] Kind kind() const noexcept { return static_cast<Kind>(bits_ & 3U); }
+    [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }
+    /// Of a slot, or of a constant brick.
+    [[nodiscard]] std::uint32_t index() const noexcept {
+      return static_cast<std::uint32_t>(bits_ >> 2U) & 0x3fffffffU;
+    }
+    /// That a slot has as long as it holds the brick.
+    [[nodiscard]] std::uint32_t generation() const noexcept {
+      return static_cast<std::uint32_t>(bits_ >> 32U);
+    }
+    [[nodiscard]] std::uint64_t bits() const noexcept { return bits_; }
+    [[nodiscard]] bool operator==(const Entry&) const = default;
+
+   private:
+    std::uint64_t bits_ = 0;
+  };
+
+  /// Of the brick with the cell (i, j, k) of a level; beyond the pyramid a constant one. RT.
+  [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
+
+  /// Copies the rows of 4^3 voxels about a cell, lowest corner (i - 1, j - 1, k - 1), and their
+  /// active bits as a cell's are laid (cell.h). False: the brick was taken away meanwhile. RT.
+  [[nodiscard]] bool copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
+                              std::span<float> values, std::uint64_t& active) const noexcept;
+
+  [[nodiscard]] WindowState state() const;
+  /// What went wrong since the last call, a line a brick, 16 at most and how many more.
+  [[nodiscard]] std::vector<std::string> takeTroubles();
+  /// Waits until all that is wanted is there; false where that takes longer [s]. For tests.
+  [[nodiscard]] bool settle(double seconds) const;
+
+ private:
+  struct Aim;
+  struct Pool;
+  struct Loader;
+
+  std::unique_ptr<BrickSource> source_;
+  std::unique_ptr<Pool> pool_;
+  std::unique_ptr<Loader> loader_;
+};
+
+}  // namespace palpate

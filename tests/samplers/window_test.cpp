@@ -1,0 +1,220 @@
+/// A window of bricks is felt as the whole volume where its bricks are, and coarsely elsewhere.
+#include <atomic>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <thread>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/brick_field.h"
+#include "palpate/samplers/make_volume.h"
+#include "palpate/samplers/write_bricks.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+
+namespace {
+
+constexpr double kVoxel = 1e-3;  // [m]
+
+/// A dense volume of n^3 voxels of 1 mm, rough enough that a level's means differ from it.
+std::shared_ptr<const Volume> bumpy(int n) {
+  const auto grid = makeGrid<openvdb::FloatGrid>(
+      n, openvdb::math::Transform::createLinearTransform(1.0), [](const openvdb::Vec3d& p) {
+        return static_cast<float>(std::sin(0.21 * p.x()) * std::cos(0.17 * p.y()) +
+                                  std::sin(0.13 * p.z() + 0.05 * p.x()) + 0.01 * p.y());
+      });
+  return makeVolume(*grid);
+}
+
+Placement placed() {
+  Placement place;
+  place.scale = kVoxel;
+  return place;
+}
+
+std::uint64_t budgetOf(std::uint64_t bricks) {
+  return bricks * ((BrickFormat{}.bytes() + 63) / 64 * 64);
+}
+
+std::shared_ptr<BrickWindow> windowOf(const std::filesystem::path& folder, std::uint64_t bricks,
+                                      double horizon = 0.25) {
+  return std::make_shared<BrickWindow>(std::make_unique<PosixBricks>(folder),
+                                       WindowParams{budgetOf(bricks), horizon, false});
+}
+
+/// The two fields, each with its cache.
+struct Both {
+  std::shared_ptr<const ScalarField> whole;
+  std::shared_ptr<const ScalarField> window;
+  std::unique_ptr<FieldCache> whole_cache = std::make_unique<FieldCache>();
+  std::unique_ptr<FieldCache> window_cache = std::make_unique<FieldCache>();
+
+  Both(const std::shared_ptr<const Volume>& volume, const std::shared_ptr<BrickWindow>& bricks)
+      : whole(std::get<0>(makeVdbField(volume, placed()))),
+        window(std::get<0>(makeBrickField(bricks, placed()))) {
+    whole->reset(*whole_cache);
+    window->reset(*window_cache);
+  }
+  [[nodiscard]] ScalarSample ofWindow(const Vec3& p) const {
+    return window->sample(p, *window_cache);
+  }
+  [[nodiscard]] bool same(const Vec3& p, const ScalarSample& at) const {
+    const ScalarSample of = whole->sample(p, *whole_cache);
+    return std::memcmp(&of.value, &at.value, sizeof of.value) == 0 && of.gradient == at.gradient &&
+           of.inside == at.inside;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("where its bricks are a window is the whole volume, to the last bit", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(150);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  const auto window = windowOf(folder / "bricks", 60);
+  const Both both(volume, window);
+  window->aim(0, Vec3::Constant(75.0), Vec3::Zero());
+  REQUIRE(window->settle(20.0));
+  CHECK(window->state().failed == 0);
+  CHECK(window->takeTroubles().empty());
+  Random random(3);
+  long fine = 0;
+  for (int i = 0; i < 20000; ++i) {
+    // As far as a tick reads: beyond, nothing is.
+    const Box& box = both.window->frame().bounds;
+    const Vec3 p = (kVoxel * (Vec3::Constant(75.0) + random.inCube(90.0)))
+                       .cwiseMax(box.lower)
+                       .cwiseMin(box.upper);
+    const ScalarSample at = both.ofWindow(p);
+    REQUIRE_FALSE(at.coarse);
+    REQUIRE(both.same(p, at));
+    ++fine;
+    if (i % 20 != 0) continue;
+    CHECK(both.window->cellGradient(p, *both.window_cache) ==
+          both.whole->cellGradient(p, *both.whole_cache));
+    CHECK(both.window->gradientJacobian(p, *both.window_cache) ==
+          both.whole->gradientJacobian(p, *both.whole_cache));
+    const Vec3 q = p + kVoxel * random.inCube(60.0);
+    const Crossing a = both.window->firstFall(p, q, 0.3, 1.0, *both.window_cache);
+    const Crossing b = both.whole->firstFall(p, q, 0.3, 1.0, *both.whole_cache);
+    CHECK((a.found == b.found && a.share == b.share && a.cells == b.cells));
+  }
+  CHECK(fine == 20000);
+  CHECK(both.window->frame().bounds.lower == both.whole->frame().bounds.lower);
+  CHECK(both.window->frame().bounds.upper == both.whole->frame().bounds.upper);
+  CHECK(both.window->frame().voxel == both.whole->frame().voxel);
+}
+
+TEST_CASE("what is not there is read coarsely, without a step, and comes in by and by",
+          "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(300);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
+  const Both both(volume, window);
+  const Vec3 centre = kVoxel * Vec3::Constant(60.0);
+  window->aim(0, centre / kVoxel, Vec3::Zero());
+  REQUIRE(window->settle(20.0));
+  CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
+  // Away from the hand, in steps of a fiftieth of a voxel: no jump anywhere.
+  double jump = 0.0;
+  long coarse = 0;
+  long same = 0;
+  ScalarSample last = both.ofWindow(centre);
+  for (int i = 1; i < 10000; ++i) {
+    const Vec3 p = centre + kVoxel * 0.02 * i * Vec3(0.9, 0.3, 0.1);
+    const ScalarSample at = both.ofWindow(p);
+    jump = std::max(jump, std::abs(at.value - last.value));
+    last = at;
+    coarse += at.coarse ? 1 : 0;
+    if (at.coarse) continue;
+    REQUIRE(both.same(p, at));
+    ++same;
+  }
+  CAPTURE(jump, coarse, same);
+  CHECK(coarse > 1000);
+  CHECK(same > 1000);
+  CHECK(jump < 0.05);  // the data's own is up to 0.01, levels differ by up to 1
+  // The hand goes there: what was coarse becomes fine tick by tick, by a fiftieth at most.
+  const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
+  REQUIRE(both.ofWindow(there).coarse);
+  double change = 0.0;
+  bool fine = false;
+  double value = both.ofWindow(there).value;
+  for (int tick = 0; tick < 4000 && !fine; ++tick) {
+    both.window->attend({there, there, Vec3::Zero()}, *both.window_cache);
+    const ScalarSample at = both.ofWindow(there);
+    change = std::max(change, std::abs(at.value - value));
+    value = at.value;
+    fine = !at.coarse;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  CHECK(fine);
+  CHECK(both.same(there, both.ofWindow(there)));
+  CHECK(change < 0.05);
+}
+
+TEST_CASE("whatever is taken away while it is read, what is told as fine is right",
+          "[bricks][host]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(300);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
+  const Both both(volume, window);
+  std::atomic<bool> stop{false};
+  // A hand that leaps takes everything away all the time.
+  std::thread leaper([&] {
+    Random random(9);
+    while (!stop) {
+      window->aim(1, Vec3::Constant(150.0) + random.inCube(150.0), Vec3::Zero());
+      std::this_thread::sleep_for(std::chrono::milliseconds(7));
+    }
+  });
+  Random random(4);
+  long fine = 0;
+  long wrong = 0;
+  const CountScope scope;
+  for (int i = 0; i < 300000; ++i) {
+    const Vec3 p = kVoxel * (Vec3::Constant(150.0) + random.inCube(150.0));
+    const ScalarSample at = both.ofWindow(p);
+    if (at.coarse) continue;
+    ++fine;
+    if (!both.same(p, at)) ++wrong;
+  }
+  const auto counts = CountScope::counts();
+  stop = true;
+  leaper.join();
+  CAPTURE(fine, wrong);
+  CHECK(counts.allocations == 0);
+  CHECK(fine > 1000);
+  CHECK(wrong == 0);
+  CHECK(window->state().fetched > 50);
+}
+
+TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(150);
+  const BrickReport report = writeBricks(folder / "bricks", brickInput(volume));
+  const BrickId id{0, {1, 1, 1}};
+  std::filesystem::remove(folder / "bricks" / brickObject(id, report.manifest.format()));
+  const auto window = windowOf(folder / "bricks", 60);
+  const Both both(volume, window);
+  window->aim(0, Vec3::Constant(75.0), Vec3::Zero());
+  REQUIRE(window->settle(20.0));
+  const auto troubles = window->takeTroubles();
+  REQUIRE(troubles.size() == 1);
+  CHECK_THAT(troubles[0], Contains("0/1.1.1"));
+  CHECK(window->state().failed == 1);
+  CHECK(both.ofWindow(kVoxel * Vec3::Constant(96.0)).coarse);
+  CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
+  CHECK_THROWS_WITH(windowOf(folder / "bricks", 3), Contains("a window of") && Contains("give it"));
+}
