@@ -114,6 +114,8 @@ class ScalarField {
                       FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
   /// True for a field that wants to be told.
   [[nodiscard]] virtual bool attends() const noexcept { return false; }
+  /// True while what such a field is fetched from is not there any more (Fault::kVolume). RT.
+  [[nodiscard]] virtual bool lost() const noexcept { return false; }
 
   /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
@@ -154,6 +156,8 @@ class VectorField {
                       FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
   /// True for a field that wants to be told.
   [[nodiscard]] virtual bool attends() const noexcept { return false; }
+  /// True while what such a field is fetched from is not there any more (Fault::kVolume). RT.
+  [[nodiscard]] virtual bool lost() const noexcept { return false; }
 
   /// How the field lies in W: as it was made, for good.
   [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }

@@ -130,6 +130,8 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
     return Fault::kUnguarded;
   }
   if (time.late > late_) return Fault::kLate;
+  const Scene* scene = scenes_.current().get();
+  if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
   // A recorded path may do what no hand can, and hurts none; an arm that is being homed jumps.
   if (device_.info().hand && hand.ready) return watch_.look(hand, time.now);
   watch_.forget();

@@ -33,6 +33,8 @@ constexpr std::array<FaultWords, kFaults> kFaultWords{{
     {"heartbeat", "the application has shown no life", "see why it hangs"},
     {"unguarded", "the guardian process has shown no life", "start the program again"},
     {"stopped", "the force was switched off", "switch it on again when the hand is ready"},
+    {"volume", "what a volume is fetched from is not there any more",
+     "bring its folder back, or see to the network"},
 }};
 
 const FaultWords& wordsOf(Fault fault) noexcept {

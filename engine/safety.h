@@ -34,8 +34,9 @@ enum class Fault : std::uint8_t {
   kHeartbeat,    ///< The application has not called HapticThread::beat in time: it hangs.
   kUnguarded,    ///< The guardian process shows no life: start the program again.
   kStopped,      ///< Somebody asked for the cut, by a key, a signal or HapticThread::cut.
+  kVolume,       ///< What a volume is fetched from is not there any more: bring it back.
 };
-inline constexpr std::size_t kFaults = 15;  ///< Number of values of Fault, kNone among them.
+inline constexpr std::size_t kFaults = 16;  ///< Number of values of Fault, kNone among them.
 
 /// What happened at a fault, for messages: "the device's reports are too old".
 [[nodiscard]] const char* wordsFor(Fault fault) noexcept;

@@ -210,6 +210,13 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
   return count;
 }
 
+bool dataLost(const Graph& graph) noexcept {
+  const std::size_t scalars = graph.scalar_fields.size();
+  return std::any_of(graph.attentive.begin(), graph.attentive.end(), [&](std::size_t n) {
+    return n < scalars ? graph.scalar_fields[n]->lost() : graph.vector_fields[n - scalars]->lost();
+  });
+}
+
 void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const noexcept {
   const std::size_t scalars = graph->scalar_fields.size();
   for (const std::size_t n : graph->attentive) {

@@ -74,6 +74,10 @@ struct Scene {
 [[nodiscard]] FieldSet fieldsAt(const Graph& graph, const Vec3& p_W,
                                 std::span<const Body> bodies = {}) noexcept PALPATE_NONBLOCKING;
 
+/// True while the data of some field that modes read are not there any more: Fault::kVolume. RT: no
+/// allocation. Cost: a few ns a field that attends.
+[[nodiscard]] bool dataLost(const Graph& graph) noexcept PALPATE_NONBLOCKING;
+
 /// Checks and compiles a part from fields by name; safe from several threads. Throws SceneError for
 /// what compileGraph refuses, and for what a part may not have or has too many of.
 [[nodiscard]] Part makePart(const GraphSpec& spec, const std::map<std::string, FieldPtr>& fields);

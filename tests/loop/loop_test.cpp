@@ -69,6 +69,27 @@ struct Rig {
 const Vec3 kOut(0, 0, 0.04);
 const Vec3 kPressed(0, 0, 0.027);
 
+/// A ball that is fetched from somewhere.
+class Fetched final : public ScalarField {
+ public:
+  explicit Fetched(std::shared_ptr<const ScalarField> of)
+      : ScalarField(of->frame()), of_(std::move(of)) {}
+  void reset(FieldCache& cache) const noexcept override { of_->reset(cache); }
+  [[nodiscard]] ScalarSample sample(const Vec3& p, FieldCache& cache) const noexcept override {
+    return of_->sample(p, cache);
+  }
+  void attend(const Attention& at, FieldCache& /*cache*/) const noexcept override {
+    told = at.probe;
+  }
+  [[nodiscard]] bool attends() const noexcept override { return true; }
+  [[nodiscard]] bool lost() const noexcept override { return gone; }
+  bool gone = false;
+  mutable Vec3 told = Vec3::Zero();
+
+ private:
+  std::shared_ptr<const ScalarField> of_;
+};
+
 }  // namespace
 
 TEST_CASE("there is no force before there is a scene, and then by an engagement", "[loop]") {
@@ -254,6 +275,31 @@ TEST_CASE("a fault cuts the force, keeps its cause, and is taken back by an enga
         }
       },
       [](Rig& rig) { rig.device.hand.position = kPressed; });
+}
+
+TEST_CASE("a volume that is there no more cuts the force, until it is there and taken back",
+          "[loop][safety][fault]") {
+  const auto ball = std::make_shared<Fetched>(std::get<0>(ballField()));
+  Rig rig;
+  rig.device.hand.position = kOut;
+  rig.loop.publish(ballScene(std::shared_ptr<const ScalarField>(ball)));
+  rig.run(1.0);
+  CHECK(rig.go(kPressed, 0.2).report.force.norm() > 1.0);
+  CHECK(ball->told == rig.device.hand.position);
+  ball->gone = true;
+  rig.tick();
+  CHECK(rig.device.sent == Vec3::Zero());
+  CHECK(rig.loop.latest().fault == Fault::kVolume);
+  rig.loop.clear();
+  rig.tick();
+  CHECK(rig.loop.latest().fault == Fault::kVolume);
+  ball->gone = false;
+  rig.tick();
+  CHECK(rig.loop.latest().fault == Fault::kVolume);
+  rig.loop.clear();
+  rig.tick();
+  CHECK(rig.loop.latest().fault == Fault::kNone);
+  CHECK(rig.device.sent == Vec3::Zero());
 }
 
 TEST_CASE("orders are taken back as they were when somebody took them back", "[loop][safety]") {
@@ -692,7 +738,8 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   const long ticks = test::cases(1000000);
   Random random(8);
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const FieldPtr ball = ballField();
+  const auto fetched = std::make_shared<Fetched>(std::get<0>(ballField()));
+  const FieldPtr ball = std::shared_ptr<const ScalarField>(fetched);
   const FieldPtr rubbish = FieldPtr(makeScalarField(
       FieldFrame{1e-3, 1.0, {Vec3::Constant(-0.05), Vec3::Constant(0.05)}}, [&](const Vec3& p) {
         // Now and then a value that is none, by place: ticks may run through.
@@ -731,7 +778,8 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   HapticLoop loop(device, 1000.0, nullptr, kHeartbeat, {nullptr, nullptr, &guard});
   const ForceLimits limits = device.about.limits;
   long silent = 0;     // ticks without the application's beat,
-  long unguarded = 0;  // and without the guardian's
+  long unguarded = 0;  // and without the guardian's,
+  long away = 0;       // and without what a volume is fetched from
   double ramp = 0.0;   // [s] since the last engagement can have begun
   TickTime time;
   Vec3 velocity = Vec3::Zero();
@@ -774,12 +822,15 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
       silent = 300;
     } else if (event == 13 && random.integer(10) == 0) {
       unguarded = 300;
+    } else if (event == 14 && random.integer(10) == 0) {
+      away = 300;
     } else if (event < 32) {
       loop.clear();
       device.hand.ready = true;
     }
     if (silent-- <= 0) loop.beat();
     if (unguarded-- <= 0) ++guard;
+    fetched->gone = away-- > 0;
     // A hand that strives to and fro through everything, sometimes much too fast.
     velocity += kDt * (random.integer(3000) == 0 ? 4000.0 : 40.0) * random.inCube(1.0) -
                 kDt * 60.0 * device.hand.position;
