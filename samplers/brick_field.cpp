@@ -21,6 +21,8 @@ using detail::LatticeReader;
 constexpr double kFade = 4.0;
 /// A brick that arrives takes over in so many ticks, or as fast as the proxy goes.
 constexpr double kTicks = 50.0;
+/// What is waited for in virtual time [s].
+constexpr double kPatience = 60.0;
 
 /// The voxels of one level of a window, for a LatticeReader.
 template <int C>
@@ -144,18 +146,21 @@ class BrickField : public Base {
 
   void reset(FieldCache& memory) const noexcept final {
     auto* cache = ::new (memory.bytes.data()) Cache(levels_[0].cache(), levels_[0].cache());
-    cache->hand = hands_.fetch_add(1, std::memory_order_relaxed) % BrickWindow::kMostHands;
+    cache->hand = window_->newHand();
   }
 
   void attend(const Attention& at, FieldCache& memory) const noexcept final {
     Cache& cache = cacheIn(memory);
     const IndexMap& map = maps_.front();
-    window_->aim(cache.hand, map(at.probe), detail::times(map.index_from_world, at.velocity));
+    window_->aim(cache.hand,
+                 {map(at.proxy), map(at.probe), detail::times(map.index_from_world, at.velocity)});
+    if (window_->params().waits) (void)window_->settle(kPatience);
     const double went = (at.proxy - cache.last).norm() / (kFade * this->frame().voxel);
     cache.last = at.proxy;
     cache.most = cache.share + 1.0 / kTicks + went;
   }
   [[nodiscard]] bool attends() const noexcept final { return true; }
+  [[nodiscard]] bool lost() const noexcept final { return window_->lost(); }
 
  protected:
   static Cache& cacheIn(FieldCache& memory) noexcept {
@@ -268,7 +273,6 @@ class BrickField : public Base {
   std::shared_ptr<const BrickWindow> window_;
   std::vector<IndexMap> maps_;
   std::vector<Level> levels_;
-  mutable std::atomic<std::size_t> hands_{0};
 };
 
 class BrickScalarField final : public BrickField<ScalarField, 1> {

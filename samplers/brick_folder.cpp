@@ -55,6 +55,10 @@ bool BrickFolder::isGone() const noexcept {
   return ::fstat(folder_, &status) != 0 || status.st_nlink == 0;
 }
 
+bool BrickFolder::has(const std::string& name) const noexcept {
+  return ::faccessat(folder_, name.c_str(), F_OK, 0) == 0;
+}
+
 int BrickFolder::read(const std::string& name, std::span<std::byte> to,
                       std::size_t& got) const noexcept {
   got = 0;

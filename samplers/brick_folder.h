@@ -21,6 +21,8 @@ class BrickFolder {
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// It has been removed.
   [[nodiscard]] bool isGone() const noexcept;
+  /// It holds something of that name.
+  [[nodiscard]] bool has(const std::string& name) const noexcept;
 
   /// Reads a file into `to`, as much of it as there is room for.
   /// @return  0, or errno; EISDIR for what is no file.

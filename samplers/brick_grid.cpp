@@ -416,10 +416,15 @@ BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
 
 std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder, std::int32_t level) {
   PosixBricks source(folder);
+  return loadBricks(source, level, folder.string());
+}
+
+std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level,
+                                         const std::string& called) {
   const BrickManifest& manifest = source.manifest();
   const auto levels = static_cast<std::int32_t>(manifest.levels().size());
   if (level < 0 || level >= levels) {
-    throw VolumeError(folder.string(), "it has no level " + std::to_string(level),
+    throw VolumeError(called, "it has no level " + std::to_string(level),
                       "give 0 to " + std::to_string(levels - 1));
   }
   const openvdb::GridBase::Ptr grid = manifest.format().vector
@@ -433,10 +438,10 @@ std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder, st
   try {
     grid->setTransform(transformOf(manifest.levels()[static_cast<std::size_t>(level)]));
   } catch (const openvdb::Exception&) {
-    throw VolumeError(folder.string(), "its voxels are too small for OpenVDB",
+    throw VolumeError(called, "its voxels are too small for OpenVDB",
                       "write it in a smaller unit of length, as mm for m");
   }
-  return preparedVolume(info.name, grid, folder.string());
+  return preparedVolume(info.name, grid, called);
 }
 
 }  // namespace palpate

@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <condition_variable>
 #include <cstring>
 #include <limits>
 #include <map>
@@ -26,11 +27,19 @@ using Word = std::uint32_t;
 constexpr std::uint64_t kLeastSlots = 27;
 /// Bricks farther than this from where a hand is or will be are not wanted [bricks of a level].
 constexpr double kReach = 2.0;
+/// What is wanted is chosen anew when a hand is so far from where it was then [voxels],
+constexpr double kMoved = 8.0;
+/// or where it will be [voxels].
+constexpr double kTurned = kBrickSide / 2.0;
 /// The way ahead is looked at in so many places.
 constexpr int kAhead = 4;
 constexpr std::size_t kMostTroubles = 16;
-/// What the system could not read now is tried again after this.
+/// What the system could not read now is tried again after this, and then the volume is looked for.
 constexpr std::chrono::seconds kAgain{1};
+/// Who tells nothing for so long is no hand any more.
+constexpr std::chrono::seconds kSilent{1};
+/// In place of a brick: all of them.
+constexpr BrickId kAll{-1, {}};
 
 int floorDiv(int a, int b) noexcept {
   return a >= 0 ? a / b : -((-a + b - 1) / b);
@@ -49,10 +58,42 @@ Vec3 toLevel(const Vec3& p_0, std::int32_t level) noexcept {
 
 }  // namespace
 
-/// Where a hand is, written by one thread and read by another: a seqlock.
-struct BrickWindow::Aim {
-  mutable std::atomic<std::uint32_t> count{0};
-  mutable std::array<std::atomic<double>, 6> numbers{};
+/// What a hand has told, written by one thread and read by another: a seqlock.
+struct BrickWindow::Told {
+  std::atomic<std::uint32_t> count{0};
+  std::atomic<std::uint32_t> beats{0};  ///< Ticks.
+  std::array<std::atomic<double>, 9> numbers{};
+
+  void write(const Aim& at) noexcept {
+    const std::uint32_t begun = count.load(std::memory_order_relaxed) | 1U;
+    count.store(begun, std::memory_order_relaxed);
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto a = static_cast<Eigen::Index>(i);
+      numbers[i].store(at.proxy[a], std::memory_order_release);
+      numbers[3 + i].store(at.probe[a], std::memory_order_release);
+      numbers[6 + i].store(at.velocity[a], std::memory_order_release);
+    }
+    count.store(begun + 1U, std::memory_order_release);
+  }
+  /// By the one who writes: what was written last.
+  [[nodiscard]] Aim last() const noexcept {
+    Aim out;
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto a = static_cast<Eigen::Index>(i);
+      out.proxy[a] = numbers[i].load(std::memory_order_acquire);
+      out.probe[a] = numbers[3 + i].load(std::memory_order_acquire);
+      out.velocity[a] = numbers[6 + i].load(std::memory_order_acquire);
+    }
+    return out;
+  }
+  /// None: nothing has been told, or it is being told now.
+  [[nodiscard]] std::optional<Aim> read() const noexcept {
+    const std::uint32_t before = count.load(std::memory_order_acquire);
+    if (before == 0 || (before & 1U) != 0) return std::nullopt;
+    const Aim out = last();
+    if (count.load(std::memory_order_relaxed) != before) return std::nullopt;
+    return out;
+  }
 };
 
 /// Slots, and what is in them. The tables are read by all, written by the loader alone.
@@ -89,8 +130,10 @@ struct BrickWindow::Pool {
   std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
   std::vector<Constant> constants;
   std::vector<std::atomic<Word>> generations;
-  std::array<Aim, kMostHands> aims;
-  mutable std::atomic<std::uint64_t> aimed{0};
+  double horizon;
+  std::array<Told, kMostHands> hands;
+  std::atomic<std::size_t> numbered{0};
+  std::atomic<std::uint64_t> aimed{0};  ///< Counts what choose() has to look at.
   Word* words = nullptr;
   std::size_t slots = 0;
   std::size_t words_per_slot = 0;
@@ -98,7 +141,7 @@ struct BrickWindow::Pool {
 };
 
 BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& params)
-    : levels(manifest.levels()), format(manifest.format()) {
+    : levels(manifest.levels()), format(manifest.format()), horizon(params.horizon) {
   words_per_slot = (format.bytes() + 63) / 64 * 64 / sizeof(Word);
   slots = params.budget / (words_per_slot * sizeof(Word));
   const std::uint64_t coarsest = levels.back().bricks();
@@ -156,49 +199,63 @@ std::optional<std::size_t> BrickWindow::Pool::placeOf(std::int32_t level, int i,
   return place;
 }
 
-/// Fetches what is wanted. All but `mutex` and what it guards is its thread's.
+/// Fetches what is wanted, in a thread of its own.
 struct BrickWindow::Loader {
-  Loader(BrickSource& of, Pool& to, const WindowParams& with);
+  Loader(BrickSource& of, Pool& to);
   ~Loader() {
     stop = true;
     thread.join();
   }
 
   void run();
+  [[nodiscard]] bool settle(Clock::time_point until);
   void choose();
   void take(const BrickArrival& arrival);
+  void tell(const std::string& line);
+  void look(Clock::time_point now);
+  void listen(Clock::time_point now);
   void publish(const BrickId& id, std::size_t slot);
   [[nodiscard]] std::size_t placeOf(const BrickId& id) const noexcept;
   [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
+  [[nodiscard]] bool due(Clock::time_point now) const;
 
   BrickSource& source;
   Pool& pool;
-  WindowParams params;
-  std::vector<std::byte> staging;
+  std::vector<std::byte> staging;  ///< The thread's own.
+
+  mutable std::mutex mutex;  ///< Guards all down to the atomics; not held while bricks are fetched.
+  std::condition_variable changed;
   std::vector<std::size_t> free;
   std::vector<std::optional<BrickId>> owners;
   std::map<BrickId, double> wanted;  ///< By how far they are.
+  std::set<BrickId> awaited;
   std::set<BrickId> failed;
   std::map<BrickId, Clock::time_point> again;
-  std::uint64_t chosen = 0;
+  std::optional<BrickId> probe;            ///< A brick to be looked for when all have gone.
+  std::optional<Clock::time_point> doubt;  ///< Since when something could not be read.
+  Clock::time_point looked;
+  std::set<BrickId> told;  ///< Which of these bricks, kAll for a volume that has gone.
+  struct Heard {
+    std::uint32_t beats = 0;
+    Clock::time_point at;
+    bool alive = false;
+  };
+  std::array<Heard, kMostHands> heard;
   std::size_t pinned = 0;
-
-  mutable std::mutex mutex;
   std::vector<std::string> troubles;
   std::uint64_t untold = 0;
 
-  std::atomic<std::uint64_t> seen{0};
-  std::atomic<std::uint64_t> pending{0};
+  std::atomic<std::uint64_t> chosen{0};  ///< What Pool::aimed was.
+  std::atomic<std::size_t> pending{0};   ///< As many as awaited.
   std::atomic<std::uint64_t> resident{0};
   std::atomic<std::uint64_t> fetched{0};
-  std::atomic<std::uint64_t> lost{0};
   std::atomic<bool> gone{false};
   std::atomic<bool> stop{false};
   std::thread thread;
 };
 
-BrickWindow::Loader::Loader(BrickSource& of, Pool& to, const WindowParams& with)
-    : source(of), pool(to), params(with), staging(of.manifest().format().bytes()) {
+BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
+    : source(of), pool(to), staging(of.manifest().format().bytes()) {
   owners.resize(pool.slots);
   free.reserve(pool.slots);
   for (std::size_t slot = pool.slots; slot-- > 0;) free.push_back(slot);
@@ -214,6 +271,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to, const WindowParams& with)
     publish(id, free.back());
     free.pop_back();
     ++pinned;
+    probe = id;
   }
   thread = std::thread([this] { run(); });
 }
@@ -278,20 +336,16 @@ void BrickWindow::Loader::choose() {
     double later;
   };
   std::vector<Place> places;
-  for (const Aim& aim : pool.aims) {
-    std::array<double, 6> n{};
-    const std::uint32_t before = aim.count.load(std::memory_order_acquire);
-    if (before == 0 || (before & 1U) != 0) continue;
-    for (std::size_t i = 0; i < n.size(); ++i)
-      n[i] = aim.numbers[i].load(std::memory_order_acquire);
-    if (aim.count.load(std::memory_order_relaxed) != before) continue;
-    const Vec3 p(n[0], n[1], n[2]);
-    const Vec3 v(n[3], n[4], n[5]);
-    if (!p.allFinite()) continue;
-    const Vec3 way = v.allFinite() ? Vec3(params.horizon * v) : Vec3(Vec3::Zero());
+  for (std::size_t h = 0; h < kMostHands; ++h) {
+    if (!heard[h].alive) continue;
+    const auto told = pool.hands[h].read();
+    if (!told || !told->probe.allFinite()) continue;
+    if (told->proxy.allFinite()) places.push_back({told->proxy, 0.0});
+    const Vec3& v = told->velocity;
+    const Vec3 way = v.allFinite() ? Vec3(pool.horizon * v) : Vec3(Vec3::Zero());
     for (int i = 0; i < kAhead; ++i) {
       const double share = static_cast<double>(i) / (kAhead - 1);
-      places.push_back({p + share * way, share});
+      places.push_back({told->probe + share * way, share});
       if (way.isZero(0.0)) break;
     }
   }
@@ -332,6 +386,7 @@ void BrickWindow::Loader::choose() {
   std::sort(order.begin(), order.end());
   if (order.size() > pool.slots - pinned) order.resize(pool.slots - pinned);
   wanted.clear();
+  awaited.clear();
   std::vector<BrickWish> wishes;
   const Clock::time_point now = Clock::now();
   for (const auto& [key, id] : order) {
@@ -339,84 +394,156 @@ void BrickWindow::Loader::choose() {
     const Entry entry(pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].load(
         std::memory_order_relaxed));
     if (entry.resident()) continue;
-    const auto later = again.find(id);
-    if (later != again.end() && later->second > now) continue;
+    if (const auto later = again.find(id); later != again.end()) {
+      if (later->second > now) continue;
+      again.erase(later);
+    }
+    awaited.insert(id);
     wishes.push_back({id, -key});
   }
-  pending = wishes.size();
+  pending = awaited.size();
   source.want(std::move(wishes));
+  changed.notify_all();
 }
 
-void BrickWindow::Loader::take(const BrickArrival& arrival) {
-  switch (arrival.status) {
-    case BrickStatus::kArrived: {
-      ++fetched;
-      gone = false;
-      const Entry entry(
-          pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
-              std::memory_order_relaxed));
-      if (entry.resident()) return;
-      if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
-      return;
-    }
-    case BrickStatus::kGone:
-      gone = true;
-      again[arrival.id] = Clock::now() + kAgain;
-      break;
-    case BrickStatus::kUnreadable:
-      again[arrival.id] = Clock::now() + kAgain;
-      break;
-    default:
-      failed.insert(arrival.id);
-      ++lost;
-      break;
-  }
-  const std::lock_guard lock(mutex);
+void BrickWindow::Loader::tell(const std::string& line) {
   if (troubles.size() < kMostTroubles) {
-    troubles.push_back(arrival.why);
+    troubles.push_back(line);
   } else {
     ++untold;
   }
 }
 
+void BrickWindow::Loader::take(const BrickArrival& arrival) {
+  const Clock::time_point now = Clock::now();
+  switch (arrival.status) {
+    case BrickStatus::kArrived: {
+      ++fetched;
+      const Entry entry(
+          pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
+              std::memory_order_relaxed));
+      if (!entry.resident()) {
+        if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
+      }
+      break;
+    }
+    case BrickStatus::kGone:
+    case BrickStatus::kUnreadable: {
+      again[arrival.id] = now + kAgain;
+      const bool all = arrival.status == BrickStatus::kGone;
+      if (!doubt) doubt = looked = now;
+      if (told.insert(all ? kAll : arrival.id).second) {
+        tell(arrival.why + (all ? ": what is in memory is felt on" : ""));
+      }
+      break;
+    }
+    default:
+      failed.insert(arrival.id);
+      tell(arrival.why);
+      break;
+  }
+  awaited.erase(arrival.id);
+  pending = awaited.size();
+  changed.notify_all();
+}
+
+/// Whether the volume is there at all.
+void BrickWindow::Loader::look(Clock::time_point now) {
+  {
+    const std::lock_guard lock(mutex);
+    if (!doubt || now - looked < kAgain) return;
+    looked = now;
+  }
+  const bool there = !probe || source.read(*probe, staging).status == BrickStatus::kArrived;
+  gone = !there;
+  if (!there) return;
+  const std::lock_guard lock(mutex);
+  doubt.reset();
+  told.erase(kAll);
+  // What was missing may have been on its way out.
+  failed.clear();
+  again.clear();
+  choose();
+}
+
+/// Which hands tell anything.
+void BrickWindow::Loader::listen(Clock::time_point now) {
+  for (std::size_t h = 0; h < kMostHands; ++h) {
+    Heard& hand = heard[h];
+    const std::uint32_t beats = pool.hands[h].beats.load(std::memory_order_relaxed);
+    const bool beat = beats != std::exchange(hand.beats, beats);
+    if (beat) hand.at = now;
+    if (beat == hand.alive || (hand.alive && now - hand.at < kSilent)) continue;
+    hand.alive = beat;
+    pool.aimed.fetch_add(1, std::memory_order_release);
+  }
+}
+
+bool BrickWindow::Loader::due(Clock::time_point now) const {
+  return std::any_of(again.begin(), again.end(), [&](const auto& of) { return of.second <= now; });
+}
+
 void BrickWindow::Loader::run() {
   constexpr std::chrono::milliseconds kTurn{5};
   while (!stop) {
-    const std::uint64_t aimed = pool.aimed.load(std::memory_order_acquire);
-    if (aimed != chosen || !again.empty()) {
-      choose();
-      chosen = aimed;
-      seen = aimed;
+    const Clock::time_point begin = Clock::now();
+    {
+      const std::lock_guard lock(mutex);
+      listen(begin);
+      const std::uint64_t aimed = pool.aimed.load(std::memory_order_acquire);
+      if (aimed != chosen || due(begin)) {
+        choose();
+        chosen = aimed;
+      }
     }
-    const auto begin = Clock::now();
+    look(begin);
     while (!stop && Clock::now() - begin < kTurn) {
       const auto arrival = source.next(staging, kTurn);
       if (!arrival) break;
+      const std::lock_guard lock(mutex);
       take(*arrival);
-      if (pending > 0) --pending;
     }
   }
 }
 
+bool BrickWindow::Loader::settle(Clock::time_point until) {
+  if (chosen == pool.aimed.load(std::memory_order_acquire) && pending == 0) return true;
+  std::unique_lock lock(mutex);
+  listen(Clock::now());
+  const std::uint64_t aimed = pool.aimed.load(std::memory_order_acquire);
+  if (chosen != aimed) {
+    choose();
+    chosen = aimed;
+  }
+  return changed.wait_until(lock, until, [&] { return pending == 0; });
+}
+
 BrickWindow::BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params)
     : source_(std::move(source)),
+      params_(params),
       pool_(std::make_unique<Pool>(source_->manifest(), params)),
-      loader_(std::make_unique<Loader>(*source_, *pool_, params)) {}
+      loader_(std::make_unique<Loader>(*source_, *pool_)) {}
 
 BrickWindow::~BrickWindow() = default;
 
-void BrickWindow::aim(std::size_t hand, const Vec3& p_I, const Vec3& v_I) const noexcept {
+std::size_t BrickWindow::newHand() const noexcept {
+  return pool_->numbered.fetch_add(1, std::memory_order_relaxed) % kMostHands;
+}
+
+void BrickWindow::aim(std::size_t hand, const Aim& at) const noexcept {
   if (hand >= kMostHands) return;
-  const Aim& aim = pool_->aims[hand];
-  const std::uint32_t begun = aim.count.load(std::memory_order_relaxed) | 1U;
-  aim.count.store(begun, std::memory_order_relaxed);
-  for (std::size_t i = 0; i < 3; ++i) {
-    const auto a = static_cast<Eigen::Index>(i);
-    aim.numbers[i].store(p_I[a], std::memory_order_release);
-    aim.numbers[3 + i].store(v_I[a], std::memory_order_release);
+  Told& told = pool_->hands[hand];
+  const Aim last = told.last();
+  const bool known = told.count.load(std::memory_order_relaxed) != 0;
+  const auto near = [](const Vec3& a, const Vec3& b, double most) {
+    return (a - b).squaredNorm() <= most * most;  // false where one is no number
+  };
+  if (!known || !near(at.proxy, last.proxy, kMoved) || !near(at.probe, last.probe, kMoved) ||
+      !near(pool_->horizon * at.velocity, pool_->horizon * last.velocity, kTurned)) {
+    told.write(at);
+    pool_->aimed.fetch_add(1, std::memory_order_release);
   }
-  aim.count.store(begun + 1U, std::memory_order_release);
-  pool_->aimed.fetch_add(1, std::memory_order_release);
+  told.beats.fetch_add(1, std::memory_order_relaxed);
 }
 
 BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k) const noexcept {
@@ -484,13 +611,23 @@ WindowState BrickWindow::state() const {
   out.bytes = pool_->slots * pool_->words_per_slot * sizeof(Word) + loader_->staging.size();
   for (const auto& table : pool_->tables) out.bytes += table.size() * sizeof(table[0]);
   out.fetched = loader_->fetched;
-  out.failed = loader_->lost;
   out.locked = pool_->locked;
   out.gone = loader_->gone;
+  const std::lock_guard lock(loader_->mutex);
+  out.failed = loader_->failed.size();
   return out;
 }
 
-std::vector<std::string> BrickWindow::takeTroubles() {
+bool BrickWindow::lost() const noexcept {
+  return loader_->gone.load(std::memory_order_relaxed);
+}
+
+std::shared_ptr<const Volume> BrickWindow::coarsest() const {
+  return loadBricks(*source_, static_cast<std::int32_t>(pool_->levels.size() - 1),
+                    manifest().info().name);
+}
+
+std::vector<std::string> BrickWindow::takeTroubles() const {
   const std::lock_guard lock(loader_->mutex);
   std::vector<std::string> out = std::exchange(loader_->troubles, {});
   if (loader_->untold > 0) {
@@ -500,12 +637,8 @@ std::vector<std::string> BrickWindow::takeTroubles() {
 }
 
 bool BrickWindow::settle(double seconds) const {
-  const auto until = Clock::now() + std::chrono::duration<double>(seconds);
-  while (Clock::now() < until) {
-    if (loader_->seen == pool_->aimed && loader_->pending == 0) return true;
-    std::this_thread::sleep_for(std::chrono::milliseconds(1));
-  }
-  return false;
+  return loader_->settle(Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                            std::chrono::duration<double>(seconds)));
 }
 
 }  // namespace palpate

@@ -21,6 +21,10 @@ struct WindowParams {
   std::uint64_t budget = 256ULL << 20;  ///< Of the pool of bricks [bytes].
   double horizon = 0.25;  ///< A hand's way in this time is fetched as it goes on now [s].
   bool lock = true;       ///< Locks the pool in memory, where that is allowed.
+  bool waits = false;     ///< A field's attend() waits until all that is wanted is there, 60 s at
+                          ///< most: for virtual time, where the same hand feels the same.
+
+  [[nodiscard]] bool operator==(const WindowParams&) const = default;  ///< For the same window.
 };
 
 /// What a window has and has done.
@@ -31,7 +35,7 @@ struct WindowState {
   std::uint64_t fetched = 0;   ///< Since the window was made.
   std::uint64_t failed = 0;    ///< Bricks that cannot be had: felt coarse.
   bool locked = false;         ///< The pool stays in memory.
-  bool gone = false;           ///< The whole volume is not there any more.
+  bool gone = false;           ///< As lost().
 };
 
 /// A pool of bricks of all levels about the hands, kept full by a thread of its own, finest where a
@@ -42,7 +46,8 @@ struct WindowState {
 /// coarser level.
 class BrickWindow {
  public:
-  static constexpr std::size_t kMostHands = 8;
+  /// So many hands are looked after at a time; of more, two share the care of one.
+  static constexpr std::size_t kMostHands = 16;
 
   /// Fetches the coarsest level and begins. Throws VolumeError: it cannot be had, or the budget
   /// does not hold it and 27 bricks more.
@@ -52,10 +57,21 @@ class BrickWindow {
   ~BrickWindow();  ///< Ends the thread: as long as one fetch takes.
 
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
+  [[nodiscard]] const WindowParams& params() const noexcept { return params_; }
+  /// The coarsest level as a volume, to be looked at and measured. Throws VolumeError. Slow.
+  [[nodiscard]] std::shared_ptr<const Volume> coarsest() const;
 
-  /// Tells where a hand is, in index space of level 0, and how fast it goes [voxels/s]. RT:
-  /// wait-free.
-  void aim(std::size_t hand, const Vec3& p_I, const Vec3& v_I) const noexcept;
+  /// A number for aim(), of one reader. RT: wait-free.
+  [[nodiscard]] std::size_t newHand() const noexcept;
+  /// Where a hand is, in index space of level 0 [voxels, voxels/s].
+  struct Aim {
+    Vec3 proxy = Vec3::Zero();
+    Vec3 probe = Vec3::Zero();
+    Vec3 velocity = Vec3::Zero();  ///< Of the probe.
+  };
+  /// Tells where a hand is, once a tick; who has told nothing for a second is not looked after any
+  /// more. RT: wait-free.
+  void aim(std::size_t hand, const Aim& at) const noexcept;
 
   /// What is known of a brick at a moment. RT: to be asked again before each reading.
   class Entry {
@@ -92,17 +108,24 @@ class BrickWindow {
                               std::span<float> values, std::uint64_t& active) const noexcept;
 
   [[nodiscard]] WindowState state() const;
-  /// What went wrong since the last call, a line a brick, 16 at most and how many more.
-  [[nodiscard]] std::vector<std::string> takeTroubles();
-  /// Waits until all that is wanted is there; false where that takes longer [s]. For tests.
+  /// True once nothing of the volume could be had for a second; false again, within a second, when
+  /// it is there. Until then, and with it, what is in memory is read on. RT: wait-free.
+  [[nodiscard]] bool lost() const noexcept;
+  /// What went wrong since the last call: a line a brick, 16 at most and how many more, and one
+  /// when the whole volume has gone.
+  [[nodiscard]] std::vector<std::string> takeTroubles() const;
+  /// Waits until all that is wanted by now is there or known not to be; false where that takes
+  /// longer [s]. Before each tick in virtual time, which waits for no disk. Where nothing has
+  /// changed it costs two loads.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:
-  struct Aim;
+  struct Told;
   struct Pool;
   struct Loader;
 
   std::unique_ptr<BrickSource> source_;
+  WindowParams params_;
   std::unique_ptr<Pool> pool_;
   std::unique_ptr<Loader> loader_;
 };

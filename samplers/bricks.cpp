@@ -130,6 +130,10 @@ const char* wordFor(BrickStatus status) noexcept {
   return "unknown";
 }
 
+std::filesystem::path brickManifestFile(const std::filesystem::path& folder) {
+  return folder / kBrickManifestFile;
+}
+
 bool isBricks(const std::filesystem::path& folder) noexcept {
   std::error_code error;
   if (std::filesystem::exists(folder / kBrickManifestFile, error)) return true;

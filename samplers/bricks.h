@@ -282,5 +282,11 @@ class PosixBricks final : public BrickSource {
 /// arrive.
 [[nodiscard]] std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder,
                                                        std::int32_t level = 0);
+/// The same from wherever bricks come.
+[[nodiscard]] std::shared_ptr<const Volume> loadBricks(BrickSource& source, std::int32_t level,
+                                                       const std::string& called);
+
+/// The file of a folder of bricks that is written last, and by whose identity the whole is known.
+[[nodiscard]] std::filesystem::path brickManifestFile(const std::filesystem::path& folder);
 
 }  // namespace palpate

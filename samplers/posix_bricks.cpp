@@ -10,7 +10,9 @@
 #include <set>
 #include <utility>
 
+#include "palpate/engine/error.h"
 #include "palpate/samplers/brick_codec.h"
+#include "palpate/samplers/brick_facts.h"
 #include "palpate/samplers/brick_folder.h"
 #include "palpate/samplers/bricks.h"
 
@@ -18,12 +20,15 @@ namespace palpate {
 
 struct PosixBricks::State {
   State(const std::filesystem::path& path, BrickManifest known)
-      : manifest(std::move(known)), folder(path) {}
+      : manifest(std::move(known)),
+        folder(std::make_shared<const BrickFolder>(path)),
+        finished(folder->has(kBrickManifestFile)) {}
 
   BrickManifest manifest;
-  BrickFolder folder;
 
   std::mutex mutex;
+  std::shared_ptr<const BrickFolder> folder;  ///< Opened anew where it has been removed.
+  const bool finished;                        ///< It had a manifest.
   std::condition_variable wake;
   std::vector<BrickWish> wishes;  ///< The most urgent last.
   std::vector<BrickId> begun;     ///< Being fetched for next().
@@ -41,9 +46,28 @@ struct PosixBricks::State {
     free.push_back(std::move(codec));
   }
 
+  std::shared_ptr<const BrickFolder> held() {
+    const std::lock_guard lock(mutex);
+    return folder;
+  }
+  /// Whether the volume is in a folder: without its manifest it is not, but while it is written.
+  bool isIn(const BrickFolder& some) const {
+    return !some.isGone() && (!finished || some.has(kBrickManifestFile));
+  }
+  /// The volume's folder where it has come back to its path; null: it has not.
+  std::shared_ptr<const BrickFolder> again() {
+    try {
+      auto found = std::make_shared<const BrickFolder>(held()->path());
+      if (!isIn(*found)) return nullptr;
+      const std::lock_guard lock(mutex);
+      return folder = std::move(found);
+    } catch (const VolumeError&) {
+      return nullptr;
+    }
+  }
+
   /// Why there is nothing to be read.
-  BrickVerdict verdictOf(int error) const {
-    if (folder.isGone()) return {BrickStatus::kGone, "the volume is not there any more"};
+  static BrickVerdict verdictOf(int error) {
     if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
     if (error == EISDIR) return {BrickStatus::kDamaged, "it is no file"};
     return {BrickStatus::kUnreadable,
@@ -59,8 +83,17 @@ struct PosixBricks::State {
     }
     BrickCodec codec = takeCodec();
     std::size_t got = 0;
-    const int error = folder.read(brickObject(id, manifest.format()), codec.object(), got);
-    BrickVerdict verdict = error != 0 ? verdictOf(error) : codec.decode(id, got, &entry, slot);
+    std::shared_ptr<const BrickFolder> from = held();
+    const std::string object = brickObject(id, manifest.format());
+    int error = from->read(object, codec.object(), got);
+    if (error != 0 && !isIn(*from)) {
+      from = again();
+      if (from != nullptr) error = from->read(object, codec.object(), got);
+    }
+    BrickVerdict verdict =
+        from == nullptr ? BrickVerdict{BrickStatus::kGone, "the volume is not there any more"}
+        : error != 0    ? verdictOf(error)
+                        : codec.decode(id, got, &entry, slot);
     giveBack(std::move(codec));
     return verdict;
   }
@@ -128,7 +161,7 @@ BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {
   const char* remedy = "copy or write the volume again";
   if (verdict.status == BrickStatus::kUnknown) remedy = "ask for one that there is";
   if (verdict.status == BrickStatus::kUnreadable) remedy = "check the disk and its permissions";
-  arrival.why = (state_->folder.path() / brickObject(id, state_->manifest.format())).string() +
+  arrival.why = (state_->held()->path() / brickObject(id, state_->manifest.format())).string() +
                 ": " + verdict.why + ": " + remedy;
   return arrival;
 }

@@ -82,7 +82,7 @@ TEST_CASE("where its bricks are a window is the whole volume, to the last bit", 
   (void)writeBricks(folder / "bricks", brickInput(volume));
   const auto window = windowOf(folder / "bricks", 60);
   const Both both(volume, window);
-  window->aim(0, Vec3::Constant(75.0), Vec3::Zero());
+  window->aim(0, {Vec3::Constant(75.0), Vec3::Constant(75.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().failed == 0);
   CHECK(window->takeTroubles().empty());
@@ -122,7 +122,7 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
   const Both both(volume, window);
   const Vec3 centre = kVoxel * Vec3::Constant(60.0);
-  window->aim(0, centre / kVoxel, Vec3::Zero());
+  window->aim(0, {centre / kVoxel, centre / kVoxel, Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   CHECK(window->state().bytes <= 1.1 * static_cast<double>(budgetOf(8 + 27)));
   // Away from the hand, in steps of a fiftieth of a voxel: no jump anywhere.
@@ -175,7 +175,8 @@ TEST_CASE("whatever is taken away while it is read, what is told as fine is righ
   std::thread leaper([&] {
     Random random(9);
     while (!stop) {
-      window->aim(1, Vec3::Constant(150.0) + random.inCube(150.0), Vec3::Zero());
+      const Vec3 at = Vec3::Constant(150.0) + random.inCube(150.0);
+      window->aim(1, {at, at, Vec3::Zero()});
       std::this_thread::sleep_for(std::chrono::milliseconds(7));
     }
   });
@@ -208,7 +209,7 @@ TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]")
   std::filesystem::remove(folder / "bricks" / brickObject(id, report.manifest.format()));
   const auto window = windowOf(folder / "bricks", 60);
   const Both both(volume, window);
-  window->aim(0, Vec3::Constant(75.0), Vec3::Zero());
+  window->aim(0, {Vec3::Constant(75.0), Vec3::Constant(75.0), Vec3::Zero()});
   REQUIRE(window->settle(20.0));
   const auto troubles = window->takeTroubles();
   REQUIRE(troubles.size() == 1);
@@ -217,4 +218,49 @@ TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]")
   CHECK(both.ofWindow(kVoxel * Vec3::Constant(96.0)).coarse);
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
   CHECK_THROWS_WITH(windowOf(folder / "bricks", 3), Contains("a window of") && Contains("give it"));
+}
+
+TEST_CASE("who waits has what it asks for from the first tick on", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(300);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  WindowParams params{budgetOf(8 + 40), 0.25, false, true};
+  const auto window =
+      std::make_shared<BrickWindow>(std::make_unique<PosixBricks>(folder / "bricks"), params);
+  const Both both(volume, window);
+  for (int tick = 0; tick < 400; ++tick) {
+    const Vec3 p = kVoxel * (Vec3::Constant(20.0) + 0.6 * tick * Vec3::Ones());
+    both.window->attend({p, p, 600.0 * kVoxel * Vec3::Ones()}, *both.window_cache);
+    const ScalarSample at = both.ofWindow(p);
+    CAPTURE(tick);
+    REQUIRE_FALSE(at.coarse);
+    REQUIRE(both.same(p, at));
+  }
+  CHECK(window->state().fetched > window->state().slots);
+}
+
+TEST_CASE("hands that tell nothing any more, and proxies far from their hands", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(300);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  const auto window = windowOf(folder / "bricks", 8 + 40, 0.0);
+  const Both both(volume, window);
+  const Vec3 proxy = Vec3::Constant(30.0);
+  const Vec3 probe = Vec3::Constant(270.0);
+  // A surface holds the proxy, far from where the hand has gone: both are looked after.
+  window->aim(0, {proxy, probe, Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  CHECK_FALSE(both.ofWindow(kVoxel * proxy).coarse);
+  const std::uint64_t fetched = window->state().fetched;
+  // A hand that stays is told of each tick, and nothing is fetched for that.
+  for (int tick = 0; tick < 1000; ++tick) window->aim(0, {proxy, probe, Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  CHECK(window->state().fetched == fetched);
+  // After a second without a word, the next hand has all of the room.
+  std::this_thread::sleep_for(std::chrono::milliseconds(1100));
+  window->aim(1, {Vec3(270.0, 30.0, 30.0), Vec3(270.0, 30.0, 30.0), Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  const Both next(volume, window);
+  CHECK_FALSE(next.ofWindow(kVoxel * Vec3(270.0, 30.0, 30.0)).coarse);
+  CHECK(next.ofWindow(kVoxel * proxy).coarse);
 }
