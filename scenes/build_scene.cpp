@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/scenes/frames.h"
 #include "palpate/scenes/plan_parts.h"
@@ -63,7 +64,7 @@ void checkSizes(const SceneSpec& spec, const GraphSpec& placed) {
 /// Resolves the places of all volumes; "like" follows its volume.
 class Placer {
  public:
-  Placer(const SceneSpec& spec, const std::map<std::string, std::shared_ptr<const Volume>>& volumes)
+  Placer(const SceneSpec& spec, const std::map<std::string, const GridInfo*>& volumes)
       : spec_(spec), volumes_(volumes) {}
 
   /// Of a volume that has instances, or of one that is placed like it.
@@ -99,7 +100,7 @@ class Placer {
   Placement compute(const std::string& name, const PlaceSpec& place, const std::string& path) {
     Placement placed = computeAny(name, place, path);
     // What is placed like another is looked at too: it may be larger.
-    const GridInfo& info = volumes_.at(name)->info();
+    const GridInfo& info = *volumes_.at(name);
     const double voxel = placed.scale * info.voxel.minCoeff();
     const double reach =
         placed.translate.norm() +
@@ -126,14 +127,14 @@ class Placer {
     switch (place.kind) {
       case PlaceSpec::Kind::kFit:
         try {
-          return fitInto(volumes_.at(name)->info().bounds, positive(place.size, "fit"));
+          return fitInto(volumes_.at(name)->bounds, positive(place.size, "fit"));
         } catch (const VolumeError& e) {
           throw SceneError::within(path, e);
         }
       case PlaceSpec::Kind::kUnit: {
         Placement placement;
         placement.scale = positive(place.size, "unit");
-        placement.translate = -placement.scale * volumes_.at(name)->info().bounds.centre();
+        placement.translate = -placement.scale * volumes_.at(name)->bounds.centre();
         return placement;
       }
       case PlaceSpec::Kind::kMap: {
@@ -164,7 +165,7 @@ class Placer {
   }
 
   const SceneSpec& spec_;
-  const std::map<std::string, std::shared_ptr<const Volume>>& volumes_;
+  const std::map<std::string, const GridInfo*>& volumes_;
   std::map<std::string, Placement> done_;
   std::set<std::string> open_;
 };
@@ -302,6 +303,53 @@ void checkGradients(const SceneSpec& spec) {
   }
 }
 
+bool inBricks(const VolumeSpec& volume) {
+  return volume.volume == nullptr && !volume.file.empty() && isBricks(volume.file);
+}
+
+/// What a grid is as a whole: of one in bricks that of its finest level.
+const GridInfo& infoOf(const BuiltScene& built, const std::string& name) {
+  const auto window = built.windows.find(name);
+  return window != built.windows.end() ? window->second->manifest().info()
+                                       : built.volumes.at(name)->info();
+}
+
+/// Opens a volume in bricks; refuses what is done to a volume at load.
+void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& built,
+                SceneCache& cache) {
+  const VolumeSpec& volume = spec.volumes.at(name);
+  const std::string path = at(spec, "/volumes/" + name);
+  const auto refuse = [&](bool wrong, const char* key, const char* why, const char* remedy) {
+    if (wrong) throw SceneError(path + "/" + key, why, remedy);
+  };
+  refuse(volume.smooth > 0, "smooth", "a volume in bricks is read as it was written",
+         "smooth it before it is written");
+  refuse(volume.sampling.interpolation != Interpolation::kTrilinear, "interpolation",
+         "a volume in bricks is read trilinearly", "remove it");
+  refuse(volume.sampling.axial, "axial", "a volume in bricks has vectors with a sign", "remove it");
+  refuse(!volume.instances.empty(), "instances", "a volume in bricks stands once",
+         "give it one place");
+  constexpr double kDefault = 256.0;
+  WindowParams params;
+  constexpr double kMost = 1e9;
+  params.budget = static_cast<std::uint64_t>(std::min(kMost, volume.budget_mb.value_or(kDefault)) *
+                                             1024 * 1024);
+  params.lock = !spec.waits;
+  params.waits = spec.waits;
+  try {
+    const SceneCache::Bricks bricks = cache.bricks(volume.file, params);
+    const std::string& is = bricks.window->manifest().info().name;
+    if (!volume.grid.empty() && volume.grid != is) {
+      throw VolumeError(volume.file.string(), "it is the grid \"" + is + "\"",
+                        "remove \"grid\", or name another folder");
+    }
+    built.windows[name] = bricks.window;
+    built.volumes[name] = bricks.coarsest;
+  } catch (const VolumeError& e) {
+    throw SceneError::within(path, e);
+  }
+}
+
 /// What was done to a grid at load that its user must know.
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
@@ -396,6 +444,11 @@ class FieldComputer {
     const Made* of = make(field->second.of);
     if (of == nullptr || of->volume->info().vector != kindOf(what).of_vector) return nullptr;
     const std::string path = at(spec_, "/fields/" + name);
+    if (built_.windows.count(of->from) != 0) {
+      throw SceneError(
+          path, "it is to be computed at load, of a volume in bricks, which is not in memory",
+          "compute it before the bricks are written, or let no mode need its gradient");
+    }
     if (of->axial && kindOf(what).of_volume) {
       throw SceneError(path, "it is to be computed at load, and axial vectors have no derivatives",
                        "remove \"axial\", or let no mode need its gradient");
@@ -437,7 +490,8 @@ class PartBuilder {
       PlanVolume& volume = volumes[name];
       const bool grid = built_.volumes.count(name) != 0;
       if (grid) volume.leader = leaderOf(spec_, originOf(name));
-      volume.may_be_part = grid && built_.motions.count(name) == 0;
+      volume.may_be_part =
+          grid && built_.motions.count(name) == 0 && built_.windows.count(name) == 0;
     }
     ScenePlan plan = planParts(graph, volumes);
     plans_ = std::move(plan.parts);
@@ -570,9 +624,16 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
       }
     } else if (given(volume.field)) {
       built.fields[name] = volume.field;
+    } else if (inBricks(volume)) {
+      openBricks(spec, name, built, things);
     } else if (volume.volume != nullptr) {
       built.volumes[name] = volume.volume;
     } else {
+      if (volume.budget_mb) {
+        throw SceneError(at(spec, fmt::format("/volumes/{}/window", name)),
+                         "it is no volume in bricks, and is in memory as a whole",
+                         "remove it, or write it in bricks: palpate brick");
+      }
       if (volume.sampling.axial && volume.smooth > 0) {
         throw SceneError(at(spec, fmt::format("/volumes/{}/smooth", name)),
                          "axial vectors would cancel in the filter", "remove \"smooth\"");
@@ -595,8 +656,9 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
       built.volumes[wanted[i]] = loaded[i].volume;
     }
   }
-  std::map<std::string, std::shared_ptr<const Volume>> standing = built.volumes;
-  for (const auto& [name, frames] : displacements) standing[name] = frames.front();
+  std::map<std::string, const GridInfo*> standing;
+  for (const auto& [name, volume] : built.volumes) standing[name] = &infoOf(built, name);
+  for (const auto& [name, frames] : displacements) standing[name] = &frames.front()->info();
   Placer placer(spec, standing);
   for (const auto& [name, frames] : displacements) {
     for (const auto& frame : frames) {
@@ -612,7 +674,11 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     }
     built.samplings[name] = spec.volumes.at(name).sampling;
     try {
-      built.fields[name] = things.field(volume, built.placements[name], built.samplings[name]);
+      const auto window = built.windows.find(name);
+      built.fields[name] =
+          window != built.windows.end()
+              ? things.field(window->second, built.placements[name])
+              : things.field(volume, built.placements[name], built.samplings[name]);
     } catch (const VolumeError& e) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
@@ -644,7 +710,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     const ModeSpec& mode = spec.graph.modes[i];
     const auto volume = built.volumes.find(mode.of);
     if (mode.kind != ModeKind::kIsosurface || volume == built.volumes.end()) continue;
-    const GridInfo& info = volume->second->info();
+    const GridInfo& info = infoOf(built, mode.of);
     const double low = std::min(info.lowest, info.background);
     const double high = std::max(info.highest, info.background);
     if (mode.value >= low && mode.value <= high) continue;

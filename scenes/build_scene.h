@@ -14,6 +14,7 @@
 #include "palpate/engine/device.h"
 #include "palpate/engine/placement.h"
 #include "palpate/engine/scene.h"
+#include "palpate/samplers/brick_window.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
 
@@ -55,16 +56,19 @@ struct PlaceSpec {
   std::optional<WarpSpec> warp;     ///< Deforms it, before the keyframes move it. Not with kLike.
 };
 
-/// One volume: a grid of a file, one already in memory, or a field of the user's own.
+/// One volume: a grid of a file, one in bricks, one already in memory, or a field of the user's
+/// own.
 struct VolumeSpec {
-  std::filesystem::path file;  ///< A .vdb; not read where `volume` or `field` is set.
-  std::string grid;            ///< Empty: the only one.
+  std::filesystem::path file;  ///< A .vdb, or a folder of bricks (samplers/bricks.h); not read
+                               ///< where `volume` or `field` is set.
+  std::string grid;                           ///< Empty: the only one.
   NonFinite non_finite = NonFinite::kRefuse;  ///< As LoadOptions.
   int smooth = 0;                             ///< As LoadOptions, voxels.
   PlaceSpec place;                            ///< Where it stands, and how it moves.
   std::vector<PlaceSpec> instances;  ///< Where it stands instead, many times; not with kLike, no
                                      ///< keyframes. What is placed like it stands there as well.
   Sampling sampling;                 ///< How its values between voxels come about.
+  std::optional<double> budget_mb;   ///< Of memory for bricks [MB]; none: 256. Only for these.
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
   FieldPtr field;                        ///< If set, of the above only keyframes and warp count.
 };
@@ -80,6 +84,8 @@ struct SceneSpec {
   std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
                                                      ///< guide is given, else metres of W.
   bool one_graph = false;          ///< No parts, however many volumes; not with instances.
+  bool waits = false;              ///< Whoever reads bricks waits for them (WindowParams::waits):
+                                   ///< for virtual time.
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 
@@ -101,11 +107,14 @@ struct PartGroup {
 
 /// A scene and what it was made of.
 struct BuiltScene {
-  std::shared_ptr<const Scene> scene;                            ///< For any number of hands.
-  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
-                                                                 ///< the computed fields.
-  std::map<std::string, Placement> placements;                   ///< Of many the first.
-  std::map<std::string, Sampling> samplings;                     ///< Of the volumes.
+  std::shared_ptr<const Scene> scene;                                 ///< For any number of hands.
+  std::map<std::string, std::shared_ptr<const Volume>> volumes;       ///< Those that are grids, and
+                                                                      ///< the computed fields.
+  std::map<std::string, std::shared_ptr<const BrickWindow>> windows;  ///< Those in bricks: in
+                                                                      ///< `volumes` are their
+                                                                      ///< coarsest levels.
+  std::map<std::string, Placement> placements;                        ///< Of many the first.
+  std::map<std::string, Sampling> samplings;                          ///< Of the volumes.
   std::map<std::string, FieldPtr> fields;         ///< All volumes, placed, as they rest.
   std::map<std::string, MotionPtr> motions;       ///< Of those that move.
   std::map<std::string, ComputedField> computed;  ///< By name; each is in `volumes` too.

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks.h"
 
 namespace palpate {
 namespace {
@@ -117,7 +118,10 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
 
 std::vector<fs::path> filesOf(const VolumeSpec& volume) {
   const auto pattern = patternOf(volume.file);
-  if (!pattern) return volume.file.empty() ? std::vector<fs::path>{} : std::vector{volume.file};
+  if (!pattern) {
+    if (volume.file.empty()) return {};
+    return {isBricks(volume.file) ? brickManifestFile(volume.file) : volume.file};
+  }
   std::vector<fs::path> files;
   for (auto& [number, file] : filesOf(volume.file, *pattern)) files.push_back(file);
   return files;

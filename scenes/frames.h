@@ -18,7 +18,8 @@ namespace palpate {
 /// there, a number is left out between two, or the file cannot be read.
 [[nodiscard]] std::vector<VolumeRequest> framesOf(const VolumeSpec& volume);
 
-/// The files that a volume is read from: of a pattern all that are there. Empty where it is read
+/// The files that a volume is read from: of a pattern all that are there, of bricks the manifest.
+/// Empty where it is read
 /// from none. Throws nothing.
 [[nodiscard]] std::vector<std::filesystem::path> filesOf(const VolumeSpec& volume);
 

@@ -7,6 +7,8 @@
 #include <system_error>
 #include <utility>
 
+#include "palpate/samplers/brick_field.h"
+#include "palpate/samplers/bricks.h"
 #include "palpate/samplers/parallel.h"
 
 namespace palpate {
@@ -63,6 +65,23 @@ WarpPtr SceneCache::warp(const std::vector<std::shared_ptr<const Volume>>& frame
   return warps_.keep(key, makeWarp(displacementsOf(frames, placement, path), when, path));
 }
 
+SceneCache::Bricks SceneCache::bricks(const std::filesystem::path& folder,
+                                      const WindowParams& params) {
+  BrickManifest manifest = BrickManifest::read(folder);
+  const Opened key{std::filesystem::absolute(folder), manifest.identity(), params};
+  if (const auto* known = bricks_.find(key)) return *known;
+  const auto window = std::make_shared<const BrickWindow>(
+      std::make_unique<PosixBricks>(folder, std::move(manifest)), params);
+  return bricks_.keep(key, {window, window->coarsest()});
+}
+
+FieldPtr SceneCache::field(const std::shared_ptr<const BrickWindow>& window,
+                           const Placement& placement) {
+  const Windowed key{window, placement};
+  if (const auto* known = windowed_.find(key)) return *known;
+  return windowed_.keep(key, makeBrickField(window, placement));
+}
+
 std::vector<FieldPtr> SceneCache::fields(const std::vector<Placed>& wanted) {
   std::vector<FieldPtr> out(wanted.size());
   std::vector<std::size_t> missing;
@@ -89,6 +108,14 @@ std::size_t SceneCache::hashOf(const Derived& key) {
   return std::hash<const void*>()(key.volume.get()) + static_cast<std::size_t>(key.what);
 }
 
+std::size_t SceneCache::hashOf(const Opened& key) {
+  return std::hash<std::string>()(key.folder.native());
+}
+
+std::size_t SceneCache::hashOf(const Windowed& key) {
+  return std::hash<const void*>()(key.window.get());
+}
+
 std::size_t SceneCache::hashOf(const Placed& key) {
   std::size_t hash = std::hash<const void*>()(key.volume.get());
   const auto add = [&](double x) {
@@ -110,6 +137,8 @@ void SceneCache::forgetUnused() {
   derived_.forgetUnused();
   fields_.forgetUnused();
   warps_.forgetUnused();
+  bricks_.forgetUnused();
+  windowed_.forgetUnused();
 }
 
 }  // namespace palpate

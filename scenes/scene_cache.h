@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "palpate/samplers/brick_window.h"
 #include "palpate/samplers/derive.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
@@ -32,6 +33,17 @@ class SceneCache {
   /// As makeVdbField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const Volume>& volume,
                                const Placement& placement, const Sampling& sampling);
+  /// A window of bricks, and its coarsest level.
+  struct Bricks {
+    std::shared_ptr<const BrickWindow> window;
+    std::shared_ptr<const Volume> coarsest;
+  };
+  /// As the constructors of BrickWindow and PosixBricks. A folder that was written anew is opened
+  /// anew. Throws VolumeError.
+  [[nodiscard]] Bricks bricks(const std::filesystem::path& folder, const WindowParams& params);
+  /// As makeBrickField.
+  [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
+                               const Placement& placement);
   /// What stands somewhere, and how it is read.
   struct Placed {
     std::shared_ptr<const Volume> volume;  ///< Not null.
@@ -100,6 +112,21 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Displaced&) const = default;
   };
+  struct Opened {
+    std::filesystem::path folder;
+    std::uint64_t identity = 0;
+    WindowParams params;
+
+    [[nodiscard]] bool operator==(const Opened&) const = default;
+  };
+  struct Windowed {
+    std::shared_ptr<const BrickWindow> window;
+    Placement placement;
+
+    [[nodiscard]] bool operator==(const Windowed&) const = default;
+  };
+  static std::size_t hashOf(const Opened& key);
+  static std::size_t hashOf(const Windowed& key);
   static std::size_t hashOf(const Loaded& key);
   static std::size_t hashOf(const Derived& key);
   static std::size_t hashOf(const Placed& key);
@@ -109,6 +136,8 @@ class SceneCache {
   Shelf<Derived, std::shared_ptr<const Volume>> derived_;
   Shelf<Placed, FieldPtr> fields_;
   Shelf<Displaced, WarpPtr> warps_;
+  Shelf<Opened, Bricks> bricks_;
+  Shelf<Windowed, FieldPtr> windowed_;
 };
 
 }  // namespace palpate

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/bricks.h"
 #include "palpate/samplers/volume.h"
 #include "palpate/scenes/scene_table.h"
 #include "palpate/scenes/text_file.h"
@@ -98,6 +99,30 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   return spec;
 }
 
+/// What is in a folder of bricks: one volume, looked at by its coarsest level.
+GuessVolume coarselyOf(const std::filesystem::path& folder) {
+  const BrickManifest manifest = BrickManifest::read(folder);
+  const auto coarsest = static_cast<std::int32_t>(manifest.levels().size() - 1);
+  return {manifest.info().name, loadBricks(folder, coarsest)};
+}
+
+/// A folder's name, also where its path ends in a slash.
+std::filesystem::path withoutSlash(const std::filesystem::path& folder) {
+  return folder.has_filename() ? folder : folder.parent_path();
+}
+
+/// A first scene for a folder of bricks.
+SceneSpec sceneFromBricks(const std::filesystem::path& folder) {
+  const std::filesystem::path path = withoutSlash(folder);
+  const Guess guess = guessScene({path.filename().string(), "", ""}, {coarselyOf(path)});
+  SceneSpec spec = parseScene(guess.scene, path.string(), path.parent_path());
+  spec.any_stiffness = true;
+  for (const std::string& left : guess.left) {
+    spec.notes.push_back(path.string() + ": left out: " + left);
+  }
+  return spec;
+}
+
 SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progress) {
   const std::vector<std::filesystem::path> files = vdbFilesOf(path);
   SceneSpec spec;
@@ -144,6 +169,9 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
 }
 
 Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress& progress) {
+  if (isBricks(file)) {
+    return guessScene({withoutSlash(file).string(), "", ""}, {coarselyOf(file)}, what);
+  }
   checkRegular<SceneError>(file, "give a .vdb");
   const std::vector<FileResult> loaded = loadFiles({file}, progress);
   if (loaded[0].error) std::rethrow_exception(loaded[0].error);
@@ -163,6 +191,7 @@ SceneSpec openScene(const std::filesystem::path& path, const Progress& progress,
   if (status.type() == std::filesystem::file_type::not_found) {
     throw SceneError(path.string(), "no such file", "check the path");
   }
+  if (isBricks(path)) return sceneFromBricks(path);
   if (std::filesystem::is_directory(status)) return sceneFromVdb(path, progress);
   checkRegular<SceneError>(path, "give a scene file, a .vdb or a folder of them");
   if (path.extension() == ".vdb" || isVdb(path)) return sceneFromVdb(path, progress);

@@ -190,7 +190,11 @@ JsonType<PlaceSpec> instanceType() {
 JsonType<VolumeSpec> volumeType() {
   return JsonObject<VolumeSpec>()
       .remark("description")
-      .need("file", jsonName(), [](VolumeSpec& to, const std::string& name) { to.file = name; })
+      .need(
+          "file",
+          jsonName().says("A .vdb, or a folder of bricks (palpate brick), which is fetched as the "
+                          "hand goes."),
+          [](VolumeSpec& to, const std::string& name) { to.file = name; })
       .may("grid", jsonName(), &VolumeSpec::grid)
       .may("interpolation",
            jsonWordOf({Interpolation::kTrilinear, Interpolation::kNearest,
@@ -208,6 +212,14 @@ JsonType<VolumeSpec> volumeType() {
            jsonWhole(0, 16).says("OpenVDB's Gaussian at load: four box filters of so many voxels "
                                  "to each side. Default 0."),
            &VolumeSpec::smooth)
+      .may("window",
+           JsonObject<double>()
+               .need("budget_mb",
+                     jsonPositive().says("Of memory for bricks about the hands [MB]; default 256."),
+                     [](double& to, double budget) { to = budget; })
+               .type()
+               .says("What of a volume in bricks is in memory."),
+           [](VolumeSpec& to, double budget) { to.budget_mb = budget; })
       .may("place", placeType(), &VolumeSpec::place)
       .may("instances",
            jsonList(instanceType(), "it is not a list of places", "write [{\"scale\": ...}, ...]")

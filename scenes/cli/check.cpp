@@ -94,7 +94,7 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
 /// How thick the solid of an isosurface is; null where nothing can say.
 OrderedJson thicknessOf(const ModeSpec& mode, const SceneSpec& spec, const BuiltScene& built) {
   const auto volume = built.volumes.find(mode.of);
-  if (volume == built.volumes.end()) return nullptr;
+  if (volume == built.volumes.end() || built.windows.count(mode.of) != 0) return nullptr;
   // What is computed is read as what it comes from.
   const auto computed = built.computed.find(mode.of);
   const std::string& source = computed == built.computed.end() ? mode.of : computed->second.from;
@@ -188,7 +188,9 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
     OrderedJson volume;
     const auto grid = built.volumes.find(name);
     if (grid != built.volumes.end()) {
-      const GridInfo& info = grid->second->info();
+      const auto window = built.windows.find(name);
+      const bool in_bricks = window != built.windows.end();
+      const GridInfo& info = in_bricks ? window->second->manifest().info() : grid->second->info();
       const auto computed = built.computed.find(name);
       if (computed == built.computed.end()) {
         volume["file"] = spec.volumes.at(name).file.string();
@@ -200,7 +202,12 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
       }
       volume["type"] = info.type;
       volume["active_voxels"] = info.active_voxels;
-      volume["memory_bytes"] = grid->second->memory();
+      volume["memory_bytes"] = in_bricks ? window->second->state().bytes : grid->second->memory();
+      if (in_bricks) {
+        volume["bricks"] = {{"levels", window->second->manifest().levels().size()},
+                            {"stored_bytes", window->second->manifest().storedBytes()},
+                            {"slots", window->second->state().slots}};
+      }
     }
     const auto places = instancesOf(spec, name);
     if (places > 0) volume["instances"] = places;
@@ -284,6 +291,12 @@ void printCheck(const OrderedJson& json, bool verbose) {
           volume["active_voxels"].get<std::uint64_t>(),
           rounded(volume["memory_bytes"].get<double>() / 1e6));
     }
+    if (volume.contains("bricks")) {
+      const OrderedJson& bricks = volume["bricks"];
+      say("in bricks, {} MB stored in {} levels, {} bricks at a time; ",
+          rounded(bricks["stored_bytes"].get<double>() / 1e6), bricks["levels"].get<std::size_t>(),
+          bricks["slots"].get<std::uint64_t>());
+    }
     say("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
         rounded(1e3 * volume["metres_per_unit"].get<double>()));
     if (volume.contains("instances")) {
@@ -353,7 +366,8 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
   verb->footer("Example:\n  palpate check head.json");
   verb->callback([=, &body] {
     body = [=] {
-      const SceneSpec spec = openScene(*scene, showProgress("loading"));
+      SceneSpec spec = openScene(*scene, showProgress("loading"));
+      spec.waits = true;
       for (const std::string& note : spec.notes) complain(note);
       const BuiltScene built = buildScene(spec, showProgress("loading"));
       for (const std::string& note : built.notes) complain(note);

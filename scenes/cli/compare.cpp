@@ -198,8 +198,9 @@ void tell(const CompareOptions& options, const Difference& d, const Recording& a
 std::string explained(const Recording& a, const Largest& force) {
   if (!force.tick || !(force.value > 0.0)) return {};
   try {
-    const std::optional<ToFeel> scene = sceneAsItIs(a, force.tick->scene);
+    std::optional<ToFeel> scene = sceneAsItIs(a, force.tick->scene);
     if (!scene) return {};
+    scene->spec.waits = true;
     const BuiltScene built = buildScene(scene->spec, showProgress("loading"));
     Most most;
     most.probe = vector(force.tick->hand);

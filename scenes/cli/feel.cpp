@@ -320,6 +320,7 @@ int feel(FeelOptions options) {
   SceneSpec& spec = to_feel.spec;
   checkOutputs(options, to_feel);
   for (const std::string& note : spec.notes) complain(note);
+  spec.waits = !options.realtime;
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
@@ -379,6 +380,7 @@ int feel(FeelOptions options) {
     if (hand->recorder) hand->recorder->begin();
   }
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
+  run.bricks.now(built);
   if (window) run.window = &*window;
   run.whole_path = !options.seconds &&
                    std::all_of(options.devices.begin(), options.devices.end(),
@@ -396,6 +398,7 @@ int feel(FeelOptions options) {
   } else {
     runInVirtualTime(run);
   }
+  run.bricks.tellTroubles();
   bool kept = true;
   for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
   // What was felt is written; who interrupts that as well ends what is drawn.
@@ -407,6 +410,8 @@ int feel(FeelOptions options) {
   OrderedJson summary = felt[0];
   if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;
+  const OrderedJson bricks = run.bricks.summary();
+  if (!bricks.empty()) summary["bricks"] = bricks;
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
@@ -422,6 +427,7 @@ int feel(FeelOptions options) {
           rounded(search["ms"].get<double>()));
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h], to_feel.file);
+    say("{}", run.bricks.words());
   }
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);

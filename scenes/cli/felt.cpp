@@ -102,6 +102,7 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   closed_form_ += static_cast<std::int64_t>(r.solver == SolverKind::kClosedForm);
   limited_ += static_cast<std::int64_t>(r.limited);
   samples_ += r.samples;
+  coarse_ += static_cast<std::int64_t>(r.coarse);
   traced_ += r.traced;
   walked_ += r.walked;
   substeps_ += r.substeps;
@@ -285,6 +286,7 @@ OrderedJson Felt::summary() const {
     json["status"][wordFor(static_cast<StepStatus>(i))] = statuses_[i];
   }
   json["limited"] = limited_;
+  json["coarse_share"] = static_cast<double>(coarse_) / ticks;
   json["still_ticks"] = still_;
   json["faults"] = OrderedJson::object();
   for (std::size_t i = 1; i < kFaults; ++i) {
@@ -328,6 +330,11 @@ Legible Felt::words() const {
       "faults\n",
       rounded(force_max_), kStrong, rounded(100.0 * static_cast<double>(strong_) / ticks), limited_,
       statuses_[static_cast<std::size_t>(StepStatus::kFault)]);
+  if (coarse_ > 0) {
+    text +=
+        cli::words("coarse    data were not there yet, and felt coarsely, in {} % of the ticks\n",
+                   rounded(100.0 * static_cast<double>(coarse_) / ticks));
+  }
   if (still_ > 0) {
     text += cli::words("still     the arm did not move by a count: the force faded in {} ticks\n",
                        still_);

@@ -148,6 +148,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::int64_t closed_form_ = 0;
   std::int64_t limited_ = 0;
   std::int64_t samples_ = 0;
+  std::int64_t coarse_ = 0;  ///< Ticks that read coarser data, for want of finer ones.
   std::int64_t traced_ = 0;
   std::int64_t walked_ = 0;
   std::int64_t substeps_ = 0;

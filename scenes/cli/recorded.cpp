@@ -197,6 +197,7 @@ ScenesById scenesOf(const Recording& recording, std::shared_ptr<const Scene> fir
     }
     SceneSpec spec = toFeelAgain(scene).spec;
     static_cast<void>(fitCoupling(spec, recording.setting().device));
+    spec.waits = true;
     scenes.emplace(scene.id,
                    SceneAgain{buildScene(spec, showProgress("loading"), &cache).scene, scene.text});
   }

@@ -139,6 +139,37 @@ void record(const Run& run, const Scene& scene, const Watcher& watcher) {
 
 }  // namespace
 
+void FeltBricks::tellTroubles() const {
+  for (const auto& [name, window] : windows_) {
+    for (const std::string& trouble : window->takeTroubles()) complain(trouble);
+  }
+}
+
+OrderedJson FeltBricks::summary() const {
+  OrderedJson json;
+  for (const auto& [name, window] : windows_) {
+    const WindowState state = window->state();
+    json[name] = {{"slots", state.slots},   {"resident", state.resident},
+                  {"bytes", state.bytes},   {"fetched", state.fetched},
+                  {"failed", state.failed}, {"locked", state.locked},
+                  {"gone", state.gone}};
+  }
+  return json;
+}
+
+std::string FeltBricks::words() const {
+  std::string text;
+  for (const auto& [name, window] : windows_) {
+    const WindowState state = window->state();
+    text += fmt::format(
+        "bricks    {}: {} fetched, {} of {} in memory ({} MB){}\n", name, state.fetched,
+        state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
+        state.failed > 0 ? fmt::format(", {} that cannot be had were felt coarsely", state.failed)
+                         : "");
+  }
+  return text;
+}
+
 void runInVirtualTime(const Run& run) {
   std::vector<std::unique_ptr<HapticLoop>> loops;
   for (const auto& hand : run.hands) {
@@ -217,7 +248,7 @@ void runAgain(const Run& run, const ScenesById& scenes) {
   }
 }
 
-void runOnTime(const Run& run, Guardian& guardian) {
+void runOnTime(Run& run, Guardian& guardian) {
   std::vector<const Device*> devices;
   for (const auto& hand : run.hands) devices.push_back(hand->device.get());
   std::optional<Watcher> watcher;
@@ -246,8 +277,11 @@ void runOnTime(const Run& run, Guardian& guardian) {
       if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
       run.window->tellRefused(watcher->refused());
     }
-    if (!watcher || looks % kWatch != 0) continue;
+    if (looks % kWatch != 0) continue;
+    run.bricks.tellTroubles();
+    if (!watcher) continue;
     if (const auto built = watcher->look()) {
+      run.bricks.now(*built);
       record(run, *built->scene, *watcher);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstdint>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <readerwriterqueue.h>
@@ -20,6 +21,7 @@
 #include "palpate/engine/device.h"
 #include "palpate/engine/scene.h"
 #include "palpate/engine/telemetry.h"
+#include "palpate/scenes/build_scene.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/felt.h"
 #include "palpate/scenes/cli/picture.h"
@@ -134,6 +136,21 @@ struct Hand {
 };
 using Hands = std::vector<std::unique_ptr<Hand>>;
 
+/// The volumes in bricks of what is felt.
+class FeltBricks {
+ public:
+  /// They are those of this scene from now on.
+  void now(const BuiltScene& built) { windows_ = built.windows; }
+  /// Complains of what went wrong since the last call.
+  void tellTroubles() const;
+  /// By name; empty where there are none.
+  [[nodiscard]] OrderedJson summary() const;
+  [[nodiscard]] std::string words() const;
+
+ private:
+  std::map<std::string, std::shared_ptr<const BrickWindow>> windows_;
+};
+
 /// What a run asks for, once it is known to be good.
 struct Run {
   const FeelOptions& options;
@@ -146,6 +163,7 @@ struct Run {
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
   Window* window = nullptr;
+  FeltBricks bricks;
 
   /// Before a message about one of several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {
@@ -160,6 +178,6 @@ void runInVirtualTime(const Run& run);
 /// are felt in, by the ids that they were recorded with; where it has none, `run.scene`.
 void runAgain(const Run& run, const ScenesById& scenes);
 /// With a clock, in a thread each.
-void runOnTime(const Run& run, Guardian& guardian);
+void runOnTime(Run& run, Guardian& guardian);
 
 }  // namespace palpate::cli

@@ -93,6 +93,7 @@ Opened openFor(SceneSpec spec, const Rehearsal& rehearse, const Progress& progre
                const Say& say) {
   Opened opened;
   opened.spec = std::move(spec);
+  opened.spec.waits = true;
   const std::string& scene = opened.spec.source;
   for (const std::string& note : opened.spec.notes) say(note);
   const DeviceInfo device = pathDevice();

@@ -83,6 +83,7 @@ std::optional<BuiltScene> Watcher::look() {
       ToFeel opened = openWithText(file_, {});
       made.text = std::move(opened.text);
       made.spec = std::move(opened.spec);
+      made.spec.waits = spec_.waits;
       (void)fitToAll(made.spec, devices_);
       made.ids = idsOf(made.spec, spec_, ids_);
     }

@@ -633,7 +633,7 @@ std::string withVolumes(const std::string& text, const Volumes& volumes) {
 /// A scene that can be felt, and a hand in it for Scene.step.
 class PyScene {
  public:
-  explicit PyScene(SceneSpec spec) : spec_(std::move(spec)), built_(buildScene(spec_)) {
+  explicit PyScene(SceneSpec spec) : spec_(waiting(std::move(spec))), built_(buildScene(spec_)) {
     checkDevice(spec_, pathInfo());
   }
 
@@ -711,6 +711,11 @@ class PyScene {
   [[nodiscard]] Volumes volumes() const { return built_.volumes; }
 
  private:
+  /// Python's ticks are in virtual time.
+  [[nodiscard]] static SceneSpec waiting(SceneSpec spec) {
+    spec.waits = true;
+    return spec;
+  }
   [[nodiscard]] static PyScene built(SceneSpec spec, const Volumes& volumes) {
     for (const auto& [name, volume] : volumes) spec.volumes.at(name).volume = volume;
     return aside([spec = std::move(spec)]() mutable { return PyScene(std::move(spec)); });

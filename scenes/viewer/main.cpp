@@ -96,6 +96,12 @@ void needOpenGL() {
   }
 }
 
+BuiltScene shown(const std::string& scene) {
+  SceneSpec spec = openScene(scene);
+  spec.waits = true;  // nothing is read in real time
+  return buildScene(spec);
+}
+
 int run(int argc, char** argv) {
   CLI::App app{"The window of palpate view, which starts it."};
   app.name("palpate-view");
@@ -140,14 +146,14 @@ int run(int argc, char** argv) {
   needOpenGL();
   takeNoMore(most_memory);
   auto seen = cli::writtenAt(scene);
-  auto shapes = std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+  auto shapes = std::make_unique<view::Shapes>(shown(scene), still);
   if (watch) {
     options.again = [&scene, &seen, still] {
       const auto now = cli::writtenAt(scene);
       if (now == seen) return std::future<std::unique_ptr<view::Shapes>>();
       seen = now;
       return std::async(std::launch::async, [scene, still] {
-        return std::make_unique<view::Shapes>(buildScene(openScene(scene)), still);
+        return std::make_unique<view::Shapes>(shown(scene), still);
       });
     };
   }
