@@ -32,9 +32,9 @@ struct VectorSample {
 
 /// What a field is told at the begin of a tick, where it rests.
 struct Attention {
-  Vec3 proxy = Vec3::Zero();     ///< [m]
-  Vec3 probe = Vec3::Zero();     ///< The hand [m].
-  Vec3 velocity = Vec3::Zero();  ///< Of the hand [m/s].
+  Vec3 proxy = Vec3::Zero();  ///< [m]
+  Vec3 probe = Vec3::Zero();  ///< The hand [m].
+  double dt = 0.0;            ///< Since the tick before [s].
 };
 
 /// The memory that one thread's reads of one field change: accessor and last cell. Plain bytes that

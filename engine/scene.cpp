@@ -227,7 +227,6 @@ void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const
     if (body != nullptr) {
       rest.proxy = body->pose.toRest(at.proxy);
       rest.probe = body->pose.toRest(at.probe);
-      rest.velocity = body->pose.back * at.velocity;
     }
     if (scalar) {
       graph->scalar_fields[n]->attend(rest, caches[n]);

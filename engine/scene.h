@@ -102,8 +102,7 @@ struct BoundGraph {
   int sample(const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) const noexcept PALPATE_NONBLOCKING;
 
-  /// Tells the fields that want to be told of a tick: proxy and hand [m] and its velocity [m/s] in
-  /// W. RT: no allocation.
+  /// Tells the fields that want to be told of a tick, with proxy and hand in W. RT: no allocation.
   void attend(const Attention& at, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
 
   /// Turns what was read of volumes that have moved since, by Body::carry; called once a move.

@@ -80,7 +80,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                state.around_.memories.data()};
     state.around_.count = 1;
     if (!scene.graph.attentive.empty()) {
-      state.around_.graphs[0].bound.attend({proxy.position, hand.position, hand.velocity},
+      state.around_.graphs[0].bound.attend({proxy.position, hand.position, dt},
                                            state.around_.bodies.items());
     }
     Tick tick{scene, reader, proxy, state.around_, state.balance_, report, trace, hand.position};

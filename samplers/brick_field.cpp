@@ -21,6 +21,8 @@ using detail::LatticeReader;
 constexpr double kFade = 4.0;
 /// A brick that arrives takes over in so many ticks, or as fast as the proxy goes.
 constexpr double kTicks = 50.0;
+/// A hand's velocity is smoothed so long [s]: its encoder counts in steps.
+constexpr double kSmooth = 0.02;
 /// What is waited for in virtual time [s].
 constexpr double kPatience = 60.0;
 
@@ -116,7 +118,10 @@ class BrickField : public Base {
     int level = -1;      ///< That was read last.
     double share = 1.0;  ///< Of it; the rest is the next coarser one's.
     double most = std::numeric_limits<double>::infinity();  ///< Of `share` in this tick.
-    Vec3 last = Vec3::Zero();                               ///< Where the proxy was [m].
+    Vec3 last = Vec3::Zero();                               ///< Where the proxy was [m],
+    Vec3 probe = Vec3::Zero();                              ///< and the hand [m].
+    Vec3 velocity = Vec3::Zero();                           ///< Of the hand [m/s].
+    bool met = false;                                       ///< These are of a tick.
     std::size_t hand = 0;
   };
   static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
@@ -152,8 +157,14 @@ class BrickField : public Base {
   void attend(const Attention& at, FieldCache& memory) const noexcept final {
     Cache& cache = cacheIn(memory);
     const IndexMap& map = maps_.front();
-    window_->aim(cache.hand,
-                 {map(at.proxy), map(at.probe), detail::times(map.index_from_world, at.velocity)});
+    if (cache.met && at.dt > 0.0) {
+      const Vec3 now = (at.probe - cache.probe) / at.dt;
+      cache.velocity += (1.0 - std::exp(-at.dt / kSmooth)) * (now - cache.velocity);
+    }
+    cache.met = true;
+    cache.probe = at.probe;
+    window_->aim(cache.hand, {map(at.proxy), map(at.probe),
+                              detail::times(map.index_from_world, cache.velocity)});
     if (window_->params().waits) (void)window_->settle(kPatience);
     const double went = (at.proxy - cache.last).norm() / (kFade * this->frame().voxel);
     cache.last = at.proxy;
@@ -266,6 +277,54 @@ class BrickField : public Base {
     return (choice.share > 0.0 && inside) || other_inside;
   }
 
+  /// How many bricks a box has at a level, and how many of them are there.
+  struct Counted {
+    int all = 0;
+    int resident = 0;
+  };
+  [[nodiscard]] Counted countIn(const Vec3& a_W, const Vec3& b_W, int level) const noexcept {
+    const IndexMap& map = maps_[static_cast<std::size_t>(level)];
+    const Vec3 a = map(a_W);
+    const Vec3 b = map(b_W);
+    const bool coarsest = level + 1 == static_cast<int>(levels_.size());
+    const Vec3 fade = Vec3::Constant(coarsest ? 0.0 : kFade);
+    const std::array<int, 3> low = cellOf(a.cwiseMin(b) - fade);
+    const std::array<int, 3> high = cellOf(a.cwiseMax(b) + fade);
+    Counted out;
+    for (int i = low[0] & ~63; i <= high[0]; i += kBrickSide) {
+      for (int j = low[1] & ~63; j <= high[1]; j += kBrickSide) {
+        for (int k = low[2] & ~63; k <= high[2]; k += kBrickSide) {
+          ++out.all;
+          out.resident += resident(level, {i, j, k}) ? 1 : 0;
+        }
+      }
+    }
+    return out;
+  }
+  /// What `of` makes of a box between two corners, looked at from `p_W`, by the one level that all
+  /// of it is read at; false: there is no such level, or a brick was taken away meanwhile.
+  template <class Of>
+  [[nodiscard]] bool byOneLevel(const Vec3& p_W, const Vec3& a_W, const Vec3& b_W, Cache& cache,
+                                const Of& of) const noexcept {
+    constexpr double kFarthest = 256.0;  // as far as a path is looked at [voxels]
+    const double size = (b_W - a_W).norm() / this->frame().voxel;
+    if (!(size <= kFarthest)) return false;
+    const Choice choice = choose(p_W, cache);
+    if (!choice.pure()) return false;
+    for (int finer = 0; finer < choice.fine; ++finer) {
+      if (countIn(a_W, b_W, finer).resident > 0) return false;
+    }
+    const Counted counted = countIn(a_W, b_W, choice.fine);
+    if (counted.resident < counted.all) return false;
+    Read& read = cache.fine;
+    read.level = choice.fine;
+    read.cache.cell.fill(kNoCell);
+    read.cache.source.whole = true;
+    of(levels_[static_cast<std::size_t>(choice.fine)], read.cache);
+    if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
+    return read.cache.source.whole;
+  }
+
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
   [[nodiscard]] const std::vector<IndexMap>& maps() const noexcept { return maps_; }
 
@@ -288,6 +347,12 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
     return {row[0], Vec3(row[1], row[2], row[3]), inside, coarse};
   }
 
+  [[nodiscard]] double value(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    return mixed<double>(p_W, memory, [&](const Level& level, typename Level::Cache& cache) {
+      return level.value(p_W, cache);
+    });
+  }
+
   [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
     return mixed<Vec3>(p_W, memory, [&](const Level& level, typename Level::Cache& cache) {
       return level.slope(p_W, cache);
@@ -302,19 +367,11 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
 
   [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
                                    FieldCache& memory) const noexcept override {
-    Cache& cache = cacheIn(memory);
-    const Choice choice = choose(a_W, cache);
-    if (choice.pure() && a_W.allFinite() && b_W.allFinite() && allResident(a_W, b_W, choice.fine)) {
-      Read& read = cache.fine;
-      if (read.level != choice.fine) read.cache.cell.fill(kNoCell);
-      read.level = choice.fine;
-      read.cache.cell.fill(kNoCell);
-      read.cache.source.whole = true;
-      const Crossing out = levels()[static_cast<std::size_t>(choice.fine)].firstFall(
-          a_W, b_W, level, sign, read.cache);
-      if (read.cache.source.whole) return out;
-      read.cache.cell.fill(kNoCell);
-    }
+    Crossing out;
+    const auto fall = [&](const Level& of, typename Level::Cache& cache) {
+      out = of.firstFall(a_W, b_W, level, sign, cache);
+    };
+    if (byOneLevel(a_W, a_W, b_W, cacheIn(memory), fall)) return out;
     return ScalarField::firstFall(a_W, b_W, level, sign, memory);
   }
 
@@ -332,26 +389,6 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
            (1.0 - cache.share) *
                of(levels()[static_cast<std::size_t>(cache.coarse.level)], cache.coarse.cache);
   }
-  /// True if all bricks of the box about a path are there, and none near it is missing.
-  [[nodiscard]] bool allResident(const Vec3& a_W, const Vec3& b_W, int level) const noexcept {
-    const IndexMap& map = maps()[static_cast<std::size_t>(level)];
-    const Vec3 a = map(a_W);
-    const Vec3 b = map(b_W);
-    constexpr double kFarthest = 256.0;  // as far as a path is looked at
-    if ((b - a).cwiseAbs().maxCoeff() > kFarthest) return false;
-    const bool coarsest = level + 1 == static_cast<int>(levels().size());
-    const Vec3 fade = Vec3::Constant(coarsest ? 0.0 : kFade);
-    const std::array<int, 3> low = cellOf(a.cwiseMin(b) - fade);
-    const std::array<int, 3> high = cellOf(a.cwiseMax(b) + fade);
-    for (int i = low[0] & ~63; i <= high[0]; i += kBrickSide) {
-      for (int j = low[1] & ~63; j <= high[1]; j += kBrickSide) {
-        for (int k = low[2] & ~63; k <= high[2]; k += kBrickSide) {
-          if (!resident(level, {i, j, k})) return false;
-        }
-      }
-    }
-    return true;
-  }
 };
 
 class BrickVectorField final : public BrickField<VectorField, 3> {
@@ -367,6 +404,17 @@ class BrickVectorField final : public BrickField<VectorField, 3> {
     out.value = Vec3(row[0], row[1], row[2]);
     std::copy_n(row.begin() + 3, 9, out.jacobian.data());
     return out;
+  }
+
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
+                            FieldCache& memory) const noexcept override {
+    Trace out;
+    const Vec3 reach = Vec3::Constant(std::abs(order.length));
+    const auto go = [&](const Level& of, typename Level::Cache& cache) {
+      out = of.trace(p_W, order, this->frame().voxel, cache);
+    };
+    if (byOneLevel(p_W, p_W - reach, p_W + reach, cacheIn(memory), go)) return out;
+    return VectorField::trace(p_W, order, memory);
   }
 };
 

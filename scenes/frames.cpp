@@ -86,6 +86,11 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
   if (const auto pattern = patternOf(volume.file)) {
     const std::map<long, fs::path> files = filesOf(volume.file, *pattern);
     if (files.empty()) {
+      std::error_code error;
+      const fs::path folder = volume.file.parent_path();
+      if (!folder.empty() && !fs::is_directory(folder, error)) {
+        throw VolumeError(folder.string(), "no such folder", "check the path");
+      }
       throw VolumeError(volume.file.string(), "there is no frame of that name",
                         "put the frames there, numbered, as " + pattern->nameOf(1));
     }

@@ -465,7 +465,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("feel", "Feels a scene and says what was felt, and how well");
   auto options = std::make_shared<FeelOptions>();
   verb->add_option("SCENE", options->scene,
-                   "A scene file, a .vdb, a folder of .vdb, or a recording")
+                   "A scene file, a .vdb, a folder of .vdb or bricks, or a recording")
       ->required();
   verb->add_option("--device", options->devices,
                    "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
@@ -509,7 +509,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
   auto options = std::make_shared<FeelOptions>();
   options->devices.clear();
   verb->add_option("SCENE", options->scene,
-                   "A scene file, a .vdb, a folder of .vdb, or a recording")
+                   "A scene file, a .vdb, a folder of .vdb or bricks, or a recording")
       ->required();
   verb->add_option("--device", options->devices,
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "

@@ -21,7 +21,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
                                               {"cfd", GuessFor::kCfd},
                                               {"fibres", GuessFor::kFibres},
                                               {"labels", GuessFor::kLabels}};
-  verb->add_option("FILE", *file, "A .vdb file")->required();
+  verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
   verb->add_option("--for", *what, "What it holds, whatever it looks like")
       ->transform(CLI::CheckedTransformer(words, CLI::ignore_case)
                       .description("{ct,mri,cfd,fibres,labels}"))

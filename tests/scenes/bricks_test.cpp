@@ -86,10 +86,8 @@ struct Touching {
   std::unique_ptr<Reader> reader = std::make_unique<Reader>();
   std::unique_ptr<ProxyState> state;
 
-  StepReport tick(const Vec3& hand, const Vec3& velocity = Vec3::Zero()) {
-    HandState at{hand};
-    at.velocity = velocity;
-    return hapticStep(*built.scene, *reader, at, *state, 1e-3);
+  StepReport tick(const Vec3& hand) {
+    return hapticStep(*built.scene, *reader, {hand}, *state, 1e-3);
   }
 };
 

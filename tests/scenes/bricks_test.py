@@ -311,6 +311,78 @@ class Verbs(Case):
         self.refused("info", out, says="it is not a file")
 
 
+class Felt(Case):
+    """A head's skin through a window: 27 bricks and some coarser ones."""
+
+    def skin(self):
+        i, j, k = np.mgrid[0:300, 0:160, 0:160]
+        depth = 70 - np.hypot(np.hypot(np.maximum(0, np.abs(i - 150) - 70), j - 80), k - 80)
+        (depth * 8 + i % 3).astype("<i2").transpose(2, 1, 0).tofile(self.dir / "rod.raw")
+        layout = json.dumps({"size": [300, 160, 160], "type": "int16", "unit": "mm"})
+        bricks = self.dir / "rod"
+        run("import", self.dir / "rod.raw", bricks, "--bricks", "--raw", layout)
+        run("import", self.dir / "rod.raw", self.dir / "rod.vdb", "--raw", layout)
+        scene = {"palpate": 1, "coupling": {"stiffness": 500},
+                 "volumes": {"rod": {"file": "rod", "place": {"unit": "mm"}, "window": {"budget_mb": 60}}},
+                 "modes": [{"mode": "isosurface", "of": "rod", "value": 0, "solid": "above",
+                            "strength": 5, "friction": 0.2}]}
+        (self.dir / "bricks.json").write_text(json.dumps(scene))
+        del scene["volumes"]["rod"]["window"]
+        scene["volumes"]["rod"]["file"] = "rod.vdb"
+        (self.dir / "whole.json").write_text(json.dumps(scene))
+        t = np.arange(3000) * 1e-3
+        rows = np.stack([t, -0.13 + 0.09 * t, 0 * t, 0.075 - 0.009 * np.minimum(1, t)], 1)
+        np.savetxt(self.dir / "way.csv", rows, "%.9g", ",", header="t,x,y,z", comments="")
+        return bricks
+
+    def feel(self, scene, trace, *words):
+        out = run("feel", self.dir / scene, "--device", f"path:{self.dir / 'way.csv'}", "--trace",
+                  self.dir / trace, "--summary", self.dir / "summary.json", *words)
+        return out, json.loads((self.dir / "summary.json").read_text())
+
+    def test_what_is_felt_is_what_is_in_memory(self):
+        bricks = self.skin()
+        self.feel("whole.json", "whole.csv")
+        out, summary = self.feel("bricks.json", "bricks.csv")
+        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ of \d+ in memory \(\d+")
+        self.assertEqual(summary["coarse_share"], 0)
+        self.assertGreater(summary["felt_share"], 0.5)
+        self.assertEqual(summary["bricks"]["rod"]["failed"], 0)
+        felt = [[row.split(",") for row in (self.dir / name).read_text().splitlines()]
+                for name in ("whole.csv", "bricks.csv")]
+        timed = felt[0][0].index("tick_ns")
+        for rows in felt:
+            for row in rows:
+                del row[timed]
+        self.assertEqual(felt[0], felt[1])
+        # By itself, with a slash, and looked at.
+        self.assertIn(f'"file": "{bricks}"', run("scene", bricks).stdout)
+        self.assertIn("in bricks", run("check", self.dir / "bricks.json").stdout)
+        run("feel", f"{bricks}/", "--seconds", 1, status=None)
+
+    def test_what_is_missing_is_a_line_and_felt_coarsely(self):
+        bricks = self.skin()
+        (bricks / "0/2.1.1.0.0.0").unlink()
+        (bricks / "0/2.1.2.0.0.0").write_bytes(b"no brick")
+        out, summary = self.feel("bricks.json", "bricks.csv")
+        lines = [line for line in out.stderr.splitlines() if "rod/0/" in line]
+        self.assertEqual(len(lines), 2, out.stderr)
+        self.assertTrue(any("2.1.1" in line and "missing" in line for line in lines), out.stderr)
+        self.assertGreater(summary["coarse_share"], 0.02)
+        self.assertLess(summary["coarse_share"], 0.9)
+        self.assertEqual(summary["bricks"]["rod"]["failed"], 2)
+        self.assertEqual(summary["faults"], {})
+        self.assertRegex(out.stdout, r"coarse    data were not there")
+
+    def test_a_recording_is_felt_again(self):
+        self.skin()
+        self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
+        run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}", "--record",
+            self.dir / "again.rec")
+        said = json.loads(run("compare", self.dir / "felt.rec", self.dir / "again.rec", "--json").stdout)
+        self.assertTrue(said["identical"], said)
+
+
 class Import(Case):
     def raw(self):
         i, j, k = np.mgrid[0:70, 0:80, 0:90]

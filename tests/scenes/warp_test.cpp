@@ -166,6 +166,9 @@ TEST_CASE("frames are the files that a pattern names, without a gap", "[scene][w
   CHECK_FALSE(isPattern("u_%"));
   CHECK_FALSE(isPattern("u_1.vdb"));
   CHECK_THROWS_WITH(framesOf(volume), Contains("there is no frame") && Contains("u_0001.vdb"));
+  volume.file = folder / "nowhere" / "u_%04d.vdb";
+  CHECK_THROWS_WITH(framesOf(volume), Contains("nowhere: no such folder"));
+  volume.file = folder / "u_%04d.vdb";
   writeFrames(folder.path(), "u_", 7, 5);
   writeFrames(folder.path(), "other_u_", 1, 1);
   std::ofstream(folder / "u_00012.vdb") << "another number of digits";
