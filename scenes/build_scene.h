@@ -61,7 +61,7 @@ struct PlaceSpec {
 struct VolumeSpec {
   std::filesystem::path file;  ///< A .vdb, or a folder of bricks (samplers/bricks.h); not read
                                ///< where `volume` or `field` is set.
-  std::string grid;                           ///< Empty: the only one.
+  std::string grid;            ///< Empty: the only one.
   NonFinite non_finite = NonFinite::kRefuse;  ///< As LoadOptions.
   int smooth = 0;                             ///< As LoadOptions, voxels.
   PlaceSpec place;                            ///< Where it stands, and how it moves.

@@ -360,7 +360,8 @@ void addCheck(CLI::App& app, std::function<int()>& body) {
   auto scene = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
   auto verbose = std::make_shared<bool>(false);
-  verb->add_option("SCENE", *scene, "A scene file, a .vdb, or a folder of .vdb or bricks")->required();
+  verb->add_option("SCENE", *scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
+      ->required();
   verb->add_flag("-v,--verbose", *verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate check head.json");

@@ -36,7 +36,8 @@ void addExplain(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("explain", "Runs one tick and says why its force is what it is");
   auto options = std::make_shared<ExplainOptions>();
-  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")->required();
+  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
+      ->required();
   verb->add_option("--at", options->at, "x,y,z: where the proxy is; the hand rests there first [m]")
       ->required();
   verb->add_option("--push", options->push,

@@ -441,7 +441,8 @@ void addPress(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb =
       app.add_subcommand("press", "Presses straight in and out; prints the force-depth curve");
   auto options = std::make_shared<PressOptions>();
-  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")->required();
+  verb->add_option("SCENE", options->scene, "A scene file, a .vdb, or a folder of .vdb or bricks")
+      ->required();
   verb->add_option("--at", options->at, "x,y,z: where the hand begins and ends [m]")->required();
   verb->add_option("--along", options->along,
                    "x,y,z: where it goes from there; its length is how deep [m]")

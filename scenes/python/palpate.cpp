@@ -873,7 +873,8 @@ PYBIND11_MODULE(palpate, m) {
       .def_property_readonly("report", &Hand::report, "What the last tick did.");
 
   py::class_<PyScene>(m, "Scene", "Volumes and what is felt of them.")
-      .def_static("load", &PyScene::load, "path"_a, "A scene file, a .vdb, or a folder of .vdb or bricks.")
+      .def_static("load", &PyScene::load, "path"_a,
+                  "A scene file, a .vdb, or a folder of .vdb or bricks.")
       .def_static("parse", &PyScene::parse, "scene"_a,
                   "volumes"_a = std::map<std::string, std::shared_ptr<Volume>>{}, "folder"_a = ".",
                   "A scene from a dict or JSON as docs/scene.md has it. `volumes`: of the "
