@@ -25,14 +25,18 @@ using Word = std::uint32_t;
 
 /// Below this many slots beside the coarsest level a hand's neighbourhood does not fit.
 constexpr std::uint64_t kLeastSlots = 27;
-/// Bricks farther than this from where a hand is or will be are not wanted [bricks of a level].
+/// Bricks farther than this from where a hand is are not wanted [bricks of a level],
 constexpr double kReach = 2.0;
+/// nor farther than this from where it will be.
+constexpr double kReachAhead = 1.0;
 /// What is wanted is chosen anew when a hand is so far from where it was then [voxels],
 constexpr double kMoved = 8.0;
 /// or where it will be [voxels].
 constexpr double kTurned = kBrickSide / 2.0;
-/// The way ahead is looked at in so many places.
-constexpr int kAhead = 4;
+/// The way ahead is looked at once a brick, in so many places at most.
+constexpr int kMostAhead = 24;
+/// A window needs so many bricks' room besides: what is being read, packed and unpacked.
+constexpr std::uint64_t kReading = 2;
 constexpr std::size_t kMostTroubles = 16;
 /// What the system could not read now is tried again after this, and then the volume is looked for.
 constexpr std::chrono::seconds kAgain{1};
@@ -143,15 +147,17 @@ struct BrickWindow::Pool {
 BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& params)
     : levels(manifest.levels()), format(manifest.format()), horizon(params.horizon) {
   words_per_slot = (format.bytes() + 63) / 64 * 64 / sizeof(Word);
-  slots = params.budget / (words_per_slot * sizeof(Word));
+  const std::uint64_t brick = words_per_slot * sizeof(Word);
+  std::uint64_t besides = kReading * brick;
+  for (const BrickLevel& level : levels) besides += level.bricks() * sizeof(std::uint64_t);
+  slots = params.budget > besides ? (params.budget - besides) / brick : 0;
   const std::uint64_t coarsest = levels.back().bricks();
   if (slots < coarsest + kLeastSlots) {
+    const std::uint64_t least = (coarsest + kLeastSlots) * brick + besides;
     throw VolumeError(manifest.info().name,
                       "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
                           std::to_string(slots) + " of its bricks",
-                      "give it " +
-                          std::to_string(((coarsest + kLeastSlots) * format.bytes() >> 20U) + 1) +
-                          " MB or more");
+                      "give it " + std::to_string((least >> 20U) + 1) + " MB or more");
   }
   constants.push_back({manifest.background(), false});
   for (const BrickLevel& level : levels) {
@@ -334,19 +340,22 @@ void BrickWindow::Loader::choose() {
   struct Place {
     Vec3 p;
     double later;
+    double reach;
   };
   std::vector<Place> places;
   for (std::size_t h = 0; h < kMostHands; ++h) {
     if (!heard[h].alive) continue;
     const auto told = pool.hands[h].read();
     if (!told || !told->probe.allFinite()) continue;
-    if (told->proxy.allFinite()) places.push_back({told->proxy, 0.0});
+    if (told->proxy.allFinite()) places.push_back({told->proxy, 0.0, kReach});
     const Vec3& v = told->velocity;
     const Vec3 way = v.allFinite() ? Vec3(pool.horizon * v) : Vec3(Vec3::Zero());
-    for (int i = 0; i < kAhead; ++i) {
-      const double share = static_cast<double>(i) / (kAhead - 1);
-      places.push_back({told->probe + share * way, share});
-      if (way.isZero(0.0)) break;
+    places.push_back({told->probe, 0.0, kReach});
+    const int ahead =
+        static_cast<int>(std::min<double>(kMostAhead, std::ceil(way.norm() / kBrickSide)));
+    for (int i = 1; i <= ahead; ++i) {
+      const double share = static_cast<double>(i) / ahead;
+      places.push_back({told->probe + share * way, share, kReachAhead});
     }
   }
   std::map<BrickId, double> all;
@@ -359,8 +368,8 @@ void BrickWindow::Loader::choose() {
       std::array<int, 3> high{};
       for (std::size_t a = 0; a < 3; ++a) {
         const double at = std::clamp(b[static_cast<Eigen::Index>(a)], -1e6, 1e6);
-        low[a] = std::max(0, static_cast<int>(std::floor(at - kReach)));
-        high[a] = std::min(level.count[a] - 1, static_cast<int>(std::floor(at + kReach)));
+        low[a] = std::max(0, static_cast<int>(std::floor(at - place.reach)));
+        high[a] = std::min(level.count[a] - 1, static_cast<int>(std::floor(at + place.reach)));
       }
       BrickId id{static_cast<std::int32_t>(l), {}};
       for (id.at[0] = low[0]; id.at[0] <= high[0]; ++id.at[0]) {
@@ -608,7 +617,7 @@ WindowState BrickWindow::state() const {
   WindowState out;
   out.slots = pool_->slots;
   out.resident = loader_->resident;
-  out.bytes = pool_->slots * pool_->words_per_slot * sizeof(Word) + loader_->staging.size();
+  out.bytes = (pool_->slots + kReading) * pool_->words_per_slot * sizeof(Word);
   for (const auto& table : pool_->tables) out.bytes += table.size() * sizeof(table[0]);
   out.fetched = loader_->fetched;
   out.locked = pool_->locked;

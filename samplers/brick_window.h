@@ -18,8 +18,8 @@ namespace palpate {
 
 /// What a window may take, and how far it looks ahead.
 struct WindowParams {
-  std::uint64_t budget = 256ULL << 20;  ///< Of the pool of bricks [bytes].
-  double horizon = 0.25;  ///< A hand's way in this time is fetched as it goes on now [s].
+  std::uint64_t budget = 256ULL << 20;  ///< Of pool, tables and what is being fetched [bytes].
+  double horizon = 0.25;  ///< A hand's way in this time is fetched, as it goes now [s].
   bool lock = true;       ///< Locks the pool in memory, where that is allowed.
   bool waits = false;     ///< A field's attend() waits until all that is wanted is there, 60 s at
                           ///< most: for virtual time, where the same hand feels the same.
@@ -56,8 +56,9 @@ class BrickWindow {
   BrickWindow& operator=(const BrickWindow&) = delete;
   ~BrickWindow();  ///< Ends the thread: as long as one fetch takes.
 
+  /// Of the volume.
   [[nodiscard]] const BrickManifest& manifest() const noexcept { return source_->manifest(); }
-  [[nodiscard]] const WindowParams& params() const noexcept { return params_; }
+  [[nodiscard]] const WindowParams& params() const noexcept { return params_; }  ///< As given.
   /// The coarsest level as a volume, to be looked at and measured. Throws VolumeError. Slow.
   [[nodiscard]] std::shared_ptr<const Volume> coarsest() const;
 
@@ -65,8 +66,8 @@ class BrickWindow {
   [[nodiscard]] std::size_t newHand() const noexcept;
   /// Where a hand is, in index space of level 0 [voxels, voxels/s].
   struct Aim {
-    Vec3 proxy = Vec3::Zero();
-    Vec3 probe = Vec3::Zero();
+    Vec3 proxy = Vec3::Zero();     ///< What a surface holds.
+    Vec3 probe = Vec3::Zero();     ///< The hand itself.
     Vec3 velocity = Vec3::Zero();  ///< Of the probe.
   };
   /// Tells where a hand is, once a tick; who has told nothing for a second is not looked after any
@@ -76,14 +77,18 @@ class BrickWindow {
   /// What is known of a brick at a moment. RT: to be asked again before each reading.
   class Entry {
    public:
+    /// Not there, of one value, or in a slot.
     enum Kind : std::uint32_t { kAbsent = 0, kConstant = 1, kSlot = 2 };
 
     Entry() = default;
-    explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}
+    explicit Entry(std::uint64_t bits) noexcept : bits_(bits) {}  ///< As bits() gave them.
+    /// @param index       Below 2^30.
+    /// @param generation  Of a slot, else 0.
     Entry(Kind kind, std::uint32_t index, std::uint32_t generation) noexcept
         : bits_(std::uint64_t{generation} << 32U | std::uint64_t{index} << 2U | kind) {}
+    /// Which of the three.
     [[nodiscard]] Kind kind() const noexcept { return static_cast<Kind>(bits_ & 3U); }
-    [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }
+    [[nodiscard]] bool resident() const noexcept { return kind() != kAbsent; }  ///< It can be read.
     /// Of a slot, or of a constant brick.
     [[nodiscard]] std::uint32_t index() const noexcept {
       return static_cast<std::uint32_t>(bits_ >> 2U) & 0x3fffffffU;
@@ -92,7 +97,8 @@ class BrickWindow {
     [[nodiscard]] std::uint32_t generation() const noexcept {
       return static_cast<std::uint32_t>(bits_ >> 32U);
     }
-    [[nodiscard]] std::uint64_t bits() const noexcept { return bits_; }
+    [[nodiscard]] std::uint64_t bits() const noexcept { return bits_; }  ///< All of it.
+    /// For the same brick in the same slot.
     [[nodiscard]] bool operator==(const Entry&) const = default;
 
    private:
@@ -107,7 +113,7 @@ class BrickWindow {
   [[nodiscard]] bool copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
                               std::span<float> values, std::uint64_t& active) const noexcept;
 
-  [[nodiscard]] WindowState state() const;
+  [[nodiscard]] WindowState state() const;  ///< As it is now. Takes a lock.
   /// True once nothing of the volume could be had for a second; false again, within a second, when
   /// it is there. Until then, and with it, what is in memory is read on. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;

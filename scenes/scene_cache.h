@@ -35,8 +35,8 @@ class SceneCache {
                                const Placement& placement, const Sampling& sampling);
   /// A window of bricks, and its coarsest level.
   struct Bricks {
-    std::shared_ptr<const BrickWindow> window;
-    std::shared_ptr<const Volume> coarsest;
+    std::shared_ptr<const BrickWindow> window;  ///< Not null.
+    std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
   /// As the constructors of BrickWindow and PosixBricks. A folder that was written anew is opened
   /// anew. Throws VolumeError.

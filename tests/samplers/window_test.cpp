@@ -42,7 +42,8 @@ Placement placed() {
 }
 
 std::uint64_t budgetOf(std::uint64_t bricks) {
-  return bricks * ((BrickFormat{}.bytes() + 63) / 64 * 64);
+  constexpr std::uint64_t kBesides = 2;  // what is being read
+  return (bricks + kBesides) * ((BrickFormat{}.bytes() + 63) / 64 * 64) + (64U << 10U);
 }
 
 std::shared_ptr<BrickWindow> windowOf(const std::filesystem::path& folder, std::uint64_t bricks,
