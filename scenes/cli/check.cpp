@@ -242,7 +242,7 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
 
 /// What is to be said of how thick a mode's solid is; empty: nothing.
 std::string remark(const OrderedJson& thickness) {
-  if (thickness.is_null()) return "not looked at: only trilinear volumes are";
+  if (thickness.is_null()) return "not looked at: only trilinear volumes in memory are";
   const auto thin = thickness["thin_cells"].get<std::uint64_t>();
   if (thin == 0) return "";
   const auto cells = thickness["surface_cells"].get<std::uint64_t>();

@@ -531,7 +531,7 @@ class Check(Case):
                          [0, 0, 0, None])
 
         it["interpolation"] = "cubic"
-        self.assertEqual(lines(), ["thickness tip: not looked at: only trilinear volumes are"])
+        self.assertEqual(lines(), ["thickness tip: not looked at: only trilinear volumes in memory are"])
         self.assertIsNone(thickness())
 
         # What is computed at load is looked at as well; other modes have no thickness.
