@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <new>
 #include <utility>
@@ -19,8 +21,8 @@ using detail::LatticeReader;
 
 /// Over so many voxels of a level the next one takes over.
 constexpr double kFade = 4.0;
-/// A brick that arrives takes over in so many ticks, or as fast as the proxy goes.
-constexpr double kTicks = 50.0;
+/// A brick that arrives takes over in so long [ns].
+constexpr double kArrives = 50e6;
 /// A hand's velocity is smoothed so long [s]: its encoder counts in steps.
 constexpr double kSmooth = 0.02;
 /// What is waited for in virtual time [s].
@@ -113,26 +115,17 @@ class BrickField : public Base {
   struct Cache {
     Cache(typename Level::Cache a, typename Level::Cache b)
         : fine(std::move(a)), coarse(std::move(b)) {}
-    Read fine;
-    Read coarse;
-    int level = -1;      ///< That was read last.
-    double share = 1.0;  ///< Of it; the rest is the next coarser one's.
-    double most = std::numeric_limits<double>::infinity();  ///< Of `share` in this tick.
-    Vec3 last = Vec3::Zero();                               ///< Where the proxy was [m],
-    Vec3 probe = Vec3::Zero();                              ///< and the hand [m].
-    Vec3 velocity = Vec3::Zero();                           ///< Of the hand [m/s].
-    bool met = false;                                       ///< These are of a tick.
+    Read fine;    ///< The finest level that was read last,
+    Read coarse;  ///< and the one after it.
+    /// Of the tick, on the clock that bricks arrive by; whoever is told of no tick, or waits for
+    /// all that it reads, takes all as if it had always been there.
+    std::int64_t now = std::numeric_limits<std::int64_t>::max();
+    Vec3 probe = Vec3::Zero();     ///< The hand [m].
+    Vec3 velocity = Vec3::Zero();  ///< Of the hand [m/s].
+    bool met = false;              ///< These are of a tick.
     std::size_t hand = 0;
   };
   static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
-
-  /// Which levels a place is read at.
-  struct Choice {
-    int fine = 0;
-    int coarse = -1;     ///< -1: only `fine`.
-    double share = 1.0;  ///< Of `fine`.
-    [[nodiscard]] bool pure() const noexcept { return coarse < 0; }
-  };
 
  public:
   BrickField(std::shared_ptr<const BrickWindow> window, const Placement& placement)
@@ -165,10 +158,11 @@ class BrickField : public Base {
     cache.probe = at.probe;
     window_->aim(cache.hand, {map(at.proxy), map(at.probe),
                               detail::times(map.index_from_world, cache.velocity)});
-    if (window_->params().waits) (void)window_->settle(kPatience);
-    const double went = (at.proxy - cache.last).norm() / (kFade * this->frame().voxel);
-    cache.last = at.proxy;
-    cache.most = cache.share + 1.0 / kTicks + went;
+    if (window_->params().waits) {
+      (void)window_->settle(kPatience);
+    } else {
+      cache.now = std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
+    }
   }
   [[nodiscard]] bool attends() const noexcept final { return true; }
   [[nodiscard]] bool lost() const noexcept final { return window_->lost(); }
@@ -186,31 +180,27 @@ class BrickField : public Base {
     }
     return cell;
   }
-  [[nodiscard]] bool resident(int level, const std::array<int, 3>& cell) const noexcept {
-    return window_->entryAt(level, cell[0], cell[1], cell[2]).resident();
+  /// How far the brick that a cell is read from has arrived, 0 to 1.
+  [[nodiscard]] double arrived(int level, const std::array<int, 3>& cell,
+                               std::int64_t now) const noexcept {
+    const BrickWindow::Entry entry = window_->entryAt(level, cell[0], cell[1], cell[2]);
+    if (!entry.resident()) return 0.0;
+    const double age = static_cast<double>(now) - static_cast<double>(window_->arrival(entry));
+    return std::clamp(age / kArrives, 0.0, 1.0);
   }
-  /// The finest level from `from` on that is there.
-  [[nodiscard]] int finestAt(const Vec3& p_W, int from) const noexcept {
-    const auto last = static_cast<int>(levels_.size()) - 1;
-    int level = from;
-    while (level < last && !resident(level, cellOf(maps_[static_cast<std::size_t>(level)](p_W)))) {
-      ++level;
-    }
-    return level;
-  }
-  /// How far a place is from the nearest brick about its own that is not there, 0 to kFade
-  /// [voxels].
-  [[nodiscard]] double toMissing(const Vec3& p_I, int level) const noexcept {
+  /// The share s of a level at a place: of each brick within kFade voxels what has arrived of it,
+  /// and the way to it; the least of these. So continuous in space, and in time as bricks arrive.
+  [[nodiscard]] double shareAt(const Vec3& p_I, int level, std::int64_t now) const noexcept {
     const std::array<int, 3> cell = cellOf(p_I);
+    double least = arrived(level, cell, now);
     std::array<int, 3> side{};
     std::array<double, 3> off{};
     for (std::size_t a = 0; a < 3; ++a) {
       const int first = cell[a] & ~(kBrickSide - 1);
       const double in = p_I[static_cast<Eigen::Index>(a)] - first;
       side[a] = in < kFade ? -1 : in > kBrickSide - kFade ? 1 : 0;
-      off[a] = side[a] < 0 ? in : kBrickSide - in;
+      off[a] = (side[a] < 0 ? in : kBrickSide - in) / kFade;
     }
-    double least = kFade;
     for (unsigned set = 1; set < 8; ++set) {
       std::array<int, 3> other = cell;
       double squared = 0.0;
@@ -221,24 +211,10 @@ class BrickField : public Base {
         other[a] += kBrickSide * side[a];
         squared += off[a] * off[a];
       }
-      if (near && squared < least * least && !resident(level, other)) least = std::sqrt(squared);
+      if (!near || squared >= least * least) continue;
+      least = std::min(least, arrived(level, other, now) + std::sqrt(squared));
     }
     return least;
-  }
-
-  [[nodiscard]] Choice choose(const Vec3& p_W, Cache& cache) const noexcept {
-    Choice out;
-    out.fine = finestAt(p_W, 0);
-    const auto last = static_cast<int>(levels_.size()) - 1;
-    double share = 1.0;
-    if (out.fine < last) {
-      share = toMissing(maps_[static_cast<std::size_t>(out.fine)](p_W), out.fine) / kFade;
-    }
-    if (cache.level >= 0 && out.fine < cache.level) cache.most -= cache.share;
-    cache.level = out.fine;
-    cache.share = out.share = std::max(0.0, std::min(share, cache.most));
-    if (out.share < 1.0) out.coarse = finestAt(p_W, out.fine + 1);
-    return out;
   }
 
   /// Readies the cache of a level for a place; false: a copy was torn.
@@ -255,78 +231,99 @@ class BrickField : public Base {
     return read.cache.source.whole;
   }
 
-  /// The row at a place; where a brick is taken away meanwhile, of the next coarser level.
-  [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
-    const Choice choice = choose(p_W, cache);
+  /// Reads a place: B_l = s_l L_l + (1 - s_l) B_(l+1), where s of the coarsest level is 1, which is
+  /// always there. As s_l is 0 where a level is missing, all of them are continuous where L and s
+  /// are. `add(weight, level, read, row, inside)` for each that counts, from the finest on; a brick
+  /// that is taken away meanwhile is missing. True: others than level 0 counted.
+  template <class Add>
+  bool readLevels(const Vec3& p_W, Cache& cache, const Add& add) const noexcept {
     const auto last = static_cast<int>(levels_.size()) - 1;
-    bool inside = false;
-    coarse = choice.fine > 0 || !choice.pure();
-    for (int level = choice.fine; level <= last; ++level) {
-      if (readAt(level, p_W, cache.fine, row, inside)) break;
-      coarse = true;
+    double left = 1.0;
+    bool any = false;
+    for (int level = 0; level <= last; ++level) {
+      const auto n = static_cast<std::size_t>(level);
+      const double share = level == last ? 1.0 : shareAt(maps_[n](p_W), level, cache.now);
+      if (!(share > 0.0)) continue;
+      Read& read = any ? cache.coarse : cache.fine;
+      Row row;
+      bool inside = false;
+      if (!readAt(level, p_W, read, row, inside) && level < last) continue;
+      add(left * share, level, read, row, inside);
+      if (share >= 1.0) return level > 0 || any;
+      any = true;
+      left *= 1.0 - share;
     }
-    if (choice.pure()) return inside;
-    Row other;
-    bool other_inside = false;
-    for (int level = choice.coarse; level <= last; ++level) {
-      if (readAt(level, p_W, cache.coarse, other, other_inside)) break;
-    }
-    for (std::size_t n = 0; n < row.size(); ++n) {
-      row[n] = choice.share * row[n] + (1.0 - choice.share) * other[n];
-    }
-    return (choice.share > 0.0 && inside) || other_inside;
+    return true;
   }
 
-  /// How many bricks a box has at a level, and how many of them are there.
+  /// The row at a place, and whether there is data.
+  [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
+    bool inside = false;
+    bool first = true;
+    const auto add = [&](double weight, int /*level*/, const Read& /*of*/, const Row& one,
+                         bool in) {
+      inside = inside || in;
+      for (std::size_t n = 0; n < row.size(); ++n) {
+        row[n] = first ? weight * one[n] : row[n] + weight * one[n];
+      }
+      first = false;
+    };
+    coarse = readLevels(p_W, cache, add);
+    return inside;
+  }
+
+  /// What a box has of a level: bricks, those that are there, and those that have arrived.
   struct Counted {
     int all = 0;
     int resident = 0;
+    int arrived = 0;
   };
-  [[nodiscard]] Counted countIn(const Vec3& a_W, const Vec3& b_W, int level) const noexcept {
+  [[nodiscard]] Counted countIn(const Vec3& a_W, const Vec3& b_W, int level,
+                                std::int64_t now) const noexcept {
     const IndexMap& map = maps_[static_cast<std::size_t>(level)];
     const Vec3 a = map(a_W);
     const Vec3 b = map(b_W);
-    const bool coarsest = level + 1 == static_cast<int>(levels_.size());
-    const Vec3 fade = Vec3::Constant(coarsest ? 0.0 : kFade);
+    const Vec3 fade = Vec3::Constant(kFade);
     const std::array<int, 3> low = cellOf(a.cwiseMin(b) - fade);
     const std::array<int, 3> high = cellOf(a.cwiseMax(b) + fade);
     Counted out;
     for (int i = low[0] & ~63; i <= high[0]; i += kBrickSide) {
       for (int j = low[1] & ~63; j <= high[1]; j += kBrickSide) {
         for (int k = low[2] & ~63; k <= high[2]; k += kBrickSide) {
+          const double share = arrived(level, {i, j, k}, now);
           ++out.all;
-          out.resident += resident(level, {i, j, k}) ? 1 : 0;
+          out.resident += share > 0.0 ? 1 : 0;
+          out.arrived += share >= 1.0 ? 1 : 0;
         }
       }
     }
     return out;
   }
-  /// What `of` makes of a box between two corners, looked at from `p_W`, by the one level that all
-  /// of it is read at; false: there is no such level, or a brick was taken away meanwhile.
+  /// What `of` makes of a box between two corners by the one level that all of it is read at;
+  /// false: there is no such level, or a brick was taken away meanwhile.
   template <class Of>
-  [[nodiscard]] bool byOneLevel(const Vec3& p_W, const Vec3& a_W, const Vec3& b_W, Cache& cache,
+  [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, Cache& cache,
                                 const Of& of) const noexcept {
     constexpr double kFarthest = 256.0;  // as far as a path is looked at [voxels]
     const double size = (b_W - a_W).norm() / this->frame().voxel;
     if (!(size <= kFarthest)) return false;
-    const Choice choice = choose(p_W, cache);
-    if (!choice.pure()) return false;
-    for (int finer = 0; finer < choice.fine; ++finer) {
-      if (countIn(a_W, b_W, finer).resident > 0) return false;
+    const auto last = static_cast<int>(levels_.size()) - 1;
+    int level = 0;
+    for (; level < last; ++level) {
+      const Counted counted = countIn(a_W, b_W, level, cache.now);
+      if (counted.arrived == counted.all) break;
+      if (counted.resident > 0) return false;
     }
-    const Counted counted = countIn(a_W, b_W, choice.fine);
-    if (counted.resident < counted.all) return false;
     Read& read = cache.fine;
-    read.level = choice.fine;
+    read.level = level;
     read.cache.cell.fill(kNoCell);
     read.cache.source.whole = true;
-    of(levels_[static_cast<std::size_t>(choice.fine)], read.cache);
+    of(levels_[static_cast<std::size_t>(level)], read.cache);
     if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
     return read.cache.source.whole;
   }
 
   [[nodiscard]] const std::vector<Level>& levels() const noexcept { return levels_; }
-  [[nodiscard]] const std::vector<IndexMap>& maps() const noexcept { return maps_; }
 
  private:
   std::shared_ptr<const BrickWindow> window_;
@@ -341,7 +338,7 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   using Base::Base;
 
   [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    Row row;
+    Row row{};
     bool coarse = false;
     const bool inside = read(p_W, cacheIn(memory), row, coarse);
     return {row[0], Vec3(row[1], row[2], row[3]), inside, coarse};
@@ -371,7 +368,7 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
     const auto fall = [&](const Level& of, typename Level::Cache& cache) {
       out = of.firstFall(a_W, b_W, level, sign, cache);
     };
-    if (byOneLevel(a_W, a_W, b_W, cacheIn(memory), fall)) return out;
+    if (byOneLevel(a_W, b_W, cacheIn(memory), fall)) return out;
     return ScalarField::firstFall(a_W, b_W, level, sign, memory);
   }
 
@@ -379,15 +376,15 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   /// Of the levels that a place is read at, blended as values are.
   template <class Out, class Of>
   [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
-    Cache& cache = cacheIn(memory);
-    Row row;
-    bool coarse = false;
-    (void)read(p_W, cache, row, coarse);
-    const Out fine = of(levels()[static_cast<std::size_t>(cache.fine.level)], cache.fine.cache);
-    if (cache.share >= 1.0) return fine;
-    return cache.share * fine +
-           (1.0 - cache.share) *
-               of(levels()[static_cast<std::size_t>(cache.coarse.level)], cache.coarse.cache);
+    Out out{};
+    bool first = true;
+    (void)readLevels(p_W, cacheIn(memory),
+                     [&](double weight, int level, Read& read, const Row& /*row*/, bool /*in*/) {
+                       const Out one = of(levels()[static_cast<std::size_t>(level)], read.cache);
+                       out = first ? Out(weight * one) : Out(out + weight * one);
+                       first = false;
+                     });
+    return out;
   }
 };
 
@@ -399,7 +396,7 @@ class BrickVectorField final : public BrickField<VectorField, 3> {
 
   [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
     VectorSample out;
-    Row row;
+    Row row{};
     out.inside = read(p_W, cacheIn(memory), row, out.coarse);
     out.value = Vec3(row[0], row[1], row[2]);
     std::copy_n(row.begin() + 3, 9, out.jacobian.data());
@@ -413,7 +410,7 @@ class BrickVectorField final : public BrickField<VectorField, 3> {
     const auto go = [&](const Level& of, typename Level::Cache& cache) {
       out = of.trace(p_W, order, this->frame().voxel, cache);
     };
-    if (byOneLevel(p_W, p_W - reach, p_W + reach, cacheIn(memory), go)) return out;
+    if (byOneLevel(p_W - reach, p_W + reach, cacheIn(memory), go)) return out;
     return VectorField::trace(p_W, order, memory);
   }
 };

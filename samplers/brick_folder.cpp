@@ -55,6 +55,19 @@ bool BrickFolder::isGone() const noexcept {
   return ::fstat(folder_, &status) != 0 || status.st_nlink == 0;
 }
 
+BrickFolder::Stamp BrickFolder::stamp() const noexcept {
+  struct stat status {};
+  if (::fstat(folder_, &status) != 0) return {};
+  return {status.st_dev, status.st_ino, 0};
+}
+
+BrickFolder::Stamp BrickFolder::stampOf(const std::string& name) const noexcept {
+  struct stat status {};
+  if (::fstatat(folder_, name.c_str(), &status, 0) != 0) return {};
+  constexpr std::int64_t kSecond = 1'000'000'000;
+  return {status.st_dev, status.st_ino, status.st_mtim.tv_sec * kSecond + status.st_mtim.tv_nsec};
+}
+
 bool BrickFolder::has(const std::string& name) const noexcept {
   return ::faccessat(folder_, name.c_str(), F_OK, 0) == 0;
 }

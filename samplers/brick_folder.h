@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <span>
 #include <string>
@@ -21,6 +22,20 @@ class BrickFolder {
   [[nodiscard]] const std::filesystem::path& path() const noexcept { return path_; }
   /// It has been removed.
   [[nodiscard]] bool isGone() const noexcept;
+  /// What changes when a file or a folder is replaced.
+  struct Stamp {
+    std::uint64_t device = 0;
+    std::uint64_t file = 0;
+    std::int64_t time = 0;  ///< When a file was written [ns].
+
+    [[nodiscard]] bool isNone() const noexcept { return *this == Stamp(); }
+    [[nodiscard]] bool operator==(const Stamp&) const = default;
+  };
+  /// Of the folder itself; not of what is in it.
+  [[nodiscard]] Stamp stamp() const noexcept;
+  /// Of a file in it; none where there is none.
+  [[nodiscard]] Stamp stampOf(const std::string& name) const noexcept;
+
   /// It holds something of that name.
   [[nodiscard]] bool has(const std::string& name) const noexcept;
 

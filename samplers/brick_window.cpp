@@ -12,6 +12,7 @@
 #include <set>
 #include <sys/mman.h>
 #include <system_error>
+#include <unistd.h>
 #include <utility>
 
 #include "palpate/engine/error.h"
@@ -37,13 +38,18 @@ constexpr double kTurned = kBrickSide / 2.0;
 constexpr int kMostAhead = 24;
 /// A window needs so many bricks' room besides: what is being read, packed and unpacked.
 constexpr std::uint64_t kReading = 2;
-constexpr std::size_t kMostTroubles = 16;
-/// What the system could not read now is tried again after this, and then the volume is looked for.
+/// So many lines of a kind are told, of all that there will be.
+constexpr int kMostTroubles = 8;
+/// What could not be had is tried again after this, then after twice as long, and so on
 constexpr std::chrono::seconds kAgain{1};
+/// up to that.
+constexpr std::chrono::seconds kRarest{32};
+/// The volume is looked for so often; missing twice it is gone.
+constexpr std::chrono::seconds kLook{1};
 /// Who tells nothing for so long is no hand any more.
 constexpr std::chrono::seconds kSilent{1};
-/// In place of a brick: all of them.
-constexpr BrickId kAll{-1, {}};
+/// A window takes no more than so much of the machine's memory.
+constexpr double kMostOfMemory = 0.75;
 
 int floorDiv(int a, int b) noexcept {
   return a >= 0 ? a / b : -((-a + b - 1) / b);
@@ -111,7 +117,8 @@ struct BrickWindow::Pool {
   Pool(const Pool&) = delete;
   Pool& operator=(const Pool&) = delete;
   ~Pool() {
-    if (words != nullptr) munmap(words, slots * words_per_slot * sizeof(Word));
+    if (words != nullptr)
+      munmap(words, std::max<std::size_t>(slots, 1) * words_per_slot * sizeof(Word));
   }
 
   [[nodiscard]] Word load(std::size_t slot, std::size_t word) const noexcept {
@@ -134,7 +141,9 @@ struct BrickWindow::Pool {
   std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
   std::vector<Constant> constants;
   std::vector<std::atomic<Word>> generations;
+  std::vector<std::atomic<std::int64_t>> arrivals;  ///< By slot: when [ns of the steady clock].
   double horizon;
+  bool waits;
   std::array<Told, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};
   std::atomic<std::uint64_t> aimed{0};  ///< Counts what choose() has to look at.
@@ -145,19 +154,37 @@ struct BrickWindow::Pool {
 };
 
 BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& params)
-    : levels(manifest.levels()), format(manifest.format()), horizon(params.horizon) {
+    : levels(manifest.levels()),
+      format(manifest.format()),
+      horizon(params.horizon),
+      waits(params.waits) {
   words_per_slot = (format.bytes() + 63) / 64 * 64 / sizeof(Word);
   const std::uint64_t brick = words_per_slot * sizeof(Word);
   std::uint64_t besides = kReading * brick;
   for (const BrickLevel& level : levels) besides += level.bricks() * sizeof(std::uint64_t);
+  std::uint64_t stored = 0;
+  for (std::int32_t l = 0; l < static_cast<std::int32_t>(levels.size()); ++l) {
+    for (const BrickEntry& entry : manifest.entries(l)) {
+      stored += entry.kind == BrickKind::kStored ? 1 : 0;
+    }
+  }
   slots = params.budget > besides ? (params.budget - besides) / brick : 0;
-  const std::uint64_t coarsest = levels.back().bricks();
-  if (slots < coarsest + kLeastSlots) {
-    const std::uint64_t least = (coarsest + kLeastSlots) * brick + besides;
+  slots = std::min<std::uint64_t>(slots, stored);
+  const std::uint64_t least = std::min(stored, levels.back().bricks() + kLeastSlots);
+  if (slots < least) {
+    throw VolumeError(
+        manifest.info().name,
+        "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
+            std::to_string(slots) + " of its bricks",
+        "give it " + std::to_string(((least * brick + besides) >> 20U) + 1) + " MB or more");
+  }
+  const double memory =
+      static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  if (static_cast<double>(slots * brick) > kMostOfMemory * memory) {
     throw VolumeError(manifest.info().name,
-                      "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +
-                          std::to_string(slots) + " of its bricks",
-                      "give it " + std::to_string((least >> 20U) + 1) + " MB or more");
+                      "a window of " + std::to_string(slots * brick >> 20U) +
+                          " MB is more than the machine's memory has room for",
+                      "give it less");
   }
   constants.push_back({manifest.background(), false});
   for (const BrickLevel& level : levels) {
@@ -180,16 +207,17 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
     }
   }
   generations = std::vector<std::atomic<Word>>(slots);
-  const std::size_t bytes = slots * words_per_slot * sizeof(Word);
-  void* memory = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
+  arrivals = std::vector<std::atomic<std::int64_t>>(slots);
+  const std::size_t bytes = std::max<std::size_t>(slots, 1) * words_per_slot * sizeof(Word);
+  void* mapped = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-  if (memory == MAP_FAILED) {
+  if (mapped == MAP_FAILED) {
     throw VolumeError(manifest.info().name,
                       "there is no memory for a window of " + std::to_string(bytes >> 20U) + " MB",
                       "give it less");
   }
-  words = static_cast<Word*>(memory);
-  locked = params.lock && mlock(memory, bytes) == 0;
+  words = static_cast<Word*>(mapped);
+  locked = params.lock && mlock(mapped, bytes) == 0;
 }
 
 std::optional<std::size_t> BrickWindow::Pool::placeOf(std::int32_t level, int i, int j,
@@ -217,7 +245,7 @@ struct BrickWindow::Loader {
   [[nodiscard]] bool settle(Clock::time_point until);
   void choose();
   void take(const BrickArrival& arrival);
-  void tell(const std::string& line);
+  void tell(const BrickArrival& of);
   void look(Clock::time_point now);
   void listen(Clock::time_point now);
   void publish(const BrickId& id, std::size_t slot);
@@ -235,12 +263,15 @@ struct BrickWindow::Loader {
   std::vector<std::optional<BrickId>> owners;
   std::map<BrickId, double> wanted;  ///< By how far they are.
   std::set<BrickId> awaited;
-  std::set<BrickId> failed;
-  std::map<BrickId, Clock::time_point> again;
-  std::optional<BrickId> probe;            ///< A brick to be looked for when all have gone.
-  std::optional<Clock::time_point> doubt;  ///< Since when something could not be read.
+  struct Failing {
+    Clock::time_point again;
+    std::chrono::seconds wait = kAgain;
+  };
+  std::map<BrickId, Failing> failing;  ///< What could not be had.
+  bool doubt = false;                  ///< The volume was not there when it was looked for last.
   Clock::time_point looked;
-  std::set<BrickId> told;  ///< Which of these bricks, kAll for a volume that has gone.
+  std::set<std::pair<BrickId, BrickStatus>> told;
+  std::map<BrickStatus, int> lines;  ///< Told of a kind.
   struct Heard {
     std::uint32_t beats = 0;
     Clock::time_point at;
@@ -249,7 +280,6 @@ struct BrickWindow::Loader {
   std::array<Heard, kMostHands> heard;
   std::size_t pinned = 0;
   std::vector<std::string> troubles;
-  std::uint64_t untold = 0;
 
   std::atomic<std::uint64_t> chosen{0};  ///< What Pool::aimed was.
   std::atomic<std::size_t> pending{0};   ///< As many as awaited.
@@ -277,8 +307,8 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
     publish(id, free.back());
     free.pop_back();
     ++pinned;
-    probe = id;
   }
+  looked = Clock::now();
   thread = std::thread([this] { run(); });
 }
 
@@ -300,6 +330,8 @@ void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   pool.store(slot, staging);
   generation.store(next + 1, std::memory_order_release);
   owners[slot] = id;
+  pool.arrivals[slot].store(Clock::now().time_since_epoch() / std::chrono::nanoseconds(1),
+                            std::memory_order_relaxed);
   const Entry entry(Entry::kSlot, static_cast<Word>(slot), next + 1);
   pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].store(entry.bits(),
                                                                      std::memory_order_release);
@@ -345,17 +377,17 @@ void BrickWindow::Loader::choose() {
   std::vector<Place> places;
   for (std::size_t h = 0; h < kMostHands; ++h) {
     if (!heard[h].alive) continue;
-    const auto told = pool.hands[h].read();
-    if (!told || !told->probe.allFinite()) continue;
-    if (told->proxy.allFinite()) places.push_back({told->proxy, 0.0, kReach});
-    const Vec3& v = told->velocity;
+    const auto aim = pool.hands[h].read();
+    if (!aim || !aim->probe.allFinite()) continue;
+    if (aim->proxy.allFinite()) places.push_back({aim->proxy, 0.0, kReach});
+    const Vec3& v = aim->velocity;
     const Vec3 way = v.allFinite() ? Vec3(pool.horizon * v) : Vec3(Vec3::Zero());
-    places.push_back({told->probe, 0.0, kReach});
+    places.push_back({aim->probe, 0.0, kReach});
     const int ahead =
         static_cast<int>(std::min<double>(kMostAhead, std::ceil(way.norm() / kBrickSide)));
     for (int i = 1; i <= ahead; ++i) {
       const double share = static_cast<double>(i) / ahead;
-      places.push_back({told->probe + share * way, share, kReachAhead});
+      places.push_back({aim->probe + share * way, share, kReachAhead});
     }
   }
   std::map<BrickId, double> all;
@@ -382,7 +414,7 @@ void BrickWindow::Loader::choose() {
             const auto known = all.find(id);
             if (known != all.end() && known->second <= key) continue;
             const Entry entry(pool.tables[l][placeOf(id)].load(std::memory_order_relaxed));
-            if (entry.kind() == Entry::kConstant || failed.contains(id)) continue;
+            if (entry.kind() == Entry::kConstant) continue;
             all[id] = key;
           }
         }
@@ -403,10 +435,7 @@ void BrickWindow::Loader::choose() {
     const Entry entry(pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].load(
         std::memory_order_relaxed));
     if (entry.resident()) continue;
-    if (const auto later = again.find(id); later != again.end()) {
-      if (later->second > now) continue;
-      again.erase(later);
-    }
+    if (const auto of = failing.find(id); of != failing.end() && of->second.again > now) continue;
     awaited.insert(id);
     wishes.push_back({id, -key});
   }
@@ -415,41 +444,33 @@ void BrickWindow::Loader::choose() {
   changed.notify_all();
 }
 
-void BrickWindow::Loader::tell(const std::string& line) {
-  if (troubles.size() < kMostTroubles) {
-    troubles.push_back(line);
-  } else {
-    ++untold;
-  }
+/// Once each brick and trouble, and not many of a kind.
+void BrickWindow::Loader::tell(const BrickArrival& of) {
+  const bool all = of.status == BrickStatus::kGone;
+  if (!told.insert({all ? BrickId{} : of.id, of.status}).second) return;
+  const int count = ++lines[of.status];
+  if (count > kMostTroubles) return;
+  std::string line = of.why;
+  if (all) line += ": what is in memory is felt on";
+  if (count == kMostTroubles) line += "; more like it are only counted";
+  troubles.push_back(std::move(line));
 }
 
 void BrickWindow::Loader::take(const BrickArrival& arrival) {
-  const Clock::time_point now = Clock::now();
-  switch (arrival.status) {
-    case BrickStatus::kArrived: {
-      ++fetched;
-      const Entry entry(
-          pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
-              std::memory_order_relaxed));
-      if (!entry.resident()) {
-        if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
-      }
-      break;
+  if (arrival.status == BrickStatus::kArrived) {
+    ++fetched;
+    failing.erase(arrival.id);
+    const Entry entry(
+        pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
+            std::memory_order_relaxed));
+    if (!entry.resident()) {
+      if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
     }
-    case BrickStatus::kGone:
-    case BrickStatus::kUnreadable: {
-      again[arrival.id] = now + kAgain;
-      const bool all = arrival.status == BrickStatus::kGone;
-      if (!doubt) doubt = looked = now;
-      if (told.insert(all ? kAll : arrival.id).second) {
-        tell(arrival.why + (all ? ": what is in memory is felt on" : ""));
-      }
-      break;
-    }
-    default:
-      failed.insert(arrival.id);
-      tell(arrival.why);
-      break;
+  } else {
+    const auto [of, first] = failing.try_emplace(arrival.id);
+    if (!first) of->second.wait = std::min(2 * of->second.wait, kRarest);
+    of->second.again = Clock::now() + of->second.wait;
+    tell(arrival);
   }
   awaited.erase(arrival.id);
   pending = awaited.size();
@@ -458,20 +479,24 @@ void BrickWindow::Loader::take(const BrickArrival& arrival) {
 
 /// Whether the volume is there at all.
 void BrickWindow::Loader::look(Clock::time_point now) {
-  {
-    const std::lock_guard lock(mutex);
-    if (!doubt || now - looked < kAgain) return;
-    looked = now;
-  }
-  const bool there = !probe || source.read(*probe, staging).status == BrickStatus::kArrived;
-  gone = !there;
-  if (!there) return;
+  if (now - looked < kLook) return;
+  looked = now;
+  const bool there = source.isThere();
   const std::lock_guard lock(mutex);
-  doubt.reset();
-  told.erase(kAll);
+  const bool doubted = std::exchange(doubt, !there);
+  if (!there && doubted && !gone) {
+    gone = true;
+    // Also where nothing had to be fetched meanwhile.
+    tell({{},
+          BrickStatus::kGone,
+          source.manifest().info().name + ": the volume is not there any more: bring it back"});
+  }
+  if (!there || !doubted) return;
+  gone = false;
+  std::erase_if(told, [](const auto& of) { return of.second == BrickStatus::kGone; });
+  lines.erase(BrickStatus::kGone);
   // What was missing may have been on its way out.
-  failed.clear();
-  again.clear();
+  failing.clear();
   choose();
 }
 
@@ -479,17 +504,21 @@ void BrickWindow::Loader::look(Clock::time_point now) {
 void BrickWindow::Loader::listen(Clock::time_point now) {
   for (std::size_t h = 0; h < kMostHands; ++h) {
     Heard& hand = heard[h];
-    const std::uint32_t beats = pool.hands[h].beats.load(std::memory_order_relaxed);
+    const std::uint32_t beats = pool.hands[h].beats.load(std::memory_order_acquire);
     const bool beat = beats != std::exchange(hand.beats, beats);
     if (beat) hand.at = now;
-    if (beat == hand.alive || (hand.alive && now - hand.at < kSilent)) continue;
+    if (beat == hand.alive) continue;
+    // In virtual time nobody knows how long a tick takes.
+    if (hand.alive && (pool.waits || now - hand.at < kSilent)) continue;
     hand.alive = beat;
     pool.aimed.fetch_add(1, std::memory_order_release);
   }
 }
 
 bool BrickWindow::Loader::due(Clock::time_point now) const {
-  return std::any_of(again.begin(), again.end(), [&](const auto& of) { return of.second <= now; });
+  return std::any_of(failing.begin(), failing.end(), [&](const auto& of) {
+    return of.second.again <= now && wanted.contains(of.first) && !awaited.contains(of.first);
+  });
 }
 
 void BrickWindow::Loader::run() {
@@ -506,12 +535,12 @@ void BrickWindow::Loader::run() {
       }
     }
     look(begin);
-    while (!stop && Clock::now() - begin < kTurn) {
+    do {
       const auto arrival = source.next(staging, kTurn);
       if (!arrival) break;
       const std::lock_guard lock(mutex);
       take(*arrival);
-    }
+    } while (!stop && Clock::now() - begin < kTurn);
   }
 }
 
@@ -544,6 +573,7 @@ void BrickWindow::aim(std::size_t hand, const Aim& at) const noexcept {
   Told& told = pool_->hands[hand];
   const Aim last = told.last();
   const bool known = told.count.load(std::memory_order_relaxed) != 0;
+  told.beats.fetch_add(1, std::memory_order_release);
   const auto near = [](const Vec3& a, const Vec3& b, double most) {
     return (a - b).squaredNorm() <= most * most;  // false where one is no number
   };
@@ -552,7 +582,6 @@ void BrickWindow::aim(std::size_t hand, const Aim& at) const noexcept {
     told.write(at);
     pool_->aimed.fetch_add(1, std::memory_order_release);
   }
-  told.beats.fetch_add(1, std::memory_order_relaxed);
 }
 
 BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k) const noexcept {
@@ -560,6 +589,12 @@ BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k)
   if (!place) return {Entry::kConstant, 0, 0};
   return Entry(
       pool_->tables[static_cast<std::size_t>(level)][*place].load(std::memory_order_acquire));
+}
+
+std::int64_t BrickWindow::arrival(const Entry& entry) const noexcept {
+  return entry.kind() == Entry::kSlot
+             ? pool_->arrivals[entry.index()].load(std::memory_order_relaxed)
+             : std::numeric_limits<std::int64_t>::min();
 }
 
 bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
@@ -623,7 +658,7 @@ WindowState BrickWindow::state() const {
   out.locked = pool_->locked;
   out.gone = loader_->gone;
   const std::lock_guard lock(loader_->mutex);
-  out.failed = loader_->failed.size();
+  out.failed = loader_->failing.size();
   return out;
 }
 
@@ -638,11 +673,7 @@ std::shared_ptr<const Volume> BrickWindow::coarsest() const {
 
 std::vector<std::string> BrickWindow::takeTroubles() const {
   const std::lock_guard lock(loader_->mutex);
-  std::vector<std::string> out = std::exchange(loader_->troubles, {});
-  if (loader_->untold > 0) {
-    out.push_back(std::to_string(std::exchange(loader_->untold, 0)) + " bricks more likewise");
-  }
-  return out;
+  return std::exchange(loader_->troubles, {});
 }
 
 bool BrickWindow::settle(double seconds) const {

@@ -33,7 +33,7 @@ struct WindowState {
   std::uint64_t resident = 0;  ///< Bricks in it, those of the coarsest level included.
   std::uint64_t bytes = 0;     ///< Of pool, tables and what is being fetched.
   std::uint64_t fetched = 0;   ///< Since the window was made.
-  std::uint64_t failed = 0;    ///< Bricks that cannot be had: felt coarse.
+  std::uint64_t failed = 0;    ///< Bricks that could not be had: felt coarse, and tried again.
   bool locked = false;         ///< The pool stays in memory.
   bool gone = false;           ///< As lost().
 };
@@ -108,16 +108,19 @@ class BrickWindow {
   /// Of the brick with the cell (i, j, k) of a level; beyond the pyramid a constant one. RT.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
+  /// When the brick of a slot came [ns of the steady clock]; of others long ago. RT.
+  [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
+
   /// Copies the rows of 4^3 voxels about a cell, lowest corner (i - 1, j - 1, k - 1), and their
   /// active bits as a cell's are laid (cell.h). False: the brick was taken away meanwhile. RT.
   [[nodiscard]] bool copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
                               std::span<float> values, std::uint64_t& active) const noexcept;
 
   [[nodiscard]] WindowState state() const;  ///< As it is now. Takes a lock.
-  /// True once nothing of the volume could be had for a second; false again, within a second, when
-  /// it is there. Until then, and with it, what is in memory is read on. RT: wait-free.
+  /// True while the volume is not there, from one to two seconds after it has gone; see
+  /// BrickSource::isThere. What is in memory is read on. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
-  /// What went wrong since the last call: a line a brick, 16 at most and how many more, and one
+  /// What went wrong since the last call: a line a brick and trouble, once, 8 of a kind; and one
   /// when the whole volume has gone.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until all that is wanted by now is there or known not to be; false where that takes

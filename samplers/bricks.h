@@ -248,6 +248,10 @@ class BrickSource {
   [[nodiscard]] virtual std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                          std::chrono::milliseconds patience) = 0;
 
+  /// Whether the volume is there: what is at its place is finished, and the same. Where it has come
+  /// back it is read from there from now on. Takes as long as a small file.
+  [[nodiscard]] virtual bool isThere() = 0;
+
   /// One brick, now, beside all that is wanted.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 };
@@ -266,6 +270,8 @@ class PosixBricks final : public BrickSource {
   void want(std::vector<BrickWish> wishes) override;
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override;
+  /// By its folder's path and the manifest in there.
+  [[nodiscard]] bool isThere() override;
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override;
 
  private:

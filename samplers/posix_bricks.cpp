@@ -22,13 +22,15 @@ struct PosixBricks::State {
   State(const std::filesystem::path& path, BrickManifest known)
       : manifest(std::move(known)),
         folder(std::make_shared<const BrickFolder>(path)),
-        finished(folder->has(kBrickManifestFile)) {}
+        finished(folder->has(kBrickManifestFile)),
+        manifest_stamp(folder->stampOf(kBrickManifestFile)) {}
 
   BrickManifest manifest;
 
   std::mutex mutex;
   std::shared_ptr<const BrickFolder> folder;  ///< Opened anew where it has been removed.
   const bool finished;                        ///< It had a manifest.
+  BrickFolder::Stamp manifest_stamp;          ///< As it was when it was the volume's.
   std::condition_variable wake;
   std::vector<BrickWish> wishes;  ///< The most urgent last.
   std::vector<BrickId> begun;     ///< Being fetched for next().
@@ -54,18 +56,6 @@ struct PosixBricks::State {
   bool isIn(const BrickFolder& some) const {
     return !some.isGone() && (!finished || some.has(kBrickManifestFile));
   }
-  /// The volume's folder where it has come back to its path; null: it has not.
-  std::shared_ptr<const BrickFolder> again() {
-    try {
-      auto found = std::make_shared<const BrickFolder>(held()->path());
-      if (!isIn(*found)) return nullptr;
-      const std::lock_guard lock(mutex);
-      return folder = std::move(found);
-    } catch (const VolumeError&) {
-      return nullptr;
-    }
-  }
-
   /// Why there is nothing to be read.
   static BrickVerdict verdictOf(int error) {
     if (error == ENOENT || error == ENOTDIR) return {BrickStatus::kMissing, "it is missing"};
@@ -83,17 +73,12 @@ struct PosixBricks::State {
     }
     BrickCodec codec = takeCodec();
     std::size_t got = 0;
-    std::shared_ptr<const BrickFolder> from = held();
-    const std::string object = brickObject(id, manifest.format());
-    int error = from->read(object, codec.object(), got);
-    if (error != 0 && !isIn(*from)) {
-      from = again();
-      if (from != nullptr) error = from->read(object, codec.object(), got);
-    }
-    BrickVerdict verdict =
-        from == nullptr ? BrickVerdict{BrickStatus::kGone, "the volume is not there any more"}
-        : error != 0    ? verdictOf(error)
-                        : codec.decode(id, got, &entry, slot);
+    const std::shared_ptr<const BrickFolder> from = held();
+    const int error = from->read(brickObject(id, manifest.format()), codec.object(), got);
+    BrickVerdict verdict = error == 0  ? codec.decode(id, got, &entry, slot)
+                           : isIn(*from) ? verdictOf(error)
+                                         : BrickVerdict{BrickStatus::kGone,
+                                                        "the volume is not there any more"};
     giveBack(std::move(codec));
     return verdict;
   }
@@ -151,6 +136,25 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
   };
   const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
   return read(id, slot);
+}
+
+bool PosixBricks::isThere() {
+  State& state = *state_;
+  const std::shared_ptr<const BrickFolder> held = state.held();
+  if (!state.finished) return !held->isGone();
+  try {
+    auto found = std::make_shared<const BrickFolder>(held->path());
+    const BrickFolder::Stamp stamp = found->stampOf(kBrickManifestFile);
+    if (stamp.isNone()) return false;
+    if (found->stamp() == held->stamp() && stamp == state.manifest_stamp) return true;
+    if (BrickManifest::read(held->path()).identity() != state.manifest.identity()) return false;
+    const std::lock_guard lock(state.mutex);
+    state.folder = std::move(found);
+    state.manifest_stamp = stamp;
+    return true;
+  } catch (const VolumeError&) {
+    return false;
+  }
 }
 
 BrickArrival PosixBricks::read(const BrickId& id, std::span<std::byte> slot) {

@@ -629,7 +629,8 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     } else if (volume.volume != nullptr) {
       built.volumes[name] = volume.volume;
     } else {
-      if (volume.budget_mb) {
+      std::error_code error;
+      if (volume.budget_mb && std::filesystem::exists(volume.file, error)) {
         throw SceneError(at(spec, fmt::format("/volumes/{}/window", name)),
                          "it is no volume in bricks, and is in memory as a whole",
                          "remove it, or write it in bricks: palpate brick");
@@ -720,6 +721,23 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   }
   things.forgetUnused();
   return built;
+}
+
+SceneSpec coarsely(SceneSpec spec, const BuiltScene& built) {
+  for (const auto& [name, window] : built.windows) {
+    VolumeSpec& volume = spec.volumes.at(name);
+    volume.volume = built.volumes.at(name);
+    volume.budget_mb.reset();
+    // By its own bounds a coarse level would stand elsewhere.
+    const Placement& place = built.placements.at(name);
+    if (volume.place.kind == PlaceSpec::Kind::kLike) continue;
+    const Eigen::Quaterniond rotation(place.rotation);
+    volume.place.kind = PlaceSpec::Kind::kMap;
+    volume.place.scale = place.scale;
+    volume.place.rotation_wxyz = {rotation.w(), rotation.x(), rotation.y(), rotation.z()};
+    volume.place.translate = place.translate;
+  }
+  return spec;
 }
 
 std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device) {

@@ -134,6 +134,10 @@ struct BuiltScene {
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
+/// A scene's volumes in bricks by their coarsest levels, where they stand: to look for places in,
+/// without fetching anything. `built`: of `spec`.
+[[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
+
 /// Lowers a coupling that nobody has asked for to what a device renders. What to tell the user
 /// about it; empty: nothing was changed.
 [[nodiscard]] std::string fitCoupling(SceneSpec& spec, const DeviceInfo& device);

@@ -122,11 +122,10 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
 }
 
 std::vector<fs::path> filesOf(const VolumeSpec& volume) {
+  if (volume.file.empty()) return {};
+  if (isBricks(volume.file)) return {brickManifestFile(volume.file)};
   const auto pattern = patternOf(volume.file);
-  if (!pattern) {
-    if (volume.file.empty()) return {};
-    return {isBricks(volume.file) ? brickManifestFile(volume.file) : volume.file};
-  }
+  if (!pattern) return {volume.file};
   std::vector<fs::path> files;
   for (auto& [number, file] : filesOf(volume.file, *pattern)) files.push_back(file);
   return files;

@@ -325,7 +325,8 @@ int feel(FeelOptions options) {
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
   OrderedJson search;
-  const HandTarget target = targetOf(options, built, search);
+  const HandTarget target = targetOf(
+      options, built.windows.empty() ? built : buildScene(coarsely(spec, built), {}), search);
   // An arm is put down before the program ends, and what was felt is written.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices;
@@ -334,6 +335,11 @@ int feel(FeelOptions options) {
         name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
   }
   const bool replayed = isReplay(options.devices[0]);
+  if (replayed && !built.windows.empty()) {
+    complain(
+        "feel: volumes in bricks are felt as they are now: what was not there in time when it was "
+        "recorded is not told apart");
+  }
   if (replayed) options.rate = rateOfReplays(devices, options);
   std::vector<const Device*> rendered;
   rendered.reserve(devices.size());
@@ -427,7 +433,7 @@ int feel(FeelOptions options) {
           rounded(search["ms"].get<double>()));
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h], to_feel.file);
-    say("{}", run.bricks.words());
+    run.bricks.sayThem();
   }
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);

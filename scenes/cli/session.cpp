@@ -157,17 +157,14 @@ OrderedJson FeltBricks::summary() const {
   return json;
 }
 
-std::string FeltBricks::words() const {
-  std::string text;
+void FeltBricks::sayThem() const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
-    text += fmt::format(
-        "bricks    {}: {} fetched, {} of {} in memory ({} MB){}\n", name, state.fetched,
+    say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
         state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
-        state.failed > 0 ? fmt::format(", {} that cannot be had were felt coarsely", state.failed)
+        state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
                          : "");
   }
-  return text;
 }
 
 void runInVirtualTime(const Run& run) {

@@ -145,7 +145,7 @@ class FeltBricks {
   void tellTroubles() const;
   /// By name; empty where there are none.
   [[nodiscard]] OrderedJson summary() const;
-  [[nodiscard]] std::string words() const;
+  void sayThem() const;
 
  private:
   std::map<std::string, std::shared_ptr<const BrickWindow>> windows_;
@@ -163,7 +163,7 @@ struct Run {
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
   Window* window = nullptr;
-  FeltBricks bricks;
+  FeltBricks bricks{};
 
   /// Before a message about one of several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {

@@ -1,5 +1,6 @@
 /// A window of bricks is felt as the whole volume where its bricks are, and coarsely elsewhere.
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -192,20 +193,24 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   // The hand goes there: what was coarse becomes fine tick by tick, by a fiftieth at most.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
-  double change = 0.0;
+  double excess = -1.0;
   bool fine = false;
   double value = both.ofWindow(there).value;
+  auto last_tick = std::chrono::steady_clock::now();
   for (int tick = 0; tick < 4000 && !fine; ++tick) {
     both.window->attend({there, there, 1e-3}, *both.window_cache);
+    const std::chrono::duration<double> since = std::chrono::steady_clock::now() - last_tick;
+    last_tick += std::chrono::duration_cast<std::chrono::steady_clock::duration>(since);
     const ScalarSample at = both.ofWindow(there);
-    change = std::max(change, std::abs(at.value - value));
+    // Levels differ by up to 1, of which each arrives within 50 ms; three levels may at once.
+    excess = std::max(excess, std::abs(at.value - value) - 3.0 * (since.count() + 1e-3) / 0.05);
     value = at.value;
     fine = !at.coarse;
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   CHECK(fine);
   CHECK(both.same(there, both.ofWindow(there)));
-  CHECK(change < 0.05);
+  CHECK(excess < 0.0);
 }
 
 TEST_CASE("whatever is taken away while it is read, what is told as fine is right",
@@ -308,4 +313,106 @@ TEST_CASE("hands that tell nothing any more, and proxies far from their hands", 
   const Both next(volume, window);
   CHECK_FALSE(next.ofWindow(kVoxel * Vec3(270.0, 30.0, 30.0)).coarse);
   CHECK(next.ofWindow(kVoxel * proxy).coarse);
+}
+
+TEST_CASE("where no brick but the coarsest are there, it is these and nothing else", "[bricks]") {
+  // A ramp: all levels say the same, so that whatever else is read shows.
+  const TemporaryFolder folder;
+  BrickInput ramp;
+  ramp.name = "ramp";
+  ramp.grid_class = GridClass::kFog;
+  ramp.upper = {639, 255, 127};
+  ramp.identity = "ramp";
+  ramp.fill = [](const BrickBox& box) {
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      for (int j = 0; j < kBrickEdge; ++j) {
+        for (int k = 0; k < kBrickEdge; ++k, ++n) {
+          box.values[n] = static_cast<float>(box.lower[1] + j);
+        }
+      }
+    }
+    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
+    return BoxFilled::kEach;
+  };
+  const BrickReport report = writeBricks(folder / "bricks", ramp);
+  REQUIRE(report.manifest.levels().size() == 3);
+  // Faces of level 0 and 1 that coincide, beyond which neither is there.
+  std::vector<BrickId> missing{{1, {1, 0, 0}}, {1, {1, 1, 0}}};
+  for (int n = 0; n < 8; ++n) missing.push_back({0, {2, n / 2, n % 2}});
+  for (const BrickId& id : missing) {
+    REQUIRE(std::filesystem::remove(folder / "bricks" / brickObject(id, report.manifest.format())));
+  }
+  const auto window = windowOf(folder / "bricks", 60, 0.0);
+  const auto field = std::get<0>(makeBrickField(window, placed()));
+  const auto cache = std::make_unique<FieldCache>();
+  field->reset(*cache);
+  window->aim(0, {Vec3(150.0, 60.0, 60.0), Vec3(150.0, 60.0, 60.0), Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  // There and back in steps of a tenth of a voxel, and read elsewhere in between: what is at a
+  // place is always the same.
+  std::vector<double> there;
+  double off = 0.0;
+  double other = 0.0;
+  bool blended = false;
+  for (int way = 0; way < 2; ++way) {
+    for (int i = 0; i < 600; ++i) {
+      const double x = 110.0 + 0.1 * (way == 0 ? i : 599 - i);
+      const ScalarSample at = field->sample(kVoxel * Vec3(x, 60.25, 60.0), *cache);
+      off = std::max(off, std::abs(at.value - 60.25));
+      off = std::max(off, std::abs(kVoxel * at.gradient.y() / kVoxel - 1.0));
+      REQUIRE(at.inside);
+      blended = blended || at.coarse;
+      if (way == 0) {
+        there.push_back(at.value);
+      } else {
+        other = std::max(other, std::abs(at.value - there[static_cast<std::size_t>(599 - i)]));
+      }
+      (void)field->sample(kVoxel * Vec3(300.0, 10.0, 10.0), *cache);
+      (void)field->firstFall(kVoxel * Vec3(x, 60.0, 60.0), kVoxel * Vec3(x + 40.0, 60.0, 60.0), 0.5,
+                             1.0, *cache);
+    }
+  }
+  CHECK(blended);
+  CHECK(off < 1e-4);
+  CHECK(other == 0.0);
+}
+
+TEST_CASE("a wall in a brick that is there stops a path out of one that is not", "[bricks]") {
+  const TemporaryFolder folder;
+  BrickInput wall;
+  wall.name = "wall";
+  wall.grid_class = GridClass::kFog;
+  wall.upper = {319, 127, 127};
+  wall.identity = "wall";
+  wall.fill = [](const BrickBox& box) {
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      const int x = box.lower[0] + i;
+      for (int j = 0; j < kBrickEdge * kBrickEdge; ++j, ++n) {
+        box.values[n] = x == 142 ? 2.0F : 0.0F;
+      }
+    }
+    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
+    return BoxFilled::kEach;
+  };
+  const BrickReport report = writeBricks(folder / "bricks", wall);
+  for (const int j : {0, 1}) {
+    for (const int k : {0, 1}) {
+      std::filesystem::remove(folder / "bricks" /
+                              brickObject({0, {1, j, k}}, report.manifest.format()));
+    }
+  }
+  const auto window = windowOf(folder / "bricks", 60, 0.0);
+  const auto field = std::get<0>(makeBrickField(window, placed()));
+  const auto cache = std::make_unique<FieldCache>();
+  field->reset(*cache);
+  window->aim(0, {Vec3(120.0, 60.0, 60.0), Vec3(120.0, 60.0, 60.0), Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  for (double x = 100.0; x < 140.0; x += 0.5) {
+    CAPTURE(x);
+    const Crossing met = field->firstFall(kVoxel * Vec3(x, 60.0, 60.0),
+                                          kVoxel * Vec3(150.0, 60.0, 60.0), 1.5, -1.0, *cache);
+    CHECK(met.found);
+  }
 }

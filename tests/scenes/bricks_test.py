@@ -344,7 +344,7 @@ class Felt(Case):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")
         out, summary = self.feel("bricks.json", "bricks.csv")
-        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ of \d+ in memory \(\d+")
+        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
         self.assertEqual(summary["coarse_share"], 0)
         self.assertGreater(summary["felt_share"], 0.5)
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)
@@ -377,8 +377,9 @@ class Felt(Case):
     def test_a_recording_is_felt_again(self):
         self.skin()
         self.feel("bricks.json", "bricks.csv", "--record", self.dir / "felt.rec")
-        run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}", "--record",
-            self.dir / "again.rec")
+        again = run("feel", self.dir / "felt.rec", "--device", f"replay:{self.dir / 'felt.rec'}",
+                    "--record", self.dir / "again.rec")
+        self.assertIn("bricks are felt as they are now", again.stderr)
         said = json.loads(run("compare", self.dir / "felt.rec", self.dir / "again.rec", "--json").stdout)
         self.assertTrue(said["identical"], said)
 
