@@ -88,6 +88,7 @@ struct Held {
 struct Run {
   std::vector<Ticks::Row> ticks;
   std::vector<Held> held;
+  bool cut = false;  ///< By a fault: of a loop that was kept from its core for 5 ms.
 };
 
 std::vector<PathPoint> wayOf(const FineHead& head, double speed, double length) {
@@ -118,8 +119,22 @@ Run feel(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>
     const std::chrono::duration<double> since = std::chrono::steady_clock::now() - begin;
     run.held.push_back({since.count(), window->state()});
   }
+  run.cut = thread.latest().fault != Fault::kNone;
   thread.stop();
   run.ticks = ticks.felt();
+  return run;
+}
+
+/// The same, again where the machine kept the loop from its core.
+Run feelWhole(const std::shared_ptr<const Scene>& scene, const std::vector<PathPoint>& path,
+              const BrickWindow* window) {
+  constexpr int kMost = 5;
+  Run run;
+  for (int i = 0; i < kMost; ++i) {
+    run = feel(scene, path, window);
+    if (!run.cut) return run;
+    std::printf("a run was cut: the loop was kept from its core for 5 ms; once more\n");
+  }
   return run;
 }
 
@@ -245,8 +260,8 @@ void measure(const Options& options) {
   const double looked_at = static_cast<double>(through.volumes.at("head")->memory());
   const std::vector<PathPoint> slow = wayOf(head, 0.3, 1.8);
   const std::vector<PathPoint> fast = wayOf(head, 2.0, 6.0);
-  const Run at_first = feel(through.scene, slow, &window);
-  const Run in_haste = feel(through.scene, fast, &window);
+  const Run at_first = feelWhole(through.scene, slow, &window);
+  const Run in_haste = feelWhole(through.scene, fast, &window);
   const double memory = used() - before - looked_at;
   std::printf(
       "budget %.1f MB: %llu bricks; memory %.1f MB by the system, %.1f MB by its own word\n",
@@ -270,12 +285,12 @@ void measure(const Options& options) {
   for (int pair = 0; pair < options.pairs; ++pair) {
     Json both;
     const auto wholly = [&] {
-      const Run run = feel(in_memory.scene, slow, nullptr);
+      const Run run = feelWhole(in_memory.scene, slow, nullptr);
       of_whole.insert(of_whole.end(), run.ticks.begin(), run.ticks.end());
       both["whole"] = jsonOf(Figures(run.ticks));
     };
     const auto streamed = [&] {
-      const Run run = feel(through.scene, slow, &window);
+      const Run run = feelWhole(through.scene, slow, &window);
       of_window.insert(of_window.end(), run.ticks.begin(), run.ticks.end());
       both["window"] = jsonOf(Figures(run.ticks));
     };
@@ -293,7 +308,7 @@ void measure(const Options& options) {
   }
   std::vector<Ticks::Row> rushed = in_haste.ticks;
   result["haste"] = {{"window", jsonOf(Figures(rushed))}};
-  const Run fast_whole = feel(in_memory.scene, fast, nullptr);
+  const Run fast_whole = feelWhole(in_memory.scene, fast, nullptr);
   result["haste"]["whole"] = jsonOf(Figures(fast_whole.ticks));
   print("2 m/s, in memory", result["haste"]["whole"]);
   print("2 m/s, through the window", result["haste"]["window"]);

@@ -21,8 +21,8 @@ using detail::LatticeReader;
 
 /// Over so many voxels of a level the next one takes over.
 constexpr double kFade = 4.0;
-/// A brick that arrives takes over in so long [ns].
-constexpr double kArrives = 50e6;
+/// A brick that arrives where a hand is takes over in so long [ns].
+constexpr double kArrives = 10e6;
 /// A hand's velocity is smoothed so long [s]: its encoder counts in steps.
 constexpr double kSmooth = 0.02;
 /// What is waited for in virtual time [s].
@@ -180,29 +180,44 @@ class BrickField : public Base {
     }
     return cell;
   }
-  /// How far the brick that a cell is read from has arrived, 0 to 1.
-  [[nodiscard]] double arrived(int level, const std::array<int, 3>& cell,
-                               std::int64_t now) const noexcept {
-    const BrickWindow::Entry entry = window_->entryAt(level, cell[0], cell[1], cell[2]);
+  /// How far a brick has arrived, 0 to 1.
+  [[nodiscard]] double arrived(const BrickWindow::Entry& entry, std::int64_t now) const noexcept {
     if (!entry.resident()) return 0.0;
     const double age = static_cast<double>(now) - static_cast<double>(window_->arrival(entry));
     return std::clamp(age / kArrives, 0.0, 1.0);
   }
+  [[nodiscard]] BrickWindow::Entry entryOf(int level,
+                                           const std::array<int, 3>& cell) const noexcept {
+    return window_->entryAt(level, cell[0], cell[1], cell[2]);
+  }
+  /// A place in the index space of a level, and the brick that its cell is read from.
+  struct At {
+    Vec3 p_I;
+    std::array<int, 3> cell;
+    BrickWindow::Entry entry;
+  };
+  [[nodiscard]] At atLevel(const Vec3& p_W, int level) const noexcept {
+    At out;
+    out.p_I = maps_[static_cast<std::size_t>(level)](p_W);
+    out.cell = cellOf(out.p_I);
+    out.entry = entryOf(level, out.cell);
+    return out;
+  }
   /// The share s of a level at a place: of each brick within kFade voxels what has arrived of it,
   /// and the way to it; the least of these. So continuous in space, and in time as bricks arrive.
-  [[nodiscard]] double shareAt(const Vec3& p_I, int level, std::int64_t now) const noexcept {
-    const std::array<int, 3> cell = cellOf(p_I);
-    double least = arrived(level, cell, now);
+  [[nodiscard]] double shareAt(const At& at, int level, std::int64_t now) const noexcept {
+    double least = arrived(at.entry, now);
     std::array<int, 3> side{};
     std::array<double, 3> off{};
     for (std::size_t a = 0; a < 3; ++a) {
-      const int first = cell[a] & ~(kBrickSide - 1);
-      const double in = p_I[static_cast<Eigen::Index>(a)] - first;
+      const int first = at.cell[a] & ~(kBrickSide - 1);
+      const double in = at.p_I[static_cast<Eigen::Index>(a)] - first;
       side[a] = in < kFade ? -1 : in > kBrickSide - kFade ? 1 : 0;
       off[a] = (side[a] < 0 ? in : kBrickSide - in) / kFade;
     }
+    if (side == std::array{0, 0, 0}) return least;
     for (unsigned set = 1; set < 8; ++set) {
-      std::array<int, 3> other = cell;
+      std::array<int, 3> other = at.cell;
       double squared = 0.0;
       bool near = true;
       for (std::size_t a = 0; a < 3; ++a) {
@@ -212,21 +227,20 @@ class BrickField : public Base {
         squared += off[a] * off[a];
       }
       if (!near || squared >= least * least) continue;
-      least = std::min(least, arrived(level, other, now) + std::sqrt(squared));
+      least = std::min(least, arrived(entryOf(level, other), now) + std::sqrt(squared));
     }
     return least;
   }
 
   /// Readies the cache of a level for a place; false: a copy was torn.
-  [[nodiscard]] bool readAt(int level, const Vec3& p_W, Read& read, Row& row,
+  [[nodiscard]] bool readAt(int level, const At& at, const Vec3& p_W, Read& read, Row& row,
                             bool& inside) const noexcept {
-    const auto n = static_cast<std::size_t>(level);
-    const std::array<int, 3> cell = cellOf(maps_[n](p_W));
-    const auto entry = window_->entryAt(level, cell[0], cell[1], cell[2]);
-    if (read.level != level || !(read.cache.source.entry == entry)) read.cache.cell.fill(kNoCell);
+    if (read.level != level || !(read.cache.source.entry == at.entry)) {
+      read.cache.cell.fill(kNoCell);
+    }
     read.level = level;
     read.cache.source.whole = true;
-    inside = levels_[n].read(p_W, read.cache, row);
+    inside = levels_[static_cast<std::size_t>(level)].read(p_W, read.cache, row);
     if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
     return read.cache.source.whole;
   }
@@ -241,13 +255,13 @@ class BrickField : public Base {
     double left = 1.0;
     bool any = false;
     for (int level = 0; level <= last; ++level) {
-      const auto n = static_cast<std::size_t>(level);
-      const double share = level == last ? 1.0 : shareAt(maps_[n](p_W), level, cache.now);
+      const At at = atLevel(p_W, level);
+      const double share = level == last ? 1.0 : shareAt(at, level, cache.now);
       if (!(share > 0.0)) continue;
       Read& read = any ? cache.coarse : cache.fine;
       Row row;
       bool inside = false;
-      if (!readAt(level, p_W, read, row, inside) && level < last) continue;
+      if (!readAt(level, at, p_W, read, row, inside) && level < last) continue;
       add(left * share, level, read, row, inside);
       if (share >= 1.0) return level > 0 || any;
       any = true;
@@ -290,7 +304,7 @@ class BrickField : public Base {
     for (int i = low[0] & ~63; i <= high[0]; i += kBrickSide) {
       for (int j = low[1] & ~63; j <= high[1]; j += kBrickSide) {
         for (int k = low[2] & ~63; k <= high[2]; k += kBrickSide) {
-          const double share = arrived(level, {i, j, k}, now);
+          const double share = arrived(entryOf(level, {i, j, k}), now);
           ++out.all;
           out.resident += share > 0.0 ? 1 : 0;
           out.arrived += share >= 1.0 ? 1 : 0;

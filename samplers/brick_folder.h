@@ -24,12 +24,12 @@ class BrickFolder {
   [[nodiscard]] bool isGone() const noexcept;
   /// What changes when a file or a folder is replaced.
   struct Stamp {
-    std::uint64_t device = 0;
-    std::uint64_t file = 0;
-    std::int64_t time = 0;  ///< When a file was written [ns].
+    std::uint64_t device = 0;  ///< Where it is,
+    std::uint64_t file = 0;    ///< and which there.
+    std::int64_t time = 0;     ///< When a file was written [ns].
 
-    [[nodiscard]] bool isNone() const noexcept { return *this == Stamp(); }
-    [[nodiscard]] bool operator==(const Stamp&) const = default;
+    [[nodiscard]] bool isNone() const noexcept { return *this == Stamp(); }  ///< There was none.
+    [[nodiscard]] bool operator==(const Stamp&) const = default;  ///< For the same, unchanged.
   };
   /// Of the folder itself; not of what is in it.
   [[nodiscard]] Stamp stamp() const noexcept;

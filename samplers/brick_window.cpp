@@ -1,6 +1,7 @@
 #include "palpate/samplers/brick_window.h"
 
 #include <algorithm>
+#include <bit>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -35,7 +36,9 @@ constexpr double kMoved = 8.0;
 /// or where it will be [voxels].
 constexpr double kTurned = kBrickSide / 2.0;
 /// The way ahead is looked at once a brick, in so many places at most.
-constexpr int kMostAhead = 24;
+constexpr int kMostAhead = 8;
+/// A brick of way ahead counts as so much off it: the way is not straight.
+constexpr double kAhead = 0.15;
 /// A window needs so many bricks' room besides: what is being read, packed and unpacked.
 constexpr std::uint64_t kReading = 2;
 /// So many lines of a kind are told, of all that there will be.
@@ -48,6 +51,10 @@ constexpr std::chrono::seconds kRarest{32};
 constexpr std::chrono::seconds kLook{1};
 /// Who tells nothing for so long is no hand any more.
 constexpr std::chrono::seconds kSilent{1};
+/// So near to a brick a proxy may read it before the next one is told of [voxels of level 0].
+constexpr double kFelt = 16.0;
+/// When what was never awaited came [ns].
+constexpr std::int64_t kLongAgo = std::numeric_limits<std::int64_t>::min();
 /// A window takes no more than so much of the machine's memory.
 constexpr double kMostOfMemory = 0.75;
 
@@ -249,6 +256,7 @@ struct BrickWindow::Loader {
   void look(Clock::time_point now);
   void listen(Clock::time_point now);
   void publish(const BrickId& id, std::size_t slot);
+  [[nodiscard]] bool isFelt(const BrickId& id) const noexcept;
   [[nodiscard]] std::size_t placeOf(const BrickId& id) const noexcept;
   [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
   [[nodiscard]] bool due(Clock::time_point now) const;
@@ -321,6 +329,26 @@ std::size_t BrickWindow::Loader::placeOf(const BrickId& id) const noexcept {
   return place;
 }
 
+/// Whether a proxy is in a brick or beside it: there a brick is not to step in.
+bool BrickWindow::Loader::isFelt(const BrickId& id) const noexcept {
+  const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
+  const double size = std::ldexp(1.0, id.level);
+  for (std::size_t h = 0; h < kMostHands; ++h) {
+    if (!heard[h].alive) continue;
+    const auto aim = pool.hands[h].read();
+    if (!aim) return true;  // being told now
+    Vec3 off;
+    const Vec3 at = toLevel(aim->proxy, id.level);
+    for (std::size_t a = 0; a < 3; ++a) {
+      const auto n = static_cast<Eigen::Index>(a);
+      const double first = kBrickSide * (level.first[a] + id.at[a]);
+      off[n] = at[n] - std::clamp(at[n], first, first + kBrickSide);
+    }
+    if (!(size * off.norm() > kFelt)) return true;
+  }
+  return false;
+}
+
 /// The slot is nobody's: a reader that still copies from it sees its generation change.
 void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   std::atomic<Word>& generation = pool.generations[slot];
@@ -330,8 +358,10 @@ void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   pool.store(slot, staging);
   generation.store(next + 1, std::memory_order_release);
   owners[slot] = id;
-  pool.arrivals[slot].store(Clock::now().time_since_epoch() / std::chrono::nanoseconds(1),
-                            std::memory_order_relaxed);
+  // What comes where nobody is has always been there.
+  pool.arrivals[slot].store(
+      isFelt(id) ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1) : kLongAgo,
+      std::memory_order_relaxed);
   const Entry entry(Entry::kSlot, static_cast<Word>(slot), next + 1);
   pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].store(entry.bits(),
                                                                      std::memory_order_release);
@@ -383,11 +413,11 @@ void BrickWindow::Loader::choose() {
     const Vec3& v = aim->velocity;
     const Vec3 way = v.allFinite() ? Vec3(pool.horizon * v) : Vec3(Vec3::Zero());
     places.push_back({aim->probe, 0.0, kReach});
-    const int ahead =
-        static_cast<int>(std::min<double>(kMostAhead, std::ceil(way.norm() / kBrickSide)));
+    const double length = way.norm() / kBrickSide;
+    const int ahead = static_cast<int>(std::min<double>(kMostAhead, std::ceil(length)));
     for (int i = 1; i <= ahead; ++i) {
-      const double share = static_cast<double>(i) / ahead;
-      places.push_back({aim->probe + share * way, share, kReachAhead});
+      const double went = std::min<double>(i, length);
+      places.push_back({aim->probe + went / length * way, kAhead * went, kReachAhead});
     }
   }
   std::map<BrickId, double> all;
@@ -594,7 +624,7 @@ BrickWindow::Entry BrickWindow::entryAt(std::int32_t level, int i, int j, int k)
 std::int64_t BrickWindow::arrival(const Entry& entry) const noexcept {
   return entry.kind() == Entry::kSlot
              ? pool_->arrivals[entry.index()].load(std::memory_order_relaxed)
-             : std::numeric_limits<std::int64_t>::min();
+             : kLongAgo;
 }
 
 bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
@@ -620,28 +650,30 @@ bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j,
     local[a] = cell[a] - kBrickSide * (at + of.first[a]);
   }
   const std::size_t words_of_bits = pool.format.activeBegin() / sizeof(Word);
+  const bool half = pool.format.half;
   for (int a = 0; a < 4; ++a) {
     for (int b = 0; b < 4; ++b) {
       const std::size_t first =
           BrickView::numberOf(local[0] + a - 1, local[1] + b - 1, local[2] - 1);
       const auto row = static_cast<std::size_t>(4 * a + b);
-      for (std::size_t n = 0; n < 4 * components; ++n) {
-        const std::size_t number = first * components + n;
-        float& to = values[row * 4 * components + n];
-        if (pool.format.half) {
+      float* const to = values.data() + row * 4 * components;
+      if (half) {
+        for (std::size_t n = 0; n < 4 * components; ++n) {
+          const std::size_t number = first * components + n;
           const Word word = pool.load(slot, number / 2);
-          to = floatOfHalf(static_cast<std::uint16_t>(word >> (16 * (number % 2))));
-        } else {
-          const Word word = pool.load(slot, number);
-          std::memcpy(&to, &word, sizeof to);
+          to[n] = floatOfHalf(static_cast<std::uint16_t>(word >> (16 * (number % 2))));
+        }
+      } else {
+        for (std::size_t n = 0; n < 4 * components; ++n) {
+          to[n] = std::bit_cast<float>(pool.load(slot, first * components + n));
         }
       }
       if (a == 0 || a == 3 || b == 0 || b == 3) continue;
-      for (std::size_t c = 0; c < 4; ++c) {
-        const std::size_t bit = first + c;
-        const Word word = pool.load(slot, words_of_bits + bit / 32);
-        active |= std::uint64_t{word >> (bit % 32) & 1U} << (row * 4 + c);
-      }
+      // Four bits, in one word or in two.
+      const std::size_t shift = first % 32;
+      Word bits = pool.load(slot, words_of_bits + first / 32) >> shift;
+      if (shift > 28) bits |= pool.load(slot, words_of_bits + first / 32 + 1) << (32 - shift);
+      active |= std::uint64_t{bits & 15U} << (row * 4);
     }
   }
   std::atomic_thread_fence(std::memory_order_acquire);

@@ -108,7 +108,8 @@ class BrickWindow {
   /// Of the brick with the cell (i, j, k) of a level; beyond the pyramid a constant one. RT.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
-  /// When the brick of a slot came [ns of the steady clock]; of others long ago. RT.
+  /// When the brick of a slot came [ns of the steady clock]; of others, and of one that came where
+  /// no proxy was, long ago. RT.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
   /// Copies the rows of 4^3 voxels about a cell, lowest corner (i - 1, j - 1, k - 1), and their

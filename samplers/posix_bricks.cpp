@@ -75,10 +75,10 @@ struct PosixBricks::State {
     std::size_t got = 0;
     const std::shared_ptr<const BrickFolder> from = held();
     const int error = from->read(brickObject(id, manifest.format()), codec.object(), got);
-    BrickVerdict verdict = error == 0  ? codec.decode(id, got, &entry, slot)
-                           : isIn(*from) ? verdictOf(error)
-                                         : BrickVerdict{BrickStatus::kGone,
-                                                        "the volume is not there any more"};
+    BrickVerdict verdict =
+        error == 0    ? codec.decode(id, got, &entry, slot)
+        : isIn(*from) ? verdictOf(error)
+                      : BrickVerdict{BrickStatus::kGone, "the volume is not there any more"};
     giveBack(std::move(codec));
     return verdict;
   }

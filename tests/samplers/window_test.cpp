@@ -202,8 +202,8 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
     const std::chrono::duration<double> since = std::chrono::steady_clock::now() - last_tick;
     last_tick += std::chrono::duration_cast<std::chrono::steady_clock::duration>(since);
     const ScalarSample at = both.ofWindow(there);
-    // Levels differ by up to 1, of which each arrives within 50 ms; three levels may at once.
-    excess = std::max(excess, std::abs(at.value - value) - 3.0 * (since.count() + 1e-3) / 0.05);
+    // Levels differ by up to 1, of which each arrives within 10 ms; two may at once.
+    excess = std::max(excess, std::abs(at.value - value) - 1.5 * (since.count() + 1e-3) / 0.01);
     value = at.value;
     fine = !at.coarse;
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
