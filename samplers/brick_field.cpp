@@ -63,7 +63,7 @@ class BrickLevelSource {
     [[nodiscard]] std::uint64_t active() const noexcept { return active_; }
 
    private:
-    std::array<float, 64 * C> values_;
+    std::array<float, std::size_t{64} * C> values_;
     std::uint64_t active_ = 0;
     Rows<float, 4> rows_;
   };

@@ -655,7 +655,7 @@ bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j,
     for (int b = 0; b < 4; ++b) {
       const std::size_t first =
           BrickView::numberOf(local[0] + a - 1, local[1] + b - 1, local[2] - 1);
-      const auto row = static_cast<std::size_t>(4 * a + b);
+      const std::size_t row = 4 * static_cast<std::size_t>(a) + static_cast<std::size_t>(b);
       float* const to = values.data() + row * 4 * components;
       if (half) {
         for (std::size_t n = 0; n < 4 * components; ++n) {
