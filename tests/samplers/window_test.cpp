@@ -15,6 +15,7 @@
 #include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/write_bricks.h"
 #include "tests/support/counters.h"
+#include "tests/support/formula_bricks.h"
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
@@ -318,23 +319,8 @@ TEST_CASE("hands that tell nothing any more, and proxies far from their hands", 
 TEST_CASE("where no brick but the coarsest are there, it is these and nothing else", "[bricks]") {
   // A ramp: all levels say the same, so that whatever else is read shows.
   const TemporaryFolder folder;
-  BrickInput ramp;
-  ramp.name = "ramp";
-  ramp.grid_class = GridClass::kFog;
-  ramp.upper = {639, 255, 127};
-  ramp.identity = "ramp";
-  ramp.fill = [](const BrickBox& box) {
-    std::size_t n = 0;
-    for (int i = 0; i < kBrickEdge; ++i) {
-      for (int j = 0; j < kBrickEdge; ++j) {
-        for (int k = 0; k < kBrickEdge; ++k, ++n) {
-          box.values[n] = static_cast<float>(box.lower[1] + j);
-        }
-      }
-    }
-    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
-    return BoxFilled::kEach;
-  };
+  const BrickInput ramp =
+      formulaBricks("ramp", {639, 255, 127}, [](const VoxelAt& at) { return at[1]; });
   const BrickReport report = writeBricks(folder / "bricks", ramp);
   REQUIRE(report.manifest.levels().size() == 3);
   // Faces of level 0 and 1 that coincide, beyond which neither is there.
@@ -380,22 +366,8 @@ TEST_CASE("where no brick but the coarsest are there, it is these and nothing el
 
 TEST_CASE("a wall in a brick that is there stops a path out of one that is not", "[bricks]") {
   const TemporaryFolder folder;
-  BrickInput wall;
-  wall.name = "wall";
-  wall.grid_class = GridClass::kFog;
-  wall.upper = {319, 127, 127};
-  wall.identity = "wall";
-  wall.fill = [](const BrickBox& box) {
-    std::size_t n = 0;
-    for (int i = 0; i < kBrickEdge; ++i) {
-      const int x = box.lower[0] + i;
-      for (int j = 0; j < kBrickEdge * kBrickEdge; ++j, ++n) {
-        box.values[n] = x == 142 ? 2.0F : 0.0F;
-      }
-    }
-    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
-    return BoxFilled::kEach;
-  };
+  const BrickInput wall = formulaBricks("wall", {319, 127, 127},
+                                        [](const VoxelAt& at) { return at[0] == 142 ? 2.0 : 0.0; });
   const BrickReport report = writeBricks(folder / "bricks", wall);
   for (const int j : {0, 1}) {
     for (const int k : {0, 1}) {

@@ -18,6 +18,7 @@
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
 #include "tests/support/fine_head.h"
+#include "tests/support/formula_bricks.h"
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_grids.h"
 
@@ -31,25 +32,10 @@ namespace {
 
 /// A ball of 60 mm in the middle of a cube of 128, voxels of half a millimetre: its depth.
 void writeBall(const fs::path& folder) {
-  BrickInput ball;
-  ball.name = "density";
-  ball.grid_class = GridClass::kFog;
+  BrickInput ball = formulaBricks("density", {255, 255, 255}, [](const VoxelAt& at) {
+    return 60.0 - (0.5 * Vec3(at[0], at[1], at[2]) - Vec3::Constant(63.75)).norm();
+  });
   ball.linear = 0.5 * Mat3::Identity();
-  ball.upper = {255, 255, 255};
-  ball.identity = "ball";
-  ball.fill = [](const BrickBox& box) {
-    std::size_t n = 0;
-    for (int i = 0; i < kBrickEdge; ++i) {
-      for (int j = 0; j < kBrickEdge; ++j) {
-        for (int k = 0; k < kBrickEdge; ++k, ++n) {
-          const Vec3 p = 0.5 * Vec3(box.lower[0] + i, box.lower[1] + j, box.lower[2] + k);
-          box.values[n] = static_cast<float>(60.0 - (p - Vec3::Constant(63.75)).norm());
-        }
-      }
-    }
-    std::fill(box.active.begin(), box.active.end(), std::uint8_t{0xFF});
-    return BoxFilled::kEach;
-  };
   (void)writeBricks(folder / "ball.bricks", ball);
 }
 
