@@ -142,6 +142,19 @@ struct BrickWindow::Pool {
   }
   [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
                                                    int k) const noexcept;
+  /// What is known of a brick that the pyramid has.
+  [[nodiscard]] std::atomic<std::uint64_t>& entry(const BrickId& id) noexcept {
+    const auto l = static_cast<std::size_t>(id.level);
+    std::size_t place = 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+      place =
+          place * static_cast<std::size_t>(levels[l].count[a]) + static_cast<std::size_t>(id.at[a]);
+    }
+    return tables[l][place];
+  }
+  [[nodiscard]] Entry entryOf(const BrickId& id) noexcept {
+    return Entry(entry(id).load(std::memory_order_relaxed));
+  }
 
   std::vector<BrickLevel> levels;
   BrickFormat format;
@@ -205,12 +218,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
         at = Entry(Entry::kConstant, static_cast<Word>(constants.size()), 0);
         constants.push_back({entry.value, entry.kind == BrickKind::kActive});
       }
-      const std::size_t place =
-          (static_cast<std::size_t>(entry.at[0]) * static_cast<std::size_t>(level.count[1]) +
-           static_cast<std::size_t>(entry.at[1])) *
-              static_cast<std::size_t>(level.count[2]) +
-          static_cast<std::size_t>(entry.at[2]);
-      tables.back()[place].store(at.bits(), std::memory_order_relaxed);
+      this->entry({n, entry.at}).store(at.bits(), std::memory_order_relaxed);
     }
   }
   generations = std::vector<std::atomic<Word>>(slots);
@@ -257,7 +265,6 @@ struct BrickWindow::Loader {
   void listen(Clock::time_point now);
   void publish(const BrickId& id, std::size_t slot);
   [[nodiscard]] bool isFelt(const BrickId& id) const noexcept;
-  [[nodiscard]] std::size_t placeOf(const BrickId& id) const noexcept;
   [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
   [[nodiscard]] bool due(Clock::time_point now) const;
 
@@ -320,15 +327,6 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
   thread = std::thread([this] { run(); });
 }
 
-std::size_t BrickWindow::Loader::placeOf(const BrickId& id) const noexcept {
-  const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
-  std::size_t place = 0;
-  for (std::size_t a = 0; a < 3; ++a) {
-    place = place * static_cast<std::size_t>(level.count[a]) + static_cast<std::size_t>(id.at[a]);
-  }
-  return place;
-}
-
 /// Whether a proxy is in a brick or beside it: there a brick is not to step in.
 bool BrickWindow::Loader::isFelt(const BrickId& id) const noexcept {
   const BrickLevel& level = pool.levels[static_cast<std::size_t>(id.level)];
@@ -363,8 +361,7 @@ void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
       isFelt(id) ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1) : kLongAgo,
       std::memory_order_relaxed);
   const Entry entry(Entry::kSlot, static_cast<Word>(slot), next + 1);
-  pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].store(entry.bits(),
-                                                                     std::memory_order_release);
+  pool.entry(id).store(entry.bits(), std::memory_order_release);
   ++resident;
 }
 
@@ -390,8 +387,7 @@ std::optional<std::size_t> BrickWindow::Loader::slotFor(const BrickId& id) {
   }
   if (!victim) return std::nullopt;
   const BrickId old = *owners[*victim];
-  pool.tables[static_cast<std::size_t>(old.level)][placeOf(old)].store(Entry().bits(),
-                                                                       std::memory_order_release);
+  pool.entry(old).store(Entry().bits(), std::memory_order_release);
   owners[*victim].reset();
   --resident;
   return victim;
@@ -443,8 +439,7 @@ void BrickWindow::Loader::choose() {
             const double key = off.norm() + place.later - 1e-3 * static_cast<double>(l);
             const auto known = all.find(id);
             if (known != all.end() && known->second <= key) continue;
-            const Entry entry(pool.tables[l][placeOf(id)].load(std::memory_order_relaxed));
-            if (entry.kind() == Entry::kConstant) continue;
+            if (pool.entryOf(id).kind() == Entry::kConstant) continue;
             all[id] = key;
           }
         }
@@ -462,9 +457,7 @@ void BrickWindow::Loader::choose() {
   const Clock::time_point now = Clock::now();
   for (const auto& [key, id] : order) {
     wanted[id] = key;
-    const Entry entry(pool.tables[static_cast<std::size_t>(id.level)][placeOf(id)].load(
-        std::memory_order_relaxed));
-    if (entry.resident()) continue;
+    if (pool.entryOf(id).resident()) continue;
     if (const auto of = failing.find(id); of != failing.end() && of->second.again > now) continue;
     awaited.insert(id);
     wishes.push_back({id, -key});
@@ -490,10 +483,7 @@ void BrickWindow::Loader::take(const BrickArrival& arrival) {
   if (arrival.status == BrickStatus::kArrived) {
     ++fetched;
     failing.erase(arrival.id);
-    const Entry entry(
-        pool.tables[static_cast<std::size_t>(arrival.id.level)][placeOf(arrival.id)].load(
-            std::memory_order_relaxed));
-    if (!entry.resident()) {
+    if (!pool.entryOf(arrival.id).resident()) {
       if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
     }
   } else {
