@@ -28,7 +28,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
 
-constexpr int kVersion = 2;
+constexpr int kVersion = 3;
 constexpr std::int64_t kChunk = -1;  // RecordedTick::tick of a chunk's mark,
 constexpr std::int64_t kText = -2;   // and of a piece of text.
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
@@ -87,6 +87,8 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(late_ticks, late_ticks, "", false)              \
   FIELD(time, time, "s", false)                         \
   FIELD(dt, input.dt, "s", false)                       \
+  FIELD(play, input.play, "s", false)                   \
+  FIELD(play_rate, input.play_rate, "s/s", false)       \
   FIELD(hand, input.hand.position, "m", false)          \
   FIELD(velocity, input.hand.velocity, "m/s", false)    \
   FIELD(drives, input.hand.drives, "", false)           \

@@ -30,6 +30,8 @@ struct RecordedTick {
   std::int64_t late_ticks;                  ///< Missed ticks so far.
   double time;                              ///< Since the start [s].
   double dt;                                ///< TickInput::dt [s].
+  double play;                              ///< TickInput::play [s].
+  double play_rate;                         ///< TickInput::play_rate [s/s].
   std::array<double, 3> hand;               ///< HandState::position [m].
   std::array<double, 3> velocity;           ///< HandState::velocity [m/s].
   std::array<double, 9> drives;             ///< HandState::drives, by columns.

@@ -34,7 +34,7 @@ std::uint64_t nextFieldId() noexcept {
 }
 
 Mat3 ScalarField::gradientJacobian(const Vec3& p_W, FieldCache& cache) const noexcept {
-  const double step = 1e-3 * frame_.voxel;
+  const double step = 1e-3 * frame().voxel;
   Mat3 out;
   for (int a = 0; a < 3; ++a) {
     const Vec3 aside = step * Vec3::Unit(a);

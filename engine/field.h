@@ -19,7 +19,8 @@ struct ScalarSample {
   Vec3 gradient = Vec3::Zero();  ///< Continuous gradient of V, per unit of the data's own space
                                  ///< (not per metre), its direction turned into W.
   bool inside = false;           ///< False where the data mean nothing: modes stay silent.
-  bool coarse = false;           ///< Read of data coarser than the volume's, for want of these.
+  bool coarse = false;  ///< Read of data coarser than the volume's, or of another moment's,
+                        ///< for want of these.
 };
 
 /// A vector property at one point. Components and derivatives are turned into W together.
@@ -35,6 +36,8 @@ struct Attention {
   Vec3 proxy = Vec3::Zero();  ///< [m]
   Vec3 probe = Vec3::Zero();  ///< The hand [m].
   double dt = 0.0;            ///< Since the tick before [s].
+  double play = 0.0;          ///< Where sequences are in their play [s],
+  double rate = 0.0;          ///< and how fast that has gone on since the tick before [s/s].
 };
 
 /// The memory that one thread's reads of one field change: accessor and last cell. Plain bytes that
@@ -62,17 +65,50 @@ struct FieldFrame {
 /// A new field's identity; no two fields of a process have the same.
 [[nodiscard]] std::uint64_t nextFieldId() noexcept;
 
-/// A scalar field in W. Const and shared between threads; what a read changes is in the cache.
-class ScalarField {
+/// What fields of both kinds are: const and shared between threads; what a read changes is in the
+/// cache.
+class AnyField {
  public:
   /// A field that lies in W as `frame` says, with an id of its own.
-  explicit ScalarField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
-  ScalarField(const ScalarField&) = delete;
-  ScalarField& operator=(const ScalarField&) = delete;
-  virtual ~ScalarField() = default;
+  explicit AnyField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
+  AnyField(const AnyField&) = delete;
+  AnyField& operator=(const AnyField&) = delete;
+  virtual ~AnyField() = default;
 
   /// Makes `cache` ready for this field. RT: no allocation.
   virtual void reset(FieldCache& cache) const noexcept = 0;
+  /// A radius about p_W [m] within which there is nothing: inside is false, the value the
+  /// background, the derivatives zero. 0: nothing is known. RT: no allocation. Cost: a few
+  /// ns.
+  [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
+    return 0.0;
+  }
+
+  /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
+  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
+  virtual void attend(const Attention& /*at*/,
+                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
+  /// Told at the end of each such tick: until the next one nothing is read with this cache. RT.
+  virtual void leave(FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
+  /// True for a field that wants to be told.
+  [[nodiscard]] virtual bool attends() const noexcept { return false; }
+  /// True while what such a field is fetched from is not there any more (Fault::kVolume). RT.
+  [[nodiscard]] virtual bool lost() const noexcept { return false; }
+
+  /// How the field lies in W: as it was made, for good.
+  [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
+  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
+
+ private:
+  FieldFrame frame_;
+  std::uint64_t id_;
+};
+
+/// A scalar field in W.
+class ScalarField : public AnyField {
+ public:
+  using AnyField::AnyField;
+
   /// Value and gradient at p_W [m]; NaN and far-away positions give `inside` false.
   /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual ScalarSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
@@ -92,12 +128,6 @@ class ScalarField {
   /// sample() at the same place. The default takes differences of six samples. RT: no allocation.
   [[nodiscard]] virtual Mat3 gradientJacobian(const Vec3& p_W,
                                               FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-  /// A radius about p_W [m] within which there is nothing: inside is false, the value the
-  /// background, the derivatives zero. 0: nothing is known. RT: no allocation. Cost: a few
-  /// ns.
-  [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
-    return 0.0;
-  }
   /// Where on the path from a_W to b_W [m] sign (V - level) first falls below zero, where there are
   /// data: the contact of a proxy that comes from the free side. A path that begins at or below
   /// zero crosses at once where it falls at first, else at the fall after its rise. The default
@@ -107,65 +137,22 @@ class ScalarField {
   [[nodiscard]] virtual Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level,
                                            double sign,
                                            FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-
-  /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
-  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
-  virtual void attend(const Attention& /*at*/,
-                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
-  /// True for a field that wants to be told.
-  [[nodiscard]] virtual bool attends() const noexcept { return false; }
-  /// True while what such a field is fetched from is not there any more (Fault::kVolume). RT.
-  [[nodiscard]] virtual bool lost() const noexcept { return false; }
-
-  /// How the field lies in W: as it was made, for good.
-  [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
-  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
-
- private:
-  FieldFrame frame_;
-  std::uint64_t id_;
 };
 
-/// A vector field in W. Const and shared between threads, as ScalarField is.
-class VectorField {
+/// A vector field in W.
+class VectorField : public AnyField {
  public:
-  /// A field that lies in W as `frame` says, with an id of its own.
-  explicit VectorField(const FieldFrame& frame) : frame_(frame), id_(nextFieldId()) {}
-  VectorField(const VectorField&) = delete;
-  VectorField& operator=(const VectorField&) = delete;
-  virtual ~VectorField() = default;
+  using AnyField::AnyField;
 
-  virtual void reset(FieldCache& cache) const noexcept = 0;  ///< As ScalarField::reset.
   /// Value and Jacobian at p_W [m]; NaN and far-away positions give `inside` false.
   /// RT: no allocation, no lock. Cost: tens of ns.
   [[nodiscard]] virtual VectorSample sample(const Vec3& p_W, FieldCache& cache) const noexcept
       PALPATE_NONBLOCKING = 0;
-  /// A radius about p_W [m] within which there is nothing: see ScalarField::freeWithin.
-  [[nodiscard]] virtual double freeWithin(const Vec3& /*p_W*/) const noexcept PALPATE_NONBLOCKING {
-    return 0.0;
-  }
   /// Traces the stream through p_W [m]; see trace.h. The default takes the field as one smooth
   /// piece; a grid's own goes cell by cell. RT: no allocation. Cost: four values of v a step and
   /// one more; rejected steps count.
   [[nodiscard]] virtual Trace trace(const Vec3& p_W, const TraceOrder& order,
                                     FieldCache& cache) const noexcept PALPATE_NONBLOCKING;
-
-  /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
-  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
-  virtual void attend(const Attention& /*at*/,
-                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
-  /// True for a field that wants to be told.
-  [[nodiscard]] virtual bool attends() const noexcept { return false; }
-  /// True while what such a field is fetched from is not there any more (Fault::kVolume). RT.
-  [[nodiscard]] virtual bool lost() const noexcept { return false; }
-
-  /// How the field lies in W: as it was made, for good.
-  [[nodiscard]] const FieldFrame& frame() const noexcept { return frame_; }
-  [[nodiscard]] std::uint64_t id() const noexcept { return id_; }  ///< Unique in the process.
-
- private:
-  FieldFrame frame_;
-  std::uint64_t id_;
 };
 
 /// A field of either kind, as scenes name them.

@@ -9,6 +9,7 @@ StepReport HandTick::step(const Scene* scene, const TickInput& in) noexcept {
   if (in.wrong != Fault::kNone) state_.cut(in.wrong);
   if (in.hand.ready && !ready_) state_.engage();
   ready_ = in.hand.ready;
+  state_.playAt(in.play, in.play_rate);
   if (scene != nullptr) return hapticStep(*scene, reader_, in.hand, state_, in.dt);
   state_.release();
   return {};

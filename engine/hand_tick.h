@@ -17,6 +17,8 @@ struct TickInput {
   bool cleared = false;         ///< A fault was cleared before the tick.
   Fault wrong = Fault::kNone;   ///< Why the force is cut in this tick; kNone: it is not.
   Fault order = Fault::kNone;   ///< Why the force that the tick computed was not sent.
+  double play = 0.0;            ///< Where sequences are in their play [s],
+  double play_rate = 0.0;       ///< and how fast it has gone on, but for jumps [s/s].
   double given = 1.0;           ///< The share of the force that the motors' limits left.
   Fault unsent = Fault::kNone;  ///< Why the force is cut after the write.
 };

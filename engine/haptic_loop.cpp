@@ -152,6 +152,10 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   TickInput& in = told_.input;
   in = {};
   in.dt = time.dt;
+  if (clock_ != nullptr) {
+    in.play = clock_->next(head_, time.dt);
+    in.play_rate = head_.rate;
+  }
   if (clear_.exchange(false, std::memory_order_acquire)) {
     stops_seen_ = stops_cleared_;
     cuts_seen_ = cuts_cleared_;

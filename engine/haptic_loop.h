@@ -9,6 +9,7 @@
 #include "palpate/engine/device.h"
 #include "palpate/engine/hand_tick.h"
 #include "palpate/engine/mailbox.h"
+#include "palpate/engine/play_clock.h"
 #include "palpate/engine/rehearsal.h"
 #include "palpate/engine/safety.h"
 #include "palpate/engine/scene.h"
@@ -108,6 +109,10 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Tells the loop that the application lives.
   void beat() noexcept { beats_.fetch_add(1, std::memory_order_relaxed); }
 
+  /// Before the first tick: who says how far sequences are in their play. It must outlive the loop.
+  /// Nobody: they stand at 0.
+  void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
+
   // For the haptic thread.
   /// One tick: newest scene, hand, checks, hapticStep, force to the device, telemetry.
   /// RT: no allocation, no lock, no system call but the device's own.
@@ -142,6 +147,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::atomic<std::uint32_t> stops_cleared_{0};
   std::atomic<std::uint32_t> cuts_cleared_{0};
   std::atomic<std::uint32_t> beats_{0};
+
+  const PlayClock* clock_ = nullptr;
+  PlayHead head_;
 
   HandWatch watch_;
   HandTick hand_;

@@ -34,6 +34,7 @@ HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* s
     : device_(device),
       params_(params),
       loop_(device, checked(params), sink, params.heartbeat, params.watch) {
+  loop_.playBy(params.clock);
   try {
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {

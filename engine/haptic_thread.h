@@ -23,8 +23,9 @@ struct LoopParams {
   /// then; at most a quarter of a period. None: kEarly where priority is granted and that is no
   /// more than a tenth of a period, else 0. Costs so much of a core, and at each tick a second one.
   std::optional<double> early;
-  RealtimeRequest realtime;  ///< Asked for by the thread itself, before its first tick.
-  LoopWatch watch;           ///< Words shared with a guardian (devices/guardian.h).
+  RealtimeRequest realtime;          ///< Asked for by the thread itself, before its first tick.
+  LoopWatch watch;                   ///< Words shared with a guardian (devices/guardian.h).
+  const PlayClock* clock = nullptr;  ///< As HapticLoop::playBy.
 };
 
 /// Renders scenes on one device, in a thread of its own, until destroyed. The smallest use:

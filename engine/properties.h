@@ -30,7 +30,7 @@ struct Properties {
   std::array<Scalar, kMaxProperties> scalars;  ///< As named in Graph::scalar_properties.
   std::array<Vector, kMaxProperties> vectors;  ///< As named in Graph::vector_properties.
   bool coarse =
-      false;  ///< Some of them are of data coarser than their volume's, for want of these.
+      false;  ///< Some of them are of data coarser than their volume's, or of another moment's.
 };
 
 }  // namespace palpate

@@ -39,6 +39,7 @@ bool Rehearsal::run(const Scene& scene, const ProxyState& real, double dt) noexc
   if (strayed()) twin_ = real;
   HandState hand = hand_;
   hand.position += hand_.position - before_;
+  twin_.playAt(real.play() + real.playRate() * dt, real.playRate());
   rehearsed_ = hapticStep(scene, reader_, hand, twin_, dt);
   fresh_ = true;
   return true;

@@ -210,11 +210,20 @@ int BoundGraph::sample(const Vec3& p_W, Properties& out,
   return count;
 }
 
-bool dataLost(const Graph& graph) noexcept {
+namespace {
+
+/// Scalars, then vectors, as caches are.
+const AnyField& fieldOf(const Graph& graph, std::size_t n) noexcept {
   const std::size_t scalars = graph.scalar_fields.size();
-  return std::any_of(graph.attentive.begin(), graph.attentive.end(), [&](std::size_t n) {
-    return n < scalars ? graph.scalar_fields[n]->lost() : graph.vector_fields[n - scalars]->lost();
-  });
+  if (n < scalars) return *graph.scalar_fields[n];
+  return *graph.vector_fields[n - scalars];
+}
+
+}  // namespace
+
+bool dataLost(const Graph& graph) noexcept {
+  return std::any_of(graph.attentive.begin(), graph.attentive.end(),
+                     [&](std::size_t n) { return fieldOf(graph, n).lost(); });
 }
 
 void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const noexcept {
@@ -228,12 +237,12 @@ void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const
       rest.proxy = body->pose.toRest(at.proxy);
       rest.probe = body->pose.toRest(at.probe);
     }
-    if (scalar) {
-      graph->scalar_fields[n]->attend(rest, caches[n]);
-    } else {
-      graph->vector_fields[n - scalars]->attend(rest, caches[n]);
-    }
+    fieldOf(*graph, n).attend(rest, caches[n]);
   }
+}
+
+void BoundGraph::leave() const noexcept {
+  for (const std::size_t n : graph->attentive) fieldOf(*graph, n).leave(caches[n]);
 }
 
 void BoundGraph::makeSteps(Properties& of) const noexcept {

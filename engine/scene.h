@@ -104,6 +104,8 @@ struct BoundGraph {
 
   /// Tells the fields that want to be told of a tick, with proxy and hand in W. RT: no allocation.
   void attend(const Attention& at, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
+  /// Tells the same fields that the tick is over. RT: no allocation.
+  void leave() const noexcept PALPATE_NONBLOCKING;
 
   /// Turns what was read of volumes that have moved since, by Body::carry; called once a move.
   /// RT: no allocation. Cost: O(fields).

@@ -79,12 +79,12 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     state.around_.graphs[0] = {reader.bind(scene), &state.around_.properties,
                                state.around_.memories.data()};
     state.around_.count = 1;
-    if (!scene.graph.attentive.empty()) {
-      state.around_.graphs[0].bound.attend({proxy.position, hand.position, dt},
-                                           state.around_.bodies.items());
-    }
+    const BoundGraph& bound = state.around_.graphs[0].bound;
+    bound.attend({proxy.position, hand.position, dt, state.play_, state.play_rate_},
+                 state.around_.bodies.items());
     Tick tick{scene, reader, proxy, state.around_, state.balance_, report, trace, hand.position};
     good = moveProxy(tick, state.met_.time);
+    bound.leave();
 
     // Step 3, eq. (3). Energy that the proxy's motion adds to the spring is counted [J]; several
     // moves may sum up to less than the tick as a whole: docs/tick.md, Energy.

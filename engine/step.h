@@ -52,6 +52,15 @@ class ProxyState {
   }
   /// Begins an engagement: zero force until little is wanted, then more and more.
   void engage() noexcept { gate_.engage(); }
+  /// Sequences are so far in their play [s] from the next tick on, after they have gone on at such
+  /// a rate [s/s] since the one before; from elsewhere they have jumped. Theirs alone: what moves
+  /// goes by time().
+  void playAt(double play, double rate) noexcept {
+    play_ = play;
+    play_rate_ = rate;
+  }
+  [[nodiscard]] double play() const noexcept { return play_; }           ///< As told last.
+  [[nodiscard]] double playRate() const noexcept { return play_rate_; }  ///< As told last.
   /// True from a fault on until clearFault(): every tick sends zero.
   [[nodiscard]] bool faulted() const noexcept { return gate_.fault != Fault::kNone; }
   /// The first cause that was given since clearFault(); kNone: the force is not cut.
@@ -113,6 +122,8 @@ class ProxyState {
 
   Gate gate_;
   Met met_;
+  double play_ = 0.0;
+  double play_rate_ = 0.0;
   Proxy proxy_;
   Surroundings around_;
   BalanceMemory balance_;

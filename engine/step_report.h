@@ -51,7 +51,8 @@ struct StepReport {
   int iterations = 0;     ///< Iterations of the solver (SolveResult), all sub-steps.
   int substeps = 0;       ///< Readings of properties on the path, each followed by a balance.
   int samples = 0;        ///< Field reads, all sub-steps.
-  bool coarse = false;    ///< Data coarser than a volume's were read, for want of these.
+  bool coarse = false;    ///< Data coarser than a volume's, or of another moment's, were read,
+                          ///< for want of these.
   int traced = 0;         ///< Reads of vectors along streams.
   int walked = 0;         ///< Cells searched for a surface on the path.
   int primitives = 0;     ///< Primitives balanced in the last sub-step.
