@@ -1,0 +1,339 @@
+#include "palpate/samplers/sequence_field.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <new>
+#include <span>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace palpate {
+namespace {
+
+using Hold = FrameSequence::Hold;
+
+/// A jump of play takes so long [s].
+constexpr double kJump = 0.05;
+/// Play that comes from so far beside what is shown, weighed by its share, has jumped [frames].
+constexpr double kLittle = 0.005;
+/// Frames are waited for in virtual time so long [s],
+constexpr double kPatience = 60.0;
+/// and so often again where they are gone before they are held.
+constexpr int kTries = 1000;
+/// Frames that are read at most: two about the play, two that it comes from.
+constexpr std::size_t kFrames = 4;
+/// Readers that are in ticks at the same time.
+constexpr std::size_t kSeats = 16;
+constexpr std::size_t kNoSeat = kSeats;
+
+/// A frame that a reader reads, by a cache of its own.
+struct Part {
+  Hold held;
+  std::uint64_t stay = 0;  ///< Hold::stay of what the cache is of; 0: of nothing.
+  double weight = 0.0;     ///< Its share.
+  FieldCache cache;
+};
+
+/// What a reader reads with in a tick. The caches outlast it, for the same reader's next one.
+struct Seat {
+  std::array<Part, kFrames> parts;
+  std::size_t count = 0;     ///< Of the parts so many are read in this tick.
+  std::uint64_t reader = 0;  ///< Whose the caches are.
+  std::atomic<bool> taken{false};
+};
+
+/// What a reader remembers from tick to tick.
+struct Reading {
+  std::uint64_t reader = 0;    ///< Its number.
+  std::size_t seat = kNoSeat;  ///< Within a tick.
+  std::size_t last_seat = 0;
+  bool met = false;      ///< There was a tick.
+  bool late = false;     ///< What is asked for is not what is shown.
+  PlayMoment shown;      ///< What is played,
+  PlayMoment left;       ///< and what it fades from
+  double arrived = 1.0;  ///< while this is below 1.
+};
+
+static_assert(sizeof(Reading) <= sizeof(FieldCache::bytes));
+static_assert(std::is_trivially_destructible_v<Reading>);
+
+std::uint64_t nextReader() noexcept {
+  static std::atomic<std::uint64_t> count{0};
+  return ++count;
+}
+
+/// What scalars and vectors share.
+template <class Base>
+class SequenceField : public Base {
+ public:
+  explicit SequenceField(std::shared_ptr<const FrameSequence> sequence)
+      : Base(sequence->frame()), sequence_(std::move(sequence)), seats_(kSeats) {}
+
+  void reset(FieldCache& memory) const noexcept final {
+    auto* reading = ::new (memory.bytes.data()) Reading;
+    reading->reader = nextReader();
+  }
+  [[nodiscard]] bool attends() const noexcept final { return true; }
+
+  void attend(const Attention& at, FieldCache& memory) const noexcept final {
+    Reading& of = readingIn(memory);
+    if (sequence_->waits()) return attendWaiting(at, of);
+    const PlayMoment asked = sequence_->at(at.play);
+    sequence_->tell(asked, at.rate);
+    Pair shown = take(asked);
+    goOn(of, asked, shown.all, at);
+    if (of.late) shown = take(of.shown);
+    sit(of, std::move(shown), of.arrived < 1.0 ? take(of.left) : Pair{});
+  }
+
+  void leave(FieldCache& memory) const noexcept final {
+    Reading& of = readingIn(memory);
+    if (of.seat == kNoSeat) return;
+    Seat& seat = seats_[of.seat];
+    for (Part& part : seat.parts) part.held = {};
+    of.seat = kNoSeat;
+    seat.taken.store(false, std::memory_order_release);
+  }
+
+ protected:
+  using Own = std::shared_ptr<const Base>;
+
+  /// What is read of the field now.
+  [[nodiscard]] std::span<Part> partsOf(FieldCache& memory) const noexcept {
+    const Reading& of = readingIn(memory);
+    if (of.seat == kNoSeat) return {};
+    Seat& seat = seats_[of.seat];
+    return std::span(seat.parts).first(seat.count);
+  }
+  [[nodiscard]] static bool late(FieldCache& memory) noexcept { return readingIn(memory).late; }
+  [[nodiscard]] static const Base& fieldOf(const FieldPtr& field) noexcept {
+    return **std::get_if<Own>(&field);
+  }
+
+  /// Adds up what `read(field, cache, weight)` gives of each part; of a single one as it is.
+  template <class Read>
+  void each(FieldCache& memory, Read read) const noexcept {
+    const std::span<Part> parts = partsOf(memory);
+    for (Part& part : parts) read(fieldOf(part.held.field()), part.cache, part.weight);
+    if (!parts.empty()) return;
+    FieldCache own;
+    const Base& first = fieldOf(sequence_->firstField());
+    first.reset(own);
+    read(first, own, 1.0);
+  }
+
+ private:
+  /// The frames of a moment, as far as they are there.
+  struct Pair {
+    Hold low;
+    Hold high;           ///< Empty where it has no share.
+    double share = 0.0;  ///< Of the high one.
+    bool all = false;    ///< All of them are.
+  };
+
+  /// A tick that waits for its frames, of those that can be had: until all are held at once.
+  void attendWaiting(const Attention& at, Reading& of) const noexcept {
+    const auto alone = sequence_->waitAlone();
+    const Reading before = of;
+    for (int i = 0; i < kTries; ++i) {
+      of = before;
+      const PlayMoment asked = sequence_->at(at.play);
+      sequence_->tell(asked, at.rate);
+      goOn(of, asked, true, at);
+      const std::array<PlayMoment, 2> needed{of.shown, of.arrived < 1.0 ? of.left : of.shown};
+      if (!sequence_->wait(needed, kPatience)) break;
+      // A frame may turn out to be missing: then something else is asked for.
+      if (!of.late && !(sequence_->at(at.play) == asked)) continue;
+      Pair shown = take(of.shown);
+      Pair left = of.arrived < 1.0 ? take(of.left) : Pair{};
+      if (!shown.all || (of.arrived < 1.0 && !left.all)) continue;
+      return sit(of, std::move(shown), std::move(left));
+    }
+    sit(of, take(of.shown), {});
+  }
+
+  /// What is shown in a tick, of what is asked for and `there` or not: play that goes on, or a
+  /// jump's beginning, or what was shown before.
+  void goOn(Reading& of, const PlayMoment& asked, bool there, const Attention& at) const noexcept {
+    const double dt = at.dt > 0.0 ? at.dt : 0.0;
+    of.arrived = std::min(of.arrived + dt / kJump, 1.0);
+    const PlayMoment& shown = of.shown;
+    const bool meet = (shown.low == asked.low && shown.high == asked.high) ||
+                      shown.high == asked.low || shown.low == asked.high;
+    const PlayMoment from = sequence_->at(at.play - at.rate * dt);
+    const bool goes_on = meet && of.arrived * std::abs(sequence_->way(shown, from)) <= kLittle;
+    if (there && (goes_on || !of.met)) {
+      of.shown = asked;
+    } else if (there && of.arrived >= 1.0) {
+      of.left = std::exchange(of.shown, asked);
+      of.arrived = 0.0;
+    }
+    of.met = true;  // what is not there at once is faded in from the first frame
+    of.late = !(of.shown == asked);
+  }
+
+  static Reading& readingIn(FieldCache& memory) noexcept {
+    return *std::launder(reinterpret_cast<Reading*>(memory.bytes.data()));
+  }
+
+  [[nodiscard]] Pair take(const PlayMoment& at) const noexcept {
+    Pair out;
+    out.share = at.low == at.high ? 0.0 : at.share;
+    if (out.share < 1.0) out.low = sequence_->hold(at.low);
+    if (out.share > 0.0) out.high = sequence_->hold(at.high);
+    out.all = (out.share >= 1.0 || out.low) && (out.share <= 0.0 || out.high);
+    return out;
+  }
+
+  /// Takes a seat, with these frames: what is played, and what it fades from.
+  void sit(Reading& of, Pair shown, Pair left) const noexcept {
+    takeSeat(of);
+    if (of.seat == kNoSeat) {
+      of.late = true;
+      return;
+    }
+    Seat& seat = seats_[of.seat];
+    seat.count = 0;
+    if (!shown.all) {
+      of.shown = {};  // the first frame
+      of.late = true;
+      return;
+    }
+    const double arrived = left.all ? of.arrived : 1.0;
+    add(seat, std::move(shown.low), arrived * (1.0 - shown.share));
+    add(seat, std::move(shown.high), arrived * shown.share);
+    add(seat, std::move(left.low), (1.0 - arrived) * (1.0 - left.share));
+    add(seat, std::move(left.high), (1.0 - arrived) * left.share);
+  }
+
+  /// A seat for a reader: the one it had, else any.
+  void takeSeat(Reading& of) const noexcept {
+    for (std::size_t n = 0; n < kSeats; ++n) {
+      const std::size_t at = (of.last_seat + n) % kSeats;
+      Seat& seat = seats_[at];
+      if (seat.taken.exchange(true, std::memory_order_acquire)) continue;
+      if (seat.reader != of.reader) {
+        seat.reader = of.reader;
+        for (Part& part : seat.parts) part.stay = 0;
+      }
+      of.seat = of.last_seat = at;
+      return;
+    }
+  }
+
+  void add(Seat& seat, Hold held, double weight) const noexcept {
+    if (!held || !(weight > 0.0)) return;
+    const std::uint64_t stay = held.stay();
+    const auto begin = seat.parts.begin();
+    const auto read = begin + static_cast<std::ptrdiff_t>(seat.count);
+    const auto is = [stay](const Part& part) { return part.stay == stay; };
+    if (const auto same = std::find_if(begin, read, is); same != read) {
+      same->weight += weight;
+      return;
+    }
+    // One whose cache is of it, else any.
+    const auto known = std::find_if(read, seat.parts.end(), is);
+    if (known != seat.parts.end()) {
+      swapParts(*read, *known);
+    }
+    Part& part = *read;
+    part.held = std::move(held);
+    part.weight = weight;
+    if (part.stay != stay) {
+      part.stay = stay;
+      fieldOf(part.held.field()).reset(part.cache);
+    }
+    ++seat.count;
+  }
+  static void swapParts(Part& a, Part& b) noexcept {
+    if (&a == &b) return;
+    std::swap(a.cache, b.cache);
+    std::swap(a.stay, b.stay);
+  }
+
+  std::shared_ptr<const FrameSequence> sequence_;
+  mutable std::vector<Seat> seats_;
+};
+
+class SequenceScalar final : public SequenceField<ScalarField> {
+ public:
+  using SequenceField::SequenceField;
+
+  [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    ScalarSample out;
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      const ScalarSample s = field.sample(p_W, cache);
+      out.value += weight * s.value;
+      out.gradient += weight * s.gradient;
+      out.inside = out.inside || s.inside;
+    });
+    out.coarse = out.inside && late(memory);
+    return out;
+  }
+  [[nodiscard]] double value(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    double sum = 0.0;
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.value(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Vec3 cellGradient(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Vec3 sum = Vec3::Zero();
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.cellGradient(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Mat3 gradientJacobian(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    Mat3 sum = Mat3::Zero();
+    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
+      sum += weight * field.gradientJacobian(p_W, cache);
+    });
+    return sum;
+  }
+  [[nodiscard]] Crossing firstFall(const Vec3& a_W, const Vec3& b_W, double level, double sign,
+                                   FieldCache& memory) const noexcept override {
+    const std::span<Part> parts = partsOf(memory);
+    if (parts.size() != 1) return ScalarField::firstFall(a_W, b_W, level, sign, memory);
+    return fieldOf(parts[0].held.field()).firstFall(a_W, b_W, level, sign, parts[0].cache);
+  }
+};
+
+class SequenceVector final : public SequenceField<VectorField> {
+ public:
+  using SequenceField::SequenceField;
+
+  [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
+    VectorSample out;
+    each(memory, [&](const VectorField& field, FieldCache& cache, double weight) {
+      const VectorSample s = field.sample(p_W, cache);
+      out.value += weight * s.value;
+      out.jacobian += weight * s.jacobian;
+      out.inside = out.inside || s.inside;
+    });
+    out.coarse = out.inside && late(memory);
+    return out;
+  }
+  [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
+                            FieldCache& memory) const noexcept override {
+    const std::span<Part> parts = partsOf(memory);
+    if (parts.size() != 1) return VectorField::trace(p_W, order, memory);
+    return fieldOf(parts[0].held.field()).trace(p_W, order, parts[0].cache);
+  }
+};
+
+}  // namespace
+
+FieldPtr makeSequenceField(std::shared_ptr<const FrameSequence> sequence) {
+  if (sequence->first()->info().vector) {
+    return std::make_shared<const SequenceVector>(std::move(sequence));
+  }
+  return std::make_shared<const SequenceScalar>(std::move(sequence));
+}
+
+}  // namespace palpate

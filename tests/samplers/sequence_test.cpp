@@ -1,0 +1,521 @@
+/// A volume that is played: between two frames it is a share of each, and nothing steps in time.
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <iostream>
+#include <span>
+#include <thread>
+#include <vector>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/samplers/sequence_field.h"
+#include "tests/support/counters.h"
+#include "tests/support/random.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kVoxel = 1e-3;  // [m]
+constexpr double kTick = 1e-3;   // [s]
+
+Placement placed() {
+  Placement place;
+  place.scale = kVoxel;
+  return place;
+}
+
+/// A file a frame, which `make` fills.
+template <class Make>
+std::vector<VolumeRequest> framesIn(const TemporaryFolder& folder, int count, const Make& make) {
+  std::vector<VolumeRequest> frames;
+  for (int i = 0; i < count; ++i) {
+    frames.push_back({folder / ("frame_" + std::to_string(i) + ".vdb"), ""});
+    writeVdb(frames.back().file, {make(i)});
+  }
+  return frames;
+}
+
+/// V = 100 i + x + 2 y - 3 z + w(i), 14^3 voxels.
+openvdb::FloatGrid::Ptr ramp(int i) {
+  return makeGrid<openvdb::FloatGrid>(
+      14, openvdb::math::Transform::createLinearTransform(1.0), [i](const openvdb::Vec3d& p) {
+        return static_cast<float>(100.0 * i + p.x() + 2.0 * p.y() - (3.0 + i) * p.z());
+      });
+}
+
+/// The level set of a ball about the middle, of a radius in voxels.
+openvdb::FloatGrid::Ptr ball(double radius) {
+  return makeBall(radius, 1.0);
+}
+
+std::shared_ptr<const FrameSequence> sequenceOf(const std::vector<VolumeRequest>& frames,
+                                                double rate, bool repeat = false,
+                                                const SequenceParams& params = {}) {
+  return std::make_shared<const FrameSequence>(frames, evenTimes(frames.size(), rate, repeat),
+                                               placed(), Sampling{}, params);
+}
+
+/// Waits for the frames about a time of play.
+bool arrives(const FrameSequence& sequence, double play) {
+  const PlayMoment at = sequence.at(play);
+  return sequence.wait(std::span(&at, 1), 20.0);
+}
+
+/// A reader of a sequence's field, tick by tick.
+struct Player {
+  explicit Player(const std::shared_ptr<const FrameSequence>& of)
+      : sequence(of), field(std::get<0>(makeSequenceField(of))) {
+    field->reset(*cache);
+  }
+  /// What is read at p in a tick at a time of play.
+  ScalarSample at(double play, const Vec3& p, double rate = 0.0) const {
+    field->attend({p, p, kTick, play, rate}, *cache);
+    const ScalarSample out = field->sample(p, *cache);
+    field->leave(*cache);
+    return out;
+  }
+  /// The same where play has stood there for a while.
+  ScalarSample settled(double play, const Vec3& p) const {
+    ScalarSample out;
+    REQUIRE(arrives(*sequence, play));
+    for (int i = 0; i < 60; ++i) out = at(play, p);
+    return out;
+  }
+
+  std::shared_ptr<const FrameSequence> sequence;
+  std::shared_ptr<const ScalarField> field;
+  std::unique_ptr<FieldCache> cache = std::make_unique<FieldCache>();
+};
+
+std::uint64_t bytesOf(const VolumeRequest& frame) {
+  return sequenceOf({frame}, 1.0)->state().bytes;
+}
+
+/// A budget of so many frames like the first.
+SequenceParams budgetOf(const std::vector<VolumeRequest>& frames, double count) {
+  SequenceParams params;
+  params.budget = static_cast<std::uint64_t>(count * static_cast<double>(bytesOf(frames.front())));
+  return params;
+}
+
+}  // namespace
+
+TEST_CASE("between two frames a sequence is a share of each", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 4, ramp);
+  const Player of(sequenceOf(frames, 10.0));
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
+  for (const double i : {0.0, 0.25, 0.5, 0.99, 1.0, 1.7, 3.0}) {
+    const ScalarSample at = of.settled(i / 10.0, p);
+    CHECK(at.value == Approx(V(i)).margin(1e-3));
+    CHECK((at.gradient - Vec3(1.0, 2.0, -3.0 - i)).norm() < 1e-3);
+    CHECK(at.inside);
+    CHECK_FALSE(at.coarse);
+  }
+  // Before the first and after the last it stands.
+  CHECK(of.settled(-5.0, p).value == of.settled(0.0, p).value);
+  CHECK(of.settled(99.0, p).value == of.settled(0.3, p).value);
+  // Outside ticks it is its first frame.
+  CHECK(of.field->value(p, *of.cache) == Approx(V(0.0)).margin(1e-3));
+  // Around, the first comes after the last.
+  const Player round(sequenceOf(frames, 10.0, true));
+  CHECK(round.settled(0.35, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
+  CHECK(round.settled(0.4, p).value == Approx(V(0.0)).margin(1e-3));
+  CHECK(round.settled(-0.05, p).value == Approx(0.5 * (V(3.0) + V(0.0))).margin(1e-3));
+}
+
+TEST_CASE("times of frames need not be even", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 3, ramp);
+  const auto of = std::make_shared<const FrameSequence>(
+      frames, FrameTimes{{1.0, 2.0, 6.0, 7.0}, true}, placed(), Sampling{});
+  const auto is = [&](double play, int low, int high, double share) {
+    const PlayMoment at = of->at(play);
+    CHECK(at.low == low);
+    CHECK(at.high == high);
+    CHECK(at.share == Approx(share).margin(1e-9));
+  };
+  is(1.0, 0, 1, 0.0);
+  is(3.0, 1, 2, 0.25);
+  is(6.5, 2, 0, 0.5);
+  is(7.25, 0, 1, 0.25);
+  is(0.5, 2, 0, 0.5);
+}
+
+TEST_CASE("a vector that is played is a share of each frame", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 2, [](int i) {
+    return makeGrid<openvdb::Vec3SGrid>(
+        10, openvdb::math::Transform::createLinearTransform(1.0), [i](const openvdb::Vec3d& p) {
+          return openvdb::Vec3f(static_cast<float>(i), static_cast<float>(p.x() * (1 + i)), 1.0F);
+        });
+  });
+  const auto of = sequenceOf(frames, 1.0);
+  const auto field = std::get<1>(makeSequenceField(of));
+  FieldCache cache;
+  field->reset(cache);
+  const Vec3 p = kVoxel * Vec3(4.5, 4.5, 4.5);
+  VectorSample at;
+  for (int i = 0; i < 60; ++i) {
+    field->attend({p, p, kTick, 0.5, 0.0}, cache);
+    at = field->sample(p, cache);
+    field->leave(cache);
+  }
+  CHECK((at.value - Vec3(0.5, 4.5 * 1.5, 1.0)).norm() < 1e-5);
+  CHECK(at.jacobian(1, 0) == Approx(1.5));
+}
+
+TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][moving]") {
+  const TemporaryFolder folder;
+  // A voxel a frame, 200 frames a second: 0.2 m/s.
+  constexpr double kFirst = 20.0;
+  const auto frames = framesIn(folder, 12, [](int i) { return ball(kFirst + i); });
+  const double friction = GENERATE(0.0, 0.3);
+  const auto field = makeSequenceField(sequenceOf(frames, 200.0));
+  GraphSpec graph;
+  graph.modes.resize(1);
+  graph.modes[0].kind = ModeKind::kIsosurface;
+  graph.modes[0].of = "ball";
+  graph.modes[0].solid = Solid::kBelow;
+  graph.modes[0].strength = 50.0;
+  graph.modes[0].friction = friction;
+  const auto scene = makeScene(graph, {{"ball", field}}, {500.0, 0.0});
+  Reader reader;
+  ProxyState state({1e3, 1e12});
+  const Vec3 out = Vec3(0.6, 0.48, 0.64);
+  double off = 0.0;
+  double carried = 0.0;
+  double injected = 0.0;
+  double given = 0.0;
+  for (int i = 0; i < 160; ++i) {
+    // Down to the surface, then held while the ball grows by ten voxels.
+    const double depth = std::min(1.0, 0.02 * i);
+    const double play = i < 100 ? 0.0 : kTick * (i - 100);
+    state.playAt(play, i < 101 ? 0.0 : 1.0);
+    const Vec3 hand = kVoxel * (kFirst + 1.0 - 2.0 * depth) * out;
+    const Vec3 before = state.proxy();
+    const StepReport r = hapticStep(*scene, reader, {hand}, state, kTick);
+    REQUIRE(r.status == StepStatus::kConverged);
+    if (i < 60) continue;
+    const double radius = kFirst + std::min(11.0, 200.0 * play);
+    off = std::max(off, std::abs(r.proxy.norm() / kVoxel - radius));
+    carried = std::max(carried, r.proxy.norm() / kVoxel - kFirst);
+    if (i < 100) continue;
+    injected += r.injected;
+    given += std::max(0.0, 500.0 * (r.proxy - hand).dot(r.proxy - before));
+  }
+  std::cout << "off a ball that grows at 0.2 m/s, friction " << friction << ": " << off
+            << " voxel; work of the surface " << given << " J, counted " << injected << " J\n";
+  CHECK(carried > 10.9);
+  CHECK(off < 0.05);
+  CHECK(injected >= 0.98 * given);
+  CHECK(given > 0.01);
+}
+
+TEST_CASE("play that jumps does not step", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 8, ramp);
+  const bool all = GENERATE(true, false);
+  const auto of = sequenceOf(frames, 10.0, false, all ? SequenceParams{} : budgetOf(frames, 5.5));
+  CHECK(of->state().slots == (all ? 8 : 5));
+  const Player player(of);
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  Random random(7);
+  double play = 0.0;
+  double last = player.at(0.0, p).value;
+  double largest = 0.0;
+  int arrived = 0;
+  for (int i = 0; i < 2250; ++i) {
+    // A jump, and before the first has arrived the next one.
+    if (i % 150 == 0 || i % 150 == 20) play = 0.7 * random.uniform();
+    const ScalarSample at = player.at(play, p);
+    largest = std::max(largest, std::abs(at.value - last));
+    last = at.value;
+    if (i % 150 == 149) {
+      const double i_play = 10.0 * play;
+      const double asked = 100.0 * i_play + 6.3 + 2.0 * 5.2 - (3.0 + i_play) * 4.7;
+      if (all) CHECK(at.value == Approx(asked).margin(0.01));
+      if (std::abs(at.value - asked) < 0.01) ++arrived;
+    }
+    if (!all) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  // 700 in 50 ms and more.
+  CHECK(largest < 700.0 * kTick / 0.05 + 1e-6);
+  CHECK(largest > 5.0);
+  CHECK(arrived >= (all ? 15 : 1));
+}
+
+TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 8, [](int i) { return ball(20.0 + 0.25 * i); });
+  const auto field = makeSequenceField(sequenceOf(frames, 10.0));
+  GraphSpec graph;
+  graph.modes.resize(1);
+  graph.modes[0].kind = ModeKind::kIsosurface;
+  graph.modes[0].of = "ball";
+  graph.modes[0].solid = Solid::kBelow;
+  graph.modes[0].strength = 50.0;
+  const auto scene = makeScene(graph, {{"ball", field}}, {500.0, 0.0});
+  Reader reader;
+  ProxyState state({1e3, 1e12});
+  Random random(11);
+  Vec3 last = Vec3::Zero();
+  double largest = 0.0;
+  double play = 0.0;
+  for (int i = 0; i < 3000; ++i) {
+    const double height = std::max(19.0, 22.0 - 0.01 * i);
+    if (i > 500 && i % 150 == 0) play = 0.7 * random.uniform();
+    state.playAt(play, 0.0);
+    const StepReport r =
+        hapticStep(*scene, reader, {kVoxel * height * Vec3::UnitX()}, state, kTick);
+    if (i > 400) largest = std::max(largest, (r.wanted - last).norm());
+    last = r.wanted;
+  }
+  CHECK(last.norm() > 0.4);
+  // 1.75 voxels of 1 mm in 50 ms: 0.0175 N a tick; at once it would be 0.9 N.
+  CHECK(largest < 0.03);
+}
+
+TEST_CASE("readers of a sequence wait for nothing and read whole frames", "[sequence][realtime]") {
+  const TemporaryFolder folder;
+  // Each frame is of one value: a torn or foreign one has none of these.
+  const auto frames = framesIn(folder, 24, [](int i) {
+    return makeGrid<openvdb::FloatGrid>(
+        12, openvdb::math::Transform::createLinearTransform(1.0),
+        [i](const openvdb::Vec3d&) { return static_cast<float>(i); });
+  });
+  const auto of = sequenceOf(frames, 25.0, true, budgetOf(frames, 6.5));
+  std::atomic<bool> stop{false};
+  std::atomic<long> wrong{0};
+  std::atomic<long> reads{0};
+  std::atomic<long> whole{0};
+  const auto read = [&](std::uint64_t seed) {
+    const Player player(of);
+    Random random(seed);
+    const auto begin = std::chrono::steady_clock::now();
+    double shift = 0.0;
+    double last = 0.0;
+    const CountScope scope;
+    while (!stop) {
+      const std::chrono::duration<double> since = std::chrono::steady_clock::now() - begin;
+      const double dt = since.count() - last;
+      last = since.count();
+      if (random.uniform() < 1e-5) shift = 0.96 * random.uniform();
+      const Vec3 p = kVoxel * (Vec3::Constant(5.0) + random.inCube(4.0));
+      player.field->attend({p, p, dt, last + shift, 1.0}, *player.cache);
+      const ScalarSample a = player.field->sample(p, *player.cache);
+      const ScalarSample b = player.field->sample(p + Vec3::Constant(kVoxel), *player.cache);
+      player.field->leave(*player.cache);
+      const bool good = a.inside && a.value >= -1e-6 && a.value <= 23.0 + 1e-6 &&
+                        std::abs(a.value - b.value) < 1e-6;
+      if (!good) ++wrong;
+      if (!a.coarse) ++whole;
+      ++reads;
+    }
+    const Counts counts = CountScope::counts();
+    if (counts.allocations != 0 || counts.locks != 0) ++wrong;
+  };
+  std::thread one(read, 1);
+  std::thread two(read, 2);
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while ((reads < 200000 || of->state().fetched < 40) && std::chrono::steady_clock::now() < until) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  stop = true;
+  one.join();
+  two.join();
+  CHECK(wrong == 0);
+  CHECK(reads >= 1000);
+  CHECK(whole > 0);
+  CHECK(of->state().resident <= 6);
+  CHECK(of->state().fetched > 24);
+}
+
+TEST_CASE("where readers wait the same play is read whatever memory there is", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 12, ramp);
+  SequenceParams little = budgetOf(frames, 5.5);
+  little.waits = true;
+  const Player some(sequenceOf(frames, 10.0, true, little));
+  const Player all(sequenceOf(frames, 10.0, true));
+  Random random(5);
+  double play = 0.0;
+  for (int i = 0; i < 800; ++i) {
+    play += 0.004;
+    if (i % 90 == 0) play = 3.0 * random.uniform();
+    const Vec3 p = kVoxel * (Vec3::Constant(6.0) + random.inCube(5.0));
+    const ScalarSample a = some.at(play, p, 4.0);
+    const ScalarSample b = all.at(play, p, 4.0);
+    REQUIRE(std::memcmp(&a.value, &b.value, sizeof a.value) == 0);
+    REQUIRE(a.gradient == b.gradient);
+    REQUIRE_FALSE(a.coarse);
+  }
+  CHECK(some.sequence->state().slots == 5);
+}
+
+TEST_CASE("play stands while a frame is not there, and goes on without one", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 12, ramp);
+  const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
+  const Player player(of);
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  const auto V = [](double i) { return 100.0 * i + 6.3 + 2.0 * 5.2 - (3.0 + i) * 4.7; };
+  const fs::path file = frames[9].file;
+  fs::rename(file, folder / "aside");
+  // A jump to where nothing is yet: what was there stays.
+  const double before = player.at(0.1, p).value;
+  const ScalarSample at = player.at(0.95, p);
+  CHECK(at.coarse);
+  CHECK(at.value == before);
+  // Between frames 8 and 10, without the 9th.
+  REQUIRE(arrives(*of, 0.95));
+  CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
+  const PlayMoment gap = of->at(0.95);
+  CHECK(gap.low == 8);
+  CHECK(gap.high == 10);
+  CHECK(gap.share == Approx(0.75));
+  CHECK(of->state().failed == 1);
+  const auto troubles = of->takeTroubles();
+  REQUIRE(troubles.size() == 1);
+  CHECK_THAT(troubles[0], Contains("frame_9.vdb") && Contains("without the frame"));
+  CHECK(of->takeTroubles().empty());
+  // It comes back by itself.
+  fs::rename(folder / "aside", file);
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (of->state().failed > 0 && std::chrono::steady_clock::now() < until) {
+    (void)player.at(0.95, p);
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  CHECK(of->at(0.95).low == 9);
+  CHECK(player.settled(0.95, p).value == Approx(V(9.5)).margin(1e-3));
+}
+
+TEST_CASE("play that jumps beside a missing frame arrives by itself", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 12, ramp);
+  const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
+  const Player player(of);
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  (void)player.at(0.1, p);
+  fs::remove(frames[9].file);
+  const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  ScalarSample at;
+  do {
+    at = player.at(0.95, p);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  } while ((of->at(0.95).low != 8 || at.coarse) && std::chrono::steady_clock::now() < until);
+  CHECK_FALSE(at.coarse);
+  CHECK(player.settled(0.95, p).value ==
+        Approx(950.0 + 6.3 + 2.0 * 5.2 - (3.0 + 9.5) * 4.7).margin(1e-3));
+}
+
+TEST_CASE("two hands some milliseconds apart are played from the same frames", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 30, ramp);
+  const auto of = sequenceOf(frames, 20.0, false, budgetOf(frames, 10.5));
+  const Player one(of);
+  const Player two(of);
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  const auto begin = std::chrono::steady_clock::now();
+  for (double play = 0.0; play < 1.4;) {
+    const std::chrono::duration<double> since = std::chrono::steady_clock::now() - begin;
+    play = since.count();
+    (void)one.at(play, p, 1.0);
+    (void)two.at(play - 0.005, p, 1.0);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  // Each once at load, and once more.
+  CHECK(of->state().fetched > 40);
+  CHECK(of->state().fetched < 70);
+}
+
+TEST_CASE("a budget holds whatever the sizes of frames", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 10, [](int i) {
+    return makeGrid<openvdb::FloatGrid>(
+        i == 0 ? 6 : 40, openvdb::math::Transform::createLinearTransform(1.0),
+        [](const openvdb::Vec3d& p) { return static_cast<float>(p.x()); });
+  });
+  SequenceParams params;
+  params.budget = 6 * bytesOf(frames[1]);
+  const auto of = sequenceOf(frames, 10.0, false, params);
+  const Player player(of);
+  for (int i = 0; i < 10; ++i) {
+    REQUIRE(arrives(*of, 0.1 * i));
+    CHECK(of->state().bytes <= params.budget);
+  }
+  CHECK(of->state().slots == 6);
+}
+
+TEST_CASE("who waits for frames feels the same each time, with gaps and beside others",
+          "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 16, ramp);
+  SequenceParams little = budgetOf(frames, 5.5);
+  little.waits = true;
+  const auto of = sequenceOf(frames, 10.0, true, little);
+  const auto whole = sequenceOf(frames, 10.0, true);
+  for (const int gone : {3, 8, 9, 10}) fs::remove(frames[static_cast<std::size_t>(gone)].file);
+  const auto run = [&](std::uint64_t seed) {
+    const Player player(of);
+    Random random(seed);
+    std::vector<double> read;
+    double play = 0.0;
+    for (int i = 0; i < 400; ++i) {
+      play += 0.004;
+      if (i % 80 == 40) play = 3.0 * random.uniform();
+      read.push_back(player.at(play, kVoxel * Vec3(6.3, 5.2, 4.7), 4.0).value);
+      if (read.back() != read.back() || i % 7 == 0) std::this_thread::yield();
+    }
+    return read;
+  };
+  (void)run(1);  // what is missing has been found
+  const std::vector<double> alone = run(2);
+  CHECK(run(2) == alone);
+  std::vector<double> beside;
+  std::thread other([&] { (void)run(3); });
+  beside = run(2);
+  other.join();
+  CHECK(beside == alone);
+}
+
+TEST_CASE("what is no sequence is refused", "[sequence]") {
+  const TemporaryFolder folder;
+  auto frames = framesIn(folder, 6, ramp);
+  const auto refused = [&](const FrameTimes& when, const SequenceParams& params = {},
+                           const Sampling& sampling = {}) -> std::string {
+    try {
+      const FrameSequence made(frames, when, placed(), sampling, params);
+    } catch (const VolumeError& e) {
+      return e.what();
+    }
+    return "taken";
+  };
+  CHECK(refused(evenTimes(6, 10.0, false)) == "taken");
+  CHECK_THAT(refused({{0.0, 1.0}, false}), Contains("6 frames and 2 times"));
+  CHECK_THAT(refused({{0.0, 1.0, 2.0, 3.0, 4.0, 5.0}, true}), Contains("6 frames and 6 times"));
+  CHECK_THAT(refused({{0.0, 1.0, 1.0, 3.0, 4.0, 5.0}, false}), Contains("time 2"));
+  CHECK_THAT(refused(evenTimes(6, 10.0, false), budgetOf(frames, 3.0)), Contains("holds 3 of"));
+  CHECK_THAT(refused(evenTimes(6, 10.0, false), {}, {Interpolation::kTrilinear, true}),
+             Contains("axial"));
+  writeVdb(frames[4].file, {ball(4.0)});
+  CHECK_THAT(refused(evenTimes(6, 10.0, false)),
+             Contains("frame_4.vdb") && Contains("another kind"));
+  fs::remove(frames[4].file);
+  CHECK_THAT(refused(evenTimes(6, 10.0, false)), Contains("frame_4.vdb"));
+  frames.clear();
+  CHECK_THAT(refused({}), Contains("no frame"));
+}
