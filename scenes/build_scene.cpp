@@ -223,6 +223,11 @@ void checkDisplacements(const SceneSpec& spec, const std::set<std::string>& name
     }
   }
   for (const std::string& name : names) {
+    if (spec.volumes.at(name).frames) {
+      throw SceneError(at(spec, "/volumes/" + name + "/frames"),
+                       "it is how another volume deforms, and its times are in the warp",
+                       "remove it");
+    }
     const PlaceSpec& place = spec.volumes.at(name).place;
     if (place.keyframes.empty() && !place.warp && spec.volumes.at(name).instances.empty()) continue;
     throw SceneError(at(spec, "/volumes/" + name),
@@ -350,6 +355,81 @@ void openBricks(const SceneSpec& spec, const std::string& name, BuiltScene& buil
   }
 }
 
+/// A folder's worth of frames, or none: the volume is no sequence.
+bool isPlayed(const VolumeSpec& volume) {
+  return volume.frames.has_value() && volume.volume == nullptr && !given(volume.field);
+}
+
+/// Throws where a volume is said to be a sequence and something that no sequence can be.
+void checkPlayed(const SceneSpec& spec, const std::string& name) {
+  const VolumeSpec& volume = spec.volumes.at(name);
+  const std::string path = at(spec, "/volumes/" + name);
+  const auto refuse = [&](bool wrong, const char* key, const char* why, const char* remedy) {
+    if (wrong) throw SceneError(path + "/" + key, why, remedy);
+  };
+  const FramesSpec& frames = *volume.frames;
+  refuse(frames.times.empty() == (frames.rate == 0.0), "frames", "it has one of rate and times",
+         "give frames a second, or the time of each");
+  refuse(!std::isfinite(frames.rate) || frames.rate < 0.0, "frames/rate",
+         "it is not a finite number > 0", "give frames a second, as 25");
+  refuse(inBricks(volume), "frames", "a folder of bricks is one volume", "give frames in .vdb");
+  refuse(volume.budget_mb.has_value(), "window", "a sequence is no volume in bricks",
+         "give the budget in \"frames\"");
+  refuse(!volume.instances.empty(), "instances", "a sequence stands once", "give it one place");
+}
+
+/// Opens a sequence that is placed.
+std::shared_ptr<const FrameSequence> openSequence(const SceneSpec& spec, const std::string& name,
+                                                  const Placement& placement, SceneCache& cache) {
+  const VolumeSpec& volume = spec.volumes.at(name);
+  const FramesSpec& of = *volume.frames;
+  std::vector<VolumeRequest> frames = framesOf(volume);
+  const FrameTimes when = of.rate > 0.0 ? evenTimes(frames.size(), of.rate, of.repeat)
+                                        : FrameTimes{of.times, of.repeat};
+  constexpr double kDefault = 1024.0;
+  constexpr double kMost = 1e9;
+  SequenceParams params;
+  params.budget =
+      static_cast<std::uint64_t>(std::min(kMost, of.budget_mb.value_or(kDefault)) * 1024 * 1024);
+  params.waits = spec.waits;
+  return cache.sequence({std::move(frames), when, placement, volume.sampling, params});
+}
+
+/// How the sequences of a scene are played.
+PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
+  if (built.sequences.empty()) {
+    if (!spec.play) return {};
+    throw SceneError(at(spec, "/play"), "there is no sequence to play",
+                     "give a volume \"frames\", or remove it");
+  }
+  const PlaySpec play = spec.play.value_or(PlaySpec{});
+  PlayParams out;
+  out.speed = play.speed;
+  out.paused = play.paused;
+  out.repeat = play.repeat;
+  double begin = std::numeric_limits<double>::infinity();
+  double end = -begin;
+  for (const auto& [name, sequence] : built.sequences) {
+    const FrameTimes& when = sequence->times();
+    begin = std::min(begin, when.times.front());
+    end = std::max(end, when.repeat ? std::numeric_limits<double>::infinity() : when.times.back());
+  }
+  out.from = play.from.value_or(begin);
+  out.to = play.to.value_or(end);
+  const auto refuse = [&](bool wrong, const char* key, const char* why, const char* remedy) {
+    if (wrong) throw SceneError(at(spec, std::string("/play/") + key), why, remedy);
+  };
+  refuse(!std::isfinite(out.speed), "speed", "it is not finite", "give seconds a second, as 1");
+  refuse(!std::isfinite(out.from), "from", "it is not finite", "give seconds");
+  refuse(!play.to && out.to < out.from, "from", "the sequences have ended by then",
+         "give seconds before the last frame's");
+  refuse(std::isnan(out.to) || out.to < out.from, "to", "it ends before it begins",
+         "give seconds, after \"from\"");
+  refuse(out.repeat && !std::isfinite(out.to), "repeat", "it has no end to go on from",
+         "give \"to\": its sequences repeat of themselves");
+  return out;
+}
+
 /// What was done to a grid at load that its user must know.
 std::vector<std::string> remarks(const GridInfo& info) {
   std::vector<std::string> out;
@@ -444,6 +524,10 @@ class FieldComputer {
     const Made* of = make(field->second.of);
     if (of == nullptr || of->volume->info().vector != kindOf(what).of_vector) return nullptr;
     const std::string path = at(spec_, "/fields/" + name);
+    if (built_.sequences.count(of->from) != 0) {
+      throw SceneError(path, "it is to be computed at load, of a sequence, which is not in memory",
+                       "compute it frame by frame, or let no mode need its gradient");
+    }
     if (built_.windows.count(of->from) != 0) {
       throw SceneError(
           path, "it is to be computed at load, of a volume in bricks, which is not in memory",
@@ -490,8 +574,8 @@ class PartBuilder {
       PlanVolume& volume = volumes[name];
       const bool grid = built_.volumes.count(name) != 0;
       if (grid) volume.leader = leaderOf(spec_, originOf(name));
-      volume.may_be_part =
-          grid && built_.motions.count(name) == 0 && built_.windows.count(name) == 0;
+      volume.may_be_part = grid && built_.motions.count(name) == 0 &&
+                           built_.windows.count(name) == 0 && built_.sequences.count(name) == 0;
     }
     ScenePlan plan = planParts(graph, volumes);
     plans_ = std::move(plan.parts);
@@ -624,6 +708,15 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
       }
     } else if (given(volume.field)) {
       built.fields[name] = volume.field;
+    } else if (isPlayed(volume)) {
+      checkPlayed(spec, name);
+      try {
+        // What the others are placed by.
+        wanted.push_back(name);
+        requests.push_back(framesOf(volume).front());
+      } catch (const VolumeError& e) {
+        throw SceneError::within(at(spec, "/volumes/" + name), e);
+      }
     } else if (inBricks(volume)) {
       openBricks(spec, name, built, things);
     } else if (volume.volume != nullptr) {
@@ -634,6 +727,11 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
         throw SceneError(at(spec, fmt::format("/volumes/{}/window", name)),
                          "it is no volume in bricks, and is in memory as a whole",
                          "remove it, or write it in bricks: palpate brick");
+      }
+      if (isPattern(volume.file)) {
+        throw SceneError(at(spec, fmt::format("/volumes/{}/file", name)),
+                         "its name stands for many, and nothing says when each is felt",
+                         "add \"frames\": {\"rate\": 25}, or name one of them");
       }
       if (volume.sampling.axial && volume.smooth > 0) {
         throw SceneError(at(spec, fmt::format("/volumes/{}/smooth", name)),
@@ -676,13 +774,27 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     built.samplings[name] = spec.volumes.at(name).sampling;
     try {
       const auto window = built.windows.find(name);
-      built.fields[name] =
-          window != built.windows.end()
-              ? things.field(window->second, built.placements[name])
-              : things.field(volume, built.placements[name], built.samplings[name]);
+      if (window != built.windows.end()) {
+        built.fields[name] = things.field(window->second, built.placements[name]);
+      } else if (isPlayed(spec.volumes.at(name))) {
+        built.sequences[name] = openSequence(spec, name, built.placements[name], things);
+        built.fields[name] = things.field(built.sequences[name]);
+      } else {
+        built.fields[name] = things.field(volume, built.placements[name], built.samplings[name]);
+      }
     } catch (const VolumeError& e) {
       throw SceneError::within(at(spec, "/volumes/" + name), e);
     }
+  }
+  built.play = playOf(spec, built);
+  for (const auto& [name, sequence] : built.sequences) {
+    const std::uint64_t needed = sequence->neededFor(std::abs(built.play.speed));
+    const SequenceState state = sequence->state();
+    if (state.slots >= std::min(needed, state.frames)) continue;
+    built.notes.push_back(fmt::format(
+        "{}: memory holds {} of its {} frames, and to be played at this speed on time it needs {}: "
+        "give a larger budget_mb, or a lower speed",
+        at(spec, "/volumes/" + name + "/frames"), state.slots, state.frames, needed));
   }
   built.motions = ownMotions(spec, displacements, placer, things);
   GraphSpec graph = FieldComputer(spec, built, things).compute();
@@ -711,6 +823,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
     const ModeSpec& mode = spec.graph.modes[i];
     const auto volume = built.volumes.find(mode.of);
     if (mode.kind != ModeKind::kIsosurface || volume == built.volumes.end()) continue;
+    if (built.sequences.count(mode.of) != 0) continue;  // another frame may have it
     const GridInfo& info = infoOf(built, mode.of);
     const double low = std::min(info.lowest, info.background);
     const double high = std::max(info.highest, info.background);
@@ -724,6 +837,12 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
 }
 
 SceneSpec coarsely(SceneSpec spec, const BuiltScene& built) {
+  for (const auto& [name, volume] : built.volumes) {
+    if (built.sequences.count(name) == 0) continue;
+    spec.volumes.at(name).volume = volume;
+    spec.volumes.at(name).frames.reset();
+  }
+  spec.play.reset();
   for (const auto& [name, window] : built.windows) {
     VolumeSpec& volume = spec.volumes.at(name);
     volume.volume = built.volumes.at(name);

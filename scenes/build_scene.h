@@ -13,8 +13,10 @@
 
 #include "palpate/engine/device.h"
 #include "palpate/engine/placement.h"
+#include "palpate/engine/play_clock.h"
 #include "palpate/engine/scene.h"
 #include "palpate/samplers/brick_window.h"
+#include "palpate/samplers/frame_sequence.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
 
@@ -56,11 +58,29 @@ struct PlaceSpec {
   std::optional<WarpSpec> warp;     ///< Deforms it, before the keyframes move it. Not with kLike.
 };
 
+/// How a volume that is a sequence is played, as the scene file's "frames" says: its frames are the
+/// grids or files that scenes/frames.h finds.
+struct FramesSpec {
+  double rate = 0.0;          ///< Frames a second; 0: by `times`.
+  std::vector<double> times;  ///< Of the frames [s]; repeated one more, when the first comes again.
+  bool repeat = false;        ///< After the last frame the first comes.
+  std::optional<double> budget_mb;  ///< Of memory for frames [MB]; none: 1024.
+};
+
+/// How the sequences of a scene are played together.
+struct PlaySpec {
+  double speed = 1.0;          ///< As PlayParams.
+  bool paused = false;         ///< As PlayParams.
+  bool repeat = false;         ///< As PlayParams.
+  std::optional<double> from;  ///< [s]; none: where the first sequence begins.
+  std::optional<double> to;    ///< [s]; none: where the last one ends, if none of them repeats.
+};
+
 /// One volume: a grid of a file, one in bricks, one already in memory, or a field of the user's
 /// own.
 struct VolumeSpec {
-  std::filesystem::path file;  ///< A .vdb, or a folder of bricks (samplers/bricks.h); not read
-                               ///< where `volume` or `field` is set.
+  std::filesystem::path file;  ///< A .vdb, a folder of bricks (samplers/bricks.h), or of many
+                               ///< frames; not read where `volume` or `field` is set.
   std::string grid;            ///< Empty: the only one.
   NonFinite non_finite = NonFinite::kRefuse;  ///< As LoadOptions.
   int smooth = 0;                             ///< As LoadOptions, voxels.
@@ -68,6 +88,7 @@ struct VolumeSpec {
   std::vector<PlaceSpec> instances;  ///< Where it stands instead, many times; not with kLike, no
                                      ///< keyframes. What is placed like it stands there as well.
   Sampling sampling;                 ///< How its values between voxels come about.
+  std::optional<FramesSpec> frames;  ///< It is a sequence, and played so.
   std::optional<double> budget_mb;   ///< Of memory for bricks [MB]; none: 256. Only for these.
   std::shared_ptr<const Volume> volume;  ///< If set, no file is read.
   FieldPtr field;                        ///< If set, of the above only keyframes and warp count.
@@ -83,9 +104,10 @@ struct SceneSpec {
   GraphSpec graph;                                   ///< "fields", "modes" and a varying stiffness.
   std::map<std::size_t, std::string> guide_volumes;  ///< By mode: the volume in whose own units a
                                                      ///< guide is given, else metres of W.
+  std::optional<PlaySpec> play;                      ///< Only where there is a sequence.
   bool one_graph = false;          ///< No parts, however many volumes; not with instances.
-  bool waits = false;              ///< Whoever reads bricks waits for them (WindowParams::waits):
-                                   ///< for virtual time.
+  bool waits = false;              ///< Whoever reads bricks or frames waits for them
+                                   ///< (WindowParams::waits): for virtual time.
   std::vector<std::string> notes;  ///< For the user, one line each: what was skipped or ignored.
 };
 
@@ -113,8 +135,12 @@ struct BuiltScene {
   std::map<std::string, std::shared_ptr<const BrickWindow>> windows;  ///< Those in bricks: in
                                                                       ///< `volumes` are their
                                                                       ///< coarsest levels.
-  std::map<std::string, Placement> placements;                        ///< Of many the first.
-  std::map<std::string, Sampling> samplings;                          ///< Of the volumes.
+  std::map<std::string, std::shared_ptr<const FrameSequence>>
+      sequences;                                  ///< Those that are played: in `volumes` are their
+                                                  ///< first frames.
+  PlayParams play;                                ///< How these are played.
+  std::map<std::string, Placement> placements;    ///< Of many the first.
+  std::map<std::string, Sampling> samplings;      ///< Of the volumes.
   std::map<std::string, FieldPtr> fields;         ///< All volumes, placed, as they rest.
   std::map<std::string, MotionPtr> motions;       ///< Of those that move.
   std::map<std::string, ComputedField> computed;  ///< By name; each is in `volumes` too.
@@ -134,8 +160,8 @@ struct BuiltScene {
 [[nodiscard]] BuiltScene buildScene(const SceneSpec& spec, const Progress& progress = nullptr,
                                     SceneCache* cache = nullptr);
 
-/// A scene's volumes in bricks by their coarsest levels, where they stand: to look for places in,
-/// without fetching anything. `built`: of `spec`.
+/// A scene's volumes in bricks by their coarsest levels, and sequences by their first frames, where
+/// they stand: to look for places in, without fetching anything. `built`: of `spec`.
 [[nodiscard]] SceneSpec coarsely(SceneSpec spec, const BuiltScene& built);
 
 /// Lowers a coupling that nobody has asked for to what a device renders. What to tell the user

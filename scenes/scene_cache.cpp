@@ -10,6 +10,7 @@
 #include "palpate/samplers/brick_field.h"
 #include "palpate/samplers/bricks.h"
 #include "palpate/samplers/parallel.h"
+#include "palpate/samplers/sequence_field.h"
 
 namespace palpate {
 
@@ -82,6 +83,24 @@ FieldPtr SceneCache::field(const std::shared_ptr<const BrickWindow>& window,
   return windowed_.keep(key, makeBrickField(window, placement));
 }
 
+std::shared_ptr<const FrameSequence> SceneCache::sequence(const Played& wanted) {
+  Kept key{wanted, {}};
+  for (const VolumeRequest& frame : wanted.frames) {
+    std::error_code unknown;
+    key.times.push_back(std::filesystem::last_write_time(frame.file, unknown));
+  }
+  if (const auto* known = sequences_.find(key)) return *known;
+  return sequences_.keep(
+      key, std::make_shared<const FrameSequence>(wanted.frames, wanted.when, wanted.placement,
+                                                 wanted.sampling, wanted.params));
+}
+
+FieldPtr SceneCache::field(const std::shared_ptr<const FrameSequence>& sequence) {
+  const Sequenced key{sequence};
+  if (const auto* known = sequenced_.find(key)) return *known;
+  return sequenced_.keep(key, makeSequenceField(sequence));
+}
+
 std::vector<FieldPtr> SceneCache::fields(const std::vector<Placed>& wanted) {
   std::vector<FieldPtr> out(wanted.size());
   std::vector<std::size_t> missing;
@@ -116,6 +135,15 @@ std::size_t SceneCache::hashOf(const Windowed& key) {
   return std::hash<const void*>()(key.window.get());
 }
 
+std::size_t SceneCache::hashOf(const Kept& key) {
+  const VolumeRequest& first = key.played.frames.front();
+  return std::hash<std::string>()(first.file.native() + "\n" + first.grid);
+}
+
+std::size_t SceneCache::hashOf(const Sequenced& key) {
+  return std::hash<const void*>()(key.sequence.get());
+}
+
 std::size_t SceneCache::hashOf(const Placed& key) {
   std::size_t hash = std::hash<const void*>()(key.volume.get());
   const auto add = [&](double x) {
@@ -139,6 +167,8 @@ void SceneCache::forgetUnused() {
   warps_.forgetUnused();
   bricks_.forgetUnused();
   windowed_.forgetUnused();
+  sequences_.forgetUnused();
+  sequenced_.forgetUnused();
 }
 
 }  // namespace palpate

@@ -14,6 +14,7 @@
 
 #include "palpate/samplers/brick_window.h"
 #include "palpate/samplers/derive.h"
+#include "palpate/samplers/frame_sequence.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
 #include "palpate/samplers/warp_grid.h"
@@ -44,6 +45,20 @@ class SceneCache {
   /// As makeBrickField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
                                const Placement& placement);
+  /// The frames of a sequence, when they are, and where and how they are read.
+  struct Played {
+    std::vector<VolumeRequest> frames;  ///< One or more.
+    FrameTimes when;                    ///< Of these.
+    Placement placement;                ///< Where in W.
+    Sampling sampling;                  ///< How it is read between voxels.
+    SequenceParams params;              ///< What it may take.
+
+    [[nodiscard]] bool operator==(const Played&) const = default;  ///< For the same sequence.
+  };
+  /// As the constructor of FrameSequence. Frames that were written anew since are loaded anew.
+  [[nodiscard]] std::shared_ptr<const FrameSequence> sequence(const Played& wanted);
+  /// As makeSequenceField.
+  [[nodiscard]] FieldPtr field(const std::shared_ptr<const FrameSequence>& sequence);
   /// What stands somewhere, and how it is read.
   struct Placed {
     std::shared_ptr<const Volume> volume;  ///< Not null.
@@ -119,6 +134,17 @@ class SceneCache {
 
     [[nodiscard]] bool operator==(const Opened&) const = default;
   };
+  struct Kept {
+    Played played;
+    std::vector<std::filesystem::file_time_type> times;
+
+    [[nodiscard]] bool operator==(const Kept&) const = default;
+  };
+  struct Sequenced {
+    std::shared_ptr<const FrameSequence> sequence;
+
+    [[nodiscard]] bool operator==(const Sequenced&) const = default;
+  };
   struct Windowed {
     std::shared_ptr<const BrickWindow> window;
     Placement placement;
@@ -127,6 +153,8 @@ class SceneCache {
   };
   static std::size_t hashOf(const Opened& key);
   static std::size_t hashOf(const Windowed& key);
+  static std::size_t hashOf(const Kept& key);
+  static std::size_t hashOf(const Sequenced& key);
   static std::size_t hashOf(const Loaded& key);
   static std::size_t hashOf(const Derived& key);
   static std::size_t hashOf(const Placed& key);
@@ -138,6 +166,8 @@ class SceneCache {
   Shelf<Displaced, WarpPtr> warps_;
   Shelf<Opened, Bricks> bricks_;
   Shelf<Windowed, FieldPtr> windowed_;
+  Shelf<Kept, std::shared_ptr<const FrameSequence>> sequences_;
+  Shelf<Sequenced, FieldPtr> sequenced_;
 };
 
 }  // namespace palpate

@@ -187,14 +187,63 @@ JsonType<PlaceSpec> instanceType() {
 
 // Volumes and fields.
 
+JsonType<FramesSpec> framesType() {
+  const auto common =
+      JsonObject<FramesSpec>()
+          .may("repeat",
+               jsonFlag().says("After the last frame the first comes, over and over. Default "
+                               "false: the last one stays."),
+               &FramesSpec::repeat)
+          .may("budget_mb",
+               jsonPositive().says("Of memory for frames [MB], which are fetched ahead of play; "
+                                   "default 1024."),
+               [](FramesSpec& to, double budget) { to.budget_mb = budget; });
+  return JsonObject<FramesSpec>()
+      .chooseByKey(
+          {JsonObject<FramesSpec>()
+               .need("rate", jsonPositive().says("Frames a second."), &FramesSpec::rate)
+               .with(common),
+           JsonObject<FramesSpec>()
+               .need("times",
+                     jsonList(jsonNumber(), "it is not a list of times", "write [0, 0.1, ...]")
+                         .says("Of the frames, ascending [s]; repeated one more, when the first "
+                               "comes again."),
+                     &FramesSpec::times)
+               .with(common)})
+      .type()
+      .says(
+          "The volume is a sequence: a frame for each grid of its name, or for each file that "
+          "%04d in its name means. Between two frames values are blended.");
+}
+
+JsonObject<SceneSpec> playRows() {
+  const auto play = [](SceneSpec& spec) -> PlaySpec& {
+    if (!spec.play) spec.play.emplace();
+    return *spec.play;
+  };
+  return JsonObject<SceneSpec>()
+      .remark("description")
+      .may("speed", jsonNumber().says("Seconds of play a second; below 0: backwards. Default 1."),
+           [play](SceneSpec& spec, double speed) { play(spec).speed = speed; })
+      .may("paused", jsonFlag().says("It stands until a key lets it go. Default false."),
+           [play](SceneSpec& spec, bool paused) { play(spec).paused = paused; })
+      .may("from", jsonNumber().says("Play begins there [s]; default: with the first sequence."),
+           [play](SceneSpec& spec, double from) { play(spec).from = from; })
+      .may("to",
+           jsonNumber().says("Play ends there [s]; default: with the last sequence, or never where "
+                             "one repeats."),
+           [play](SceneSpec& spec, double to) { play(spec).to = to; })
+      .may("repeat", jsonFlag().says("From the end it jumps to the begin. Default false."),
+           [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
+}
+
 JsonType<VolumeSpec> volumeType() {
   return JsonObject<VolumeSpec>()
       .remark("description")
-      .need(
-          "file",
-          jsonName().says("A .vdb, or a folder of bricks (palpate brick), which is fetched as the "
-                          "hand goes."),
-          [](VolumeSpec& to, const std::string& name) { to.file = name; })
+      .need("file",
+            jsonName().says("A .vdb, a folder of bricks (palpate brick), which is fetched as the "
+                            "hand goes, or for frames a name with %04d for their number."),
+            [](VolumeSpec& to, const std::string& name) { to.file = name; })
       .may("grid", jsonName(), &VolumeSpec::grid)
       .may("interpolation",
            jsonWordOf({Interpolation::kTrilinear, Interpolation::kNearest,
@@ -212,6 +261,8 @@ JsonType<VolumeSpec> volumeType() {
            jsonWhole(0, 16).says("OpenVDB's Gaussian at load: four box filters of so many voxels "
                                  "to each side. Default 0."),
            &VolumeSpec::smooth)
+      .may("frames", framesType(),
+           [](VolumeSpec& to, FramesSpec value) { to.frames = std::move(value); })
       .may("window",
            JsonObject<double>()
                .need("budget_mb",
@@ -400,6 +451,7 @@ const Table& table() {
         .version("palpate", 1, "Version of this format.")
         .mayHold("coupling", couplingRows(curve), "The virtual coupling, Lundin et al. eq. (3).")
         .mayHold("accuracy", accuracyRows(), "What a tick may take, and how exact it is.")
+        .mayHold("play", playRows(), "How the scene's sequences are played, all together.")
         .need("volumes",
               jsonMap(volumeType().defined("volume", t.definitions), 1, "there is no volume",
                       "write {\"name\": {\"file\": ...}}"),

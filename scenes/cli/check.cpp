@@ -4,10 +4,12 @@
 #include <fmt/format.h>
 
 #include "palpate/devices/simulated_device.h"
+#include "palpate/samplers/ghosts.h"
 #include "palpate/samplers/thickness.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/room.h"
 #include "palpate/scenes/cli/touch.h"
+#include "palpate/scenes/frames.h"
 #include "palpate/scenes/scene_file.h"
 
 namespace palpate::cli {
@@ -89,6 +91,58 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
     if (i >= 0) out.push_back(graph.scalar_properties[static_cast<std::size_t>(i)]);
   }
   return out;
+}
+
+/// Of a surface so much may be where the other frame has no data: edges of what was scanned.
+constexpr double kLeft = 0.01;
+
+/// What matter of a sequence's isosurfaces a blend of two frames cannot move. Loads each frame.
+OrderedJson ghostsOf(const std::string& name, const SceneSpec& spec, const BuiltScene& built) {
+  const Placement& place = built.placements.at(name);
+  std::vector<VolumeRequest> frames = framesOf(spec.volumes.at(name));
+  if (built.sequences.at(name)->times().repeat) frames.push_back(frames.front());
+  OrderedJson all = OrderedJson::array();
+  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
+    const ModeSpec& mode = spec.graph.modes[i];
+    if (mode.kind != ModeKind::kIsosurface || mode.of != name) continue;
+    Ghosts worst;
+    int left = 0;
+    double most_left = 0.0;
+    std::size_t at = 0;
+    int pairs = 0;
+    int pieces = 0;
+    std::shared_ptr<const Volume> last;
+    for (std::size_t frame = 0; frame < frames.size(); ++frame) {
+      const VolumeRequest& of = frames[frame];
+      const auto next = loadVolume(of.file, of.grid, {of.non_finite, of.smooth, nullptr});
+      if (last != nullptr) {
+        const double sign = mode.solid == Solid::kAbove ? -1.0 : 1.0;
+        const Ghosts found = ghostsBetween(*last, *next, mode.value, sign);
+        pairs += found.pieces > 0 ? 1 : 0;
+        pieces += found.pieces;
+        const double beyond = surfaceBeyondData(*last, *next, mode.value);
+        left += beyond > kLeft ? 1 : 0;
+        most_left = std::max(most_left, beyond);
+        if (found.share > worst.share) {
+          worst = found;
+          at = frame - 1;
+        }
+      }
+      last = next;
+    }
+    if (pairs == 0 && left == 0) continue;
+    all.push_back({{"of", mode.name.empty() ? fmt::format("/modes/{}", i) : mode.name},
+                   {"pairs", pairs},
+                   {"beyond_pairs", left},
+                   {"beyond", most_left},
+                   {"of_pairs", frames.size() - 1},
+                   {"pieces", pieces},
+                   {"share", worst.share},
+                   {"after", at},
+                   {"at", toJson(place(worst.where))},
+                   {"size", place.scale * worst.size}});
+  }
+  return all;
 }
 
 /// How thick the solid of an isosurface is; null where nothing can say.
@@ -208,6 +262,14 @@ OrderedJson report(const SceneSpec& spec, const BuiltScene& built) {
                             {"stored_bytes", window->second->manifest().storedBytes()},
                             {"slots", window->second->state().slots}};
       }
+      if (const auto played = built.sequences.find(name); played != built.sequences.end()) {
+        const FrameTimes& when = played->second->times();
+        const SequenceState state = played->second->state();
+        volume["frames"] = {{"count", state.frames},       {"from", when.times.front()},
+                            {"to", when.times.back()},     {"repeat", when.repeat},
+                            {"in_memory", state.resident}, {"ghosts", ghostsOf(name, spec, built)}};
+        volume["memory_bytes"] = state.bytes;
+      }
     }
     const auto places = instancesOf(spec, name);
     if (places > 0) volume["instances"] = places;
@@ -259,6 +321,28 @@ std::string remark(const OrderedJson& thickness) {
       thickness["least"].get<double>(), place("thinnest"), thickness["remedy"].get<std::string>());
 }
 
+void sayGhosts(const OrderedJson& of) {
+  const OrderedJson& at = of["at"];
+  if (of["pairs"].get<int>() > 0) {
+    say("ghosts    {}: {} pieces of matter, in {} of {} steps from frame to frame, move farther "
+        "than their own width, most of all after frame {}, {} % of the matter, one of {} mm at "
+        "({}, "
+        "{}, {}): between frames they fade away and in again: give more frames, or a displacement "
+        "field (\"warp\")\n",
+        of["of"].get<std::string>(), of["pieces"].get<int>(), of["pairs"].get<int>(),
+        of["of_pairs"].get<std::size_t>(), of["after"].get<std::size_t>(),
+        rounded(100.0 * of["share"].get<double>()), rounded(1e3 * of["size"].get<double>()),
+        rounded(at[0].get<double>()), rounded(at[1].get<double>()), rounded(at[2].get<double>()));
+  }
+  if (of["beyond_pairs"].get<int>() > 0) {
+    say("ghosts    {}: in {} of {} steps from frame to frame the surface, up to {} % of it, comes "
+        "to where the other frame has no data: there it lets go of a hand between them: give more "
+        "frames, a wider band, or volumes with data all around\n",
+        of["of"].get<std::string>(), of["beyond_pairs"].get<int>(),
+        of["of_pairs"].get<std::size_t>(), rounded(100.0 * of["beyond"].get<double>()));
+  }
+}
+
 void printCheck(const OrderedJson& json, bool verbose) {
   say("scene     {}: valid\n", json["scene"].get<std::string>());
   const OrderedJson& bounds = json["bounds"];
@@ -297,12 +381,22 @@ void printCheck(const OrderedJson& json, bool verbose) {
           rounded(bricks["stored_bytes"].get<double>() / 1e6), bricks["levels"].get<std::size_t>(),
           bricks["slots"].get<std::uint64_t>());
     }
+    if (volume.contains("frames")) {
+      const OrderedJson& frames = volume["frames"];
+      say("{} frames, {} to {} s{}, {} of them in memory; ", frames["count"].get<std::uint64_t>(),
+          rounded(frames["from"].get<double>()), rounded(frames["to"].get<double>()),
+          frames["repeat"].get<bool>() ? ", over and over" : "",
+          frames["in_memory"].get<std::uint64_t>());
+    }
     say("voxel {} mm, {} mm a unit", rounded(1e3 * volume["voxel"].get<double>()),
         rounded(1e3 * volume["metres_per_unit"].get<double>()));
     if (volume.contains("instances")) {
       say("; the first of {}", volume["instances"].get<std::size_t>());
     }
     say("\n");
+    if (volume.contains("frames")) {
+      for (const OrderedJson& ghosts : volume["frames"]["ghosts"]) sayGhosts(ghosts);
+    }
     if (!volume.contains("motion")) continue;
     const OrderedJson& motion = volume["motion"];
     std::string how = motion["deforms"].get<bool>() ? "deforms" : "";

@@ -325,8 +325,11 @@ int feel(FeelOptions options) {
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
   for (const std::string& note : built.notes) complain(note);
   OrderedJson search;
-  const HandTarget target = targetOf(
-      options, built.windows.empty() ? built : buildScene(coarsely(spec, built), {}), search);
+  const HandTarget target = targetOf(options,
+                                     built.windows.empty() && built.sequences.empty()
+                                         ? built
+                                         : buildScene(coarsely(spec, built), {}),
+                                     search);
   // An arm is put down before the program ends, and what was felt is written.
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices;
@@ -335,10 +338,10 @@ int feel(FeelOptions options) {
         name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
   }
   const bool replayed = isReplay(options.devices[0]);
-  if (replayed && !built.windows.empty()) {
+  if (replayed && !(built.windows.empty() && built.sequences.empty())) {
     complain(
-        "feel: volumes in bricks are felt as they are now: what was not there in time when it was "
-        "recorded is not told apart");
+        "feel: volumes in bricks and sequences are felt as they are now: what was not there in "
+        "time when it was recorded is not told apart");
   }
   if (replayed) options.rate = rateOfReplays(devices, options);
   std::vector<const Device*> rendered;
@@ -386,8 +389,8 @@ int feel(FeelOptions options) {
     if (hand->recorder) hand->recorder->begin();
   }
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
-  run.bricks.now(built);
-  if (window) run.window = &*window;
+  run.fetched.now(built);
+  run.play = built.play;
   run.whole_path = !options.seconds &&
                    std::all_of(options.devices.begin(), options.devices.end(),
                                [](const std::string& d) { return isPath(d) || isReplay(d); });
@@ -404,7 +407,7 @@ int feel(FeelOptions options) {
   } else {
     runInVirtualTime(run);
   }
-  run.bricks.tellTroubles();
+  run.fetched.tellTroubles();
   bool kept = true;
   for (std::size_t h = 0; h < hands.size(); ++h) kept = endRecording(run, h) && kept;
   // What was felt is written; who interrupts that as well ends what is drawn.
@@ -416,8 +419,7 @@ int feel(FeelOptions options) {
   OrderedJson summary = felt[0];
   if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;
-  const OrderedJson bricks = run.bricks.summary();
-  if (!bricks.empty()) summary["bricks"] = bricks;
+  run.fetched.addTo(summary);
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
@@ -433,7 +435,7 @@ int feel(FeelOptions options) {
           rounded(search["ms"].get<double>()));
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h], to_feel.file);
-    run.bricks.sayThem();
+    run.fetched.sayThem();
   }
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);

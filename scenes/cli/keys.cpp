@@ -16,10 +16,18 @@ bool ours() {
 
 }  // namespace
 
-Keys::Keys(const std::vector<HapticThread*>& hands)
-    : hands_(hands), shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
+Keys::Keys(const std::vector<HapticThread*>& hands, PlayClock& clock, double frame)
+    : hands_(hands),
+      clock_(clock),
+      frame_(frame),
+      shown_(isatty(0) != 0 && tcgetattr(0, &usual_) == 0) {
   if (!shown_) return;
   sayAside("Esc: force off; Enter: on again; Ctrl-C: end\n");
+  if (frame_ > 0.0) {
+    sayAside(
+        "space: pause, go on; , .: a frame back, on; 0: to the begin; - +: half, twice as fast; "
+        "r: over and over, or once\n");
+  }
   thread_ = std::thread([this] { run(); });
 }
 
@@ -59,6 +67,30 @@ void Keys::look() {
       if (key == kEscape) hand->cut();
       if (key == '\n' || key == '\r') hand->clear();
     }
+    if (frame_ > 0.0) steer(key);
+  }
+}
+
+void Keys::steer(char key) {
+  const PlayParams now = clock_.params();
+  constexpr double kFaster = 2.0;
+  switch (key) {
+    case ' ':
+      return clock_.pause(!now.paused);
+    case ',':
+      return clock_.nudge(-frame_);
+    case '.':
+      return clock_.nudge(frame_);
+    case '0':
+      return clock_.seek(now.from);
+    case '-':
+      return clock_.setSpeed(now.speed / kFaster);
+    case '+':
+      return clock_.setSpeed(now.speed * kFaster);
+    case 'r':
+      return clock_.repeat(!now.repeat);
+    default:
+      return;
   }
 }
 

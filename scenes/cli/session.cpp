@@ -17,10 +17,11 @@ namespace {
 /// A hand's loop on time, and what its owner keeps an eye on.
 class OnTime {
  public:
-  OnTime(const Run& run, std::size_t number, Guardian& guardian)
+  OnTime(const Run& run, std::size_t number, Guardian& guardian, const PlayClock& clock)
       : run_(run), hand_(*run.hands[number]), name_(run.nameOf(number)), guardian_(guardian) {
     LoopParams params;
     params.rate = run.options.rate;
+    params.clock = &clock;
     if (run.window != nullptr && number == 0) params.realtime.core = loopsCore();
     const ZeroForce zero = hand_.device->zeroForce();
     if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
@@ -128,6 +129,18 @@ class Pacer {
   std::optional<Begin> begun_;
 };
 
+/// What a key goes on or back by [s]; 0: nothing is played.
+double stepOf(const Fetched& of) {
+  double shortest = 0.0;
+  for (const auto& [name, sequence] : of.sequences()) {
+    const std::vector<double>& times = sequence->times().times;
+    if (times.size() < 2) continue;
+    const double step = times[1] - times[0];
+    shortest = shortest > 0.0 ? std::min(shortest, step) : step;
+  }
+  return shortest;
+}
+
 /// Tells the recordings of a scene that is about to become the hands'.
 void record(const Run& run, const Scene& scene, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
@@ -139,25 +152,33 @@ void record(const Run& run, const Scene& scene, const Watcher& watcher) {
 
 }  // namespace
 
-void FeltBricks::tellTroubles() const {
-  for (const auto& [name, window] : windows_) {
-    for (const std::string& trouble : window->takeTroubles()) complain(trouble);
-  }
+void Fetched::tellTroubles() const {
+  const auto tell = [](const auto& all) {
+    for (const auto& [name, of] : all) {
+      for (const std::string& trouble : of->takeTroubles()) complain(trouble);
+    }
+  };
+  tell(windows_);
+  tell(sequences_);
 }
 
-OrderedJson FeltBricks::summary() const {
-  OrderedJson json;
+void Fetched::addTo(OrderedJson& summary) const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
-    json[name] = {{"slots", state.slots},   {"resident", state.resident},
-                  {"bytes", state.bytes},   {"fetched", state.fetched},
-                  {"failed", state.failed}, {"locked", state.locked},
-                  {"gone", state.gone}};
+    summary["bricks"][name] = {{"slots", state.slots},   {"resident", state.resident},
+                               {"bytes", state.bytes},   {"fetched", state.fetched},
+                               {"failed", state.failed}, {"locked", state.locked},
+                               {"gone", state.gone}};
   }
-  return json;
+  for (const auto& [name, sequence] : sequences_) {
+    const SequenceState state = sequence->state();
+    summary["sequences"][name] = {{"frames", state.frames},     {"slots", state.slots},
+                                  {"resident", state.resident}, {"bytes", state.bytes},
+                                  {"fetched", state.fetched},   {"failed", state.failed}};
+  }
 }
 
-void FeltBricks::sayThem() const {
+void Fetched::sayThem() const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
     say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
@@ -165,12 +186,20 @@ void FeltBricks::sayThem() const {
         state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
                          : "");
   }
+  for (const auto& [name, sequence] : sequences_) {
+    const SequenceState state = sequence->state();
+    say("frames    {}: {} of {} in memory ({} MB), {} fetched{}\n", name, state.resident,
+        state.frames, rounded(static_cast<double>(state.bytes) / 1e6), state.fetched,
+        state.failed > 0 ? fmt::format("; {} could not be had", state.failed) : "");
+  }
 }
 
 void runInVirtualTime(const Run& run) {
+  const PlayClock clock(run.play);
   std::vector<std::unique_ptr<HapticLoop>> loops;
   for (const auto& hand : run.hands) {
     loops.push_back(std::make_unique<HapticLoop>(*hand->device, run.options.rate, &hand->log));
+    loops.back()->playBy(&clock);
     loops.back()->publish(run.scene);
   }
   const auto progress = showProgress("feeling");
@@ -253,13 +282,14 @@ void runOnTime(Run& run, Guardian& guardian) {
     watcher.emplace(run.spec, run.options.scene, run.written, run.options.watch, devices,
                     run.cache);
   }
+  PlayClock clock(run.play);
   std::vector<std::unique_ptr<OnTime>> hands;
   std::vector<HapticThread*> threads;
   for (std::size_t h = 0; h < run.hands.size(); ++h) {
-    hands.push_back(std::make_unique<OnTime>(run, h, guardian));
+    hands.push_back(std::make_unique<OnTime>(run, h, guardian, clock));
     threads.push_back(&hands.back()->thread());
   }
-  const Keys keys(threads);
+  Keys keys(threads, clock, stepOf(run.fetched));
   for (HapticThread* thread : threads) thread->publish(run.scene);
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
@@ -275,10 +305,13 @@ void runOnTime(Run& run, Guardian& guardian) {
       run.window->tellRefused(watcher->refused());
     }
     if (looks % kWatch != 0) continue;
-    run.bricks.tellTroubles();
+    run.fetched.tellTroubles();
     if (!watcher) continue;
     if (const auto built = watcher->look()) {
-      run.bricks.now(*built);
+      run.fetched.now(*built);
+      keys.step(stepOf(run.fetched));
+      // As long as the file says the same, what the keys have said is left alone.
+      if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built->scene, *watcher);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }

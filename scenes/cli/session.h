@@ -136,19 +136,28 @@ struct Hand {
 };
 using Hands = std::vector<std::unique_ptr<Hand>>;
 
-/// The volumes in bricks of what is felt.
-class FeltBricks {
+/// What of the felt volumes is fetched meanwhile: bricks about hands, frames ahead of play.
+class Fetched {
  public:
   /// They are those of this scene from now on.
-  void now(const BuiltScene& built) { windows_ = built.windows; }
+  void now(const BuiltScene& built) {
+    windows_ = built.windows;
+    sequences_ = built.sequences;
+  }
   /// Complains of what went wrong since the last call.
   void tellTroubles() const;
-  /// By name; empty where there are none.
-  [[nodiscard]] OrderedJson summary() const;
+  /// Adds "bricks" and "sequences", by names of volumes, where there are any.
+  void addTo(OrderedJson& summary) const;
   void sayThem() const;
+  /// By name.
+  [[nodiscard]] const std::map<std::string, std::shared_ptr<const FrameSequence>>& sequences()
+      const {
+    return sequences_;
+  }
 
  private:
   std::map<std::string, std::shared_ptr<const BrickWindow>> windows_;
+  std::map<std::string, std::shared_ptr<const FrameSequence>> sequences_;
 };
 
 /// What a run asks for, once it is known to be good.
@@ -163,7 +172,8 @@ struct Run {
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
   Window* window = nullptr;
-  FeltBricks bricks{};
+  Fetched fetched{};
+  PlayParams play{};  ///< Of `scene`.
 
   /// Before a message about one of several.
   [[nodiscard]] std::string nameOf(std::size_t hand) const {

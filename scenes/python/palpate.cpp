@@ -551,7 +551,10 @@ class Hand {
   Hand(std::shared_ptr<const Scene> scene, double rate)
       : scene_(std::move(scene)), dt_(1.0 / rate), state_(pathInfo().limits) {}
 
-  std::tuple<double, double, double> step(double x, double y, double z) {
+  std::tuple<double, double, double> step(double x, double y, double z, double play) {
+    // What a script plays it plays on, however far at a time.
+    const double from = std::exchange(play_, std::isfinite(play) ? play : 0.0);
+    state_.playAt(play_, (play_ - from) / dt_);
     report_ = hapticStep(*scene_, reader_, {{x, y, z}}, state_, dt_);
     return {report_.force.x(), report_.force.y(), report_.force.z()};
   }
@@ -581,6 +584,7 @@ class Hand {
  private:
   std::shared_ptr<const Scene> scene_;
   double dt_;
+  double play_ = 0.0;  ///< Of the last tick [s].
   Reader reader_;
   ProxyState state_;
   StepReport report_;
@@ -680,9 +684,9 @@ class PyScene {
     cli::checkRate("rate", rate);
     return std::make_unique<Hand>(built_.scene, rate);
   }
-  std::tuple<double, double, double> step(double x, double y, double z) {
+  std::tuple<double, double, double> step(double x, double y, double z, double play) {
     if (!own_) own_ = hand(1000.0);
-    return own_->step(x, y, z);
+    return own_->step(x, y, z, play);
   }
 
   [[nodiscard]] py::object explain(const Doubles& at, const Doubles& push, double rate) const {
@@ -865,8 +869,9 @@ PYBIND11_MODULE(palpate, m) {
       "within eight voxels of that edge: give more of the array, or trilinear.");
 
   py::class_<Hand>(m, "Hand", "A hand in a scene, from Scene.hand(rate).")
-      .def("step", &Hand::step, "x"_a, "y"_a, "z"_a,
-           "One tick with the probe at x, y, z [m]: the force (fx, fy, fz) [N].")
+      .def("step", &Hand::step, "x"_a, "y"_a, "z"_a, "play"_a = 0.0,
+           "One tick with the probe at x, y, z [m], sequences played to `play` [s]: the force "
+           "(fx, fy, fz) [N].")
       .def("clear", &Hand::clear, "Lets force out again after a fault.")
       .def_property_readonly("proxy", &Hand::proxy, "The proxy after the last tick [m].")
       .def_property_readonly("fault", &Hand::fault, "Why the force is cut; empty: it is not.")
@@ -885,8 +890,8 @@ PYBIND11_MODULE(palpate, m) {
            "trace, a row a tick. path: (n, 3) positions, a tick each, or (n, 4) rows of t, x, y, "
            "z, linear between. Other threads of Python run meanwhile.")
       .def("hand", &PyScene::hand, "rate"_a = 1000.0, "Another hand, `rate` ticks a second.")
-      .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a,
-           "One tick at 1 kHz of the scene's own hand: the force (fx, fy, fz) [N].")
+      .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a, "play"_a = 0.0,
+           "One tick at 1 kHz of the scene's own hand, as Hand.step: the force (fx, fy, fz) [N].")
       .def("explain", &PyScene::explain, "at"_a, "push"_a, "rate"_a = 1000.0,
            "Why one tick's force is what it is: a dict as `palpate explain --json` prints it. The "
            "hand rests at `at` [m] first, then moves by `push` [m] within the tick.")

@@ -1,0 +1,200 @@
+/// Scenes with volumes that are played: "frames" and "play".
+#include <cmath>
+#include <filesystem>
+#include <string>
+
+#include <catch2/catch.hpp>
+#include <nlohmann/json.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/engine/step.h"
+#include "palpate/scenes/scene_cache.h"
+#include "palpate/scenes/scene_file.h"
+#include "tests/support/json_schema.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+using Json = nlohmann::json;
+
+namespace {
+
+/// Balls of 10 to 15 voxels: files of a frame each, and one of all.
+void writeBalls(const std::filesystem::path& folder) {
+  openvdb::GridPtrVec all;
+  for (int i = 0; i < 6; ++i) {
+    const auto ball = makeBall(10.0 + i, 1.0);
+    writeVdb(folder / ("ball_00" + std::to_string(i) + ".vdb"), {ball});
+    all.push_back(ball);
+  }
+  writeVdb(folder / "balls.vdb", all);
+}
+
+Json ballScene() {
+  return Json::parse(R"({
+    "palpate": 1, "coupling": {"stiffness": 500},
+    "volumes": {"ball": {"file": "ball_%03d.vdb", "frames": {"rate": 10}, "place": {"unit": "mm"}}},
+    "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "below",
+               "strength": 6}]})");
+}
+
+BuiltScene built(const Json& scene, const std::filesystem::path& folder,
+                 SceneCache* cache = nullptr) {
+  return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
+}
+
+std::string refusal(const Json& scene, const std::filesystem::path& folder) {
+  try {
+    (void)built(scene, folder);
+  } catch (const Error& e) {
+    return e.what();
+  }
+  return "taken";
+}
+
+/// Where the proxy of a hand in the middle of the ball's flank comes to rest, by play [mm].
+double surfaceAt(const BuiltScene& scene, double play) {
+  Reader reader;
+  ProxyState state({1e3, 1e12});
+  double height = 0.0;
+  for (int i = 0; i < 200; ++i) {
+    state.playAt(play, 0.0);
+    const Vec3 hand(1e-3 * std::max(9.0, 20.0 - 0.1 * i), 0.0, 0.0);
+    height = 1e3 * hapticStep(*scene.scene, reader, {hand}, state, 1e-3).proxy.x();
+  }
+  return height;
+}
+
+}  // namespace
+
+TEST_CASE("a volume with frames is felt as its play says", "[scene][sequence]") {
+  const TemporaryFolder folder;
+  writeBalls(folder.path());
+  Json scene = ballScene();
+  const bool files = GENERATE(true, false);
+  if (!files) {
+    scene["volumes"]["ball"]["file"] = "balls.vdb";
+    scene["volumes"]["ball"]["grid"] = "ball";
+  }
+  const BuiltScene ball = built(scene, folder.path());
+  REQUIRE(ball.sequences.count("ball") == 1);
+  CHECK(ball.play == PlayParams{1.0, false, 0.0, 0.5, false});
+  for (const double play : {0.0, 0.05, 0.23, 0.5}) {
+    CHECK(surfaceAt(ball, play) == Approx(10.0 + 10.0 * play).margin(0.02));
+  }
+  // Its bounds are those of all frames; the picture is of the first.
+  CHECK(ball.bounds.upper.x() > 15e-3);
+  CHECK(ball.volumes.at("ball")->info().bounds.upper.x() < 14.0);
+  CHECK(ball.scene->parts.empty());
+}
+
+TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]") {
+  const TemporaryFolder folder;
+  writeBalls(folder.path());
+  Json scene = ballScene();
+  scene["volumes"]["ball"]["frames"] = {{"times", {1, 2, 3, 5, 8, 13}}};
+  CHECK(built(scene, folder.path()).play == PlayParams{1.0, false, 1.0, 13.0, false});
+  scene["play"] = {{"speed", -2.0}, {"paused", true}, {"from", 2}, {"to", 4}, {"repeat", true}};
+  CHECK(built(scene, folder.path()).play == PlayParams{-2.0, true, 2.0, 4.0, true});
+  CHECK_FALSE(schemaComplaint(scene, sceneSchema()));
+  // Around of itself: without an end.
+  scene["play"] = {{"speed", 3}};
+  scene["volumes"]["ball"]["frames"] = {{"rate", 10}, {"repeat", true}};
+  const PlayParams play = built(scene, folder.path()).play;
+  CHECK(play.speed == 3.0);
+  CHECK(std::isinf(play.to));
+  scene["play"]["repeat"] = true;
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/play/repeat") && Contains("\"to\""));
+  scene["play"] = {{"from", 3}, {"to", 1}};
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/play/to"));
+  scene["volumes"]["ball"]["frames"] = {{"rate", 10}};
+  scene["play"] = {{"from", 3}};
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/play/from") && Contains("ended"));
+  // Little memory for a fast play is told.
+  scene["play"] = {{"speed", 20}};
+  scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000;
+  CHECK(built(scene, folder.path()).notes.empty());
+  CHECK(built(scene, folder.path()).sequences.at("ball")->neededFor(20.0) == 16);
+  double budget = 0.1;
+  do {
+    scene["volumes"]["ball"]["frames"]["budget_mb"] = budget *= 1.05;
+  } while (refusal(scene, folder.path()) != "taken" && budget < 1000.0);
+  const BuiltScene little = built(scene, folder.path());
+  CHECK(little.sequences.at("ball")->state().slots == 5);
+  REQUIRE(little.notes.size() == 1);
+  CHECK_THAT(little.notes[0], Contains("5 of its 6 frames") && Contains("it needs 16"));
+  scene["play"] = Json::object();
+  scene["volumes"]["ball"] = {{"file", "ball_000.vdb"}};
+  CHECK(refusal(scene, folder.path()) == "taken");
+  scene["play"] = {{"speed", 2}};
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/play") && Contains("no sequence"));
+}
+
+TEST_CASE("what is no sequence is refused by its place in the file", "[scene][sequence]") {
+  const TemporaryFolder folder;
+  writeBalls(folder.path());
+  const auto with = [&](const char* path, const Json& value) {
+    Json scene = ballScene();
+    scene[Json::json_pointer(path)] = value;
+    return refusal(scene, folder.path());
+  };
+  CHECK(with("/volumes/ball/frames/rate", 25) == "taken");
+  CHECK_THAT(with("/volumes/ball/frames", Json::object()), Contains("/volumes/ball/frames"));
+  CHECK_THAT(with("/volumes/ball/frames/rate", 0), Contains("/volumes/ball/frames/rate"));
+  CHECK_THAT(with("/volumes/ball/frames", {{"times", {0, 1}}}),
+             Contains("/volumes/ball") && Contains("6 frames and 2 times"));
+  CHECK_THAT(with("/volumes/ball/frames/budget_mb", 0.01),
+             Contains("/volumes/ball") && Contains("of its frames"));
+  CHECK_THAT(with("/volumes/ball/window", {{"budget_mb", 100}}), Contains("/volumes/ball/window"));
+  CHECK_THAT(with("/volumes/ball/instances", {{{"fit", 0.1}}}), Contains("/volumes/ball"));
+  CHECK_THAT(with("/volumes/ball/file", "none_%03d.vdb"),
+             Contains("/volumes/ball") && Contains("no frame"));
+  // A name of many, and nothing that plays them.
+  Json scene = ballScene();
+  scene["volumes"]["ball"].erase("frames");
+  CHECK_THAT(refusal(scene, folder.path()),
+             Contains("/volumes/ball/file") && Contains("\"frames\""));
+  // A gap.
+  std::filesystem::remove(folder / "ball_003.vdb");
+  CHECK_THAT(refusal(ballScene(), folder.path()), Contains("ball_003.vdb"));
+}
+
+TEST_CASE("what is computed at load is not played", "[scene][sequence]") {
+  const TemporaryFolder folder;
+  for (int i = 0; i < 3; ++i) {
+    writeVdb(folder / ("flow_" + std::to_string(i) + ".vdb"),
+             {makeGrid<openvdb::Vec3SGrid>(
+                 8, openvdb::math::Transform::createLinearTransform(1.0),
+                 [i](const openvdb::Vec3d& p) { return openvdb::Vec3f(p.x() + i, 0.0F, 1.0F); },
+                 "flow")});
+  }
+  Json scene = Json::parse(R"({
+    "palpate": 1,
+    "volumes": {"flow": {"file": "flow_%d.vdb", "frames": {"rate": 10}}},
+    "fields": {"speed": {"magnitude": "flow"}},
+    "modes": [{"mode": "follow", "of": "flow", "strength": 1, "by": "speed"}]})");
+  CHECK(refusal(scene, folder.path()) == "taken");
+  scene["modes"][0] = {{"mode", "isosurface"}, {"of", "speed"}, {"value", 4}, {"strength", 1}};
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/fields/speed") && Contains("sequence"));
+}
+
+TEST_CASE("a sequence is kept from scene to scene, and coarsely is its first frame",
+          "[scene][sequence]") {
+  const TemporaryFolder folder;
+  writeBalls(folder.path());
+  SceneCache cache;
+  const BuiltScene first = built(ballScene(), folder.path(), &cache);
+  Json scene = ballScene();
+  scene["play"] = {{"speed", 2}};
+  scene["modes"][0]["strength"] = 5;
+  const BuiltScene second = built(scene, folder.path(), &cache);
+  CHECK(second.sequences.at("ball") == first.sequences.at("ball"));
+  CHECK(second.scene->shape == first.scene->shape);
+  scene["volumes"]["ball"]["frames"]["rate"] = 20;
+  CHECK(built(scene, folder.path(), &cache).sequences.at("ball") != first.sequences.at("ball"));
+  const SceneSpec still = coarsely(parseScene(scene.dump(), "scene.json", folder.path()), second);
+  const BuiltScene at_rest = buildScene(still);
+  CHECK(at_rest.sequences.empty());
+  CHECK(surfaceAt(at_rest, 0.3) == Approx(10.0).margin(0.02));
+}

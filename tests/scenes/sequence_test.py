@@ -1,0 +1,194 @@
+#!/usr/bin/env python3
+"""Volumes that are played, as users meet them: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from refusals import refusal  # noqa: E402
+from terminal import Terminal  # noqa: E402
+
+BIN = Path(sys.argv[1]).resolve()
+PALPATE = str(BIN / "palpate")
+FRAMES = 8
+
+
+def run(*words, status=0):
+    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300)
+    if done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def write_nrrd(file, values):
+    """A scalar volume of voxels of 1 mm about the middle."""
+    size = values.shape
+    head = ("NRRD0004\ntype: float\ndimension: 3\nsizes: {} {} {}\nencoding: raw\nendian: little\n"
+            "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+            "space origin: ({},{},{})\n\n").format(*size, *[-(n - 1) / 2 for n in size])
+    file.write_bytes(head.encode() + values.astype("<f4").tobytes(order="F"))
+
+
+def ball(radius, middle=(0, 0, 0), n=40):
+    axis = np.arange(n) - (n - 1) / 2
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
+    off = np.sqrt((x - middle[0])**2 + (y - middle[1])**2 + (z - middle[2])**2)
+    return np.clip(100 * (radius - off), -300, 300) + 400
+
+
+def rows_of(record):
+    with open(record, "rb") as file:
+        head = json.loads(file.readline())
+    rows = np.fromfile(record, [tuple(f) for f in head["dtype"]], offset=head["offset"])
+    return rows[rows["tick"] > 0]
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(holder.cleanup)
+        cls.dir = Path(holder.name)
+        for i in range(FRAMES):
+            cls.frame(f"ball_{i:02d}", ball(10 + i / 2))
+        cls.scene = {
+            "palpate": 1, "coupling": {"stiffness": 500},
+            "volumes": {"ball": {"file": "ball_%02d.vdb", "frames": {"rate": 10},
+                                 "place": {"scale": 0.001}}},
+            "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 400,
+                       "solid": "above", "strength": 6}]}
+        cls.write("scene.json", cls.scene)
+        # Still on the flank, 1 mm in at the first frame.
+        (cls.dir / "hand.csv").write_text("t,x,y,z\n0,0.02,0,0\n0.2,0.009,0,0\n2,0.009,0,0\n")
+
+    @classmethod
+    def frame(cls, name, values):
+        write_nrrd(cls.dir / f"{name}.nrrd", values)
+        run("import", cls.dir / f"{name}.nrrd", cls.dir / f"{name}.vdb")
+
+    @classmethod
+    def write(cls, name, scene):
+        (cls.dir / name).write_text(json.dumps(scene))
+        return cls.dir / name
+
+    def felt(self, scene, *more):
+        trace = self.dir / "trace.csv"
+        done = run("feel", scene, "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
+                   "--summary", self.dir / "summary.json", *more)
+        rows = np.genfromtxt(trace, delimiter=",", names=True)
+        return rows, json.loads((self.dir / "summary.json").read_text()), done
+
+
+class Play(Case):
+    def test_a_ball_grows_as_its_frames_say(self):
+        rows, summary, _ = self.felt(self.dir / "scene.json")
+        for at in (0.3, 0.45, 0.6, 1.5):
+            row = rows[np.searchsorted(rows["t"], at)]
+            self.assertAlmostEqual(1e3 * row["proxy_x"], 10 + 5 * min(at, 0.7), delta=0.05)
+        self.assertEqual(summary["sequences"]["ball"]["frames"], FRAMES)
+        self.assertEqual(summary["sequences"]["ball"]["failed"], 0)
+        self.assertEqual(summary["coarse_share"], 0)
+        growth = np.diff(rows["force_x"])
+        self.assertLess(np.abs(growth).max(), 0.3)
+
+    def test_play_is_what_the_scene_says(self):
+        scene = json.loads(json.dumps(self.scene))
+        scene["play"] = {"paused": True, "from": 0.4}
+        rows, _, _ = self.felt(self.write("paused.json", scene))
+        self.assertAlmostEqual(1e3 * rows["proxy_x"][-1], 12.0, delta=0.05)
+        scene["play"] = {"speed": -1, "from": 0.1, "to": 0.5, "repeat": True}
+        rows, _, _ = self.felt(self.write("back.json", scene))
+        settled = rows[rows["t"] > 0.4]
+        self.assertLess(1e3 * settled["proxy_x"].min(), 10.7)
+        # While it fades in from 10.5 it goes on, from 12.5 back.
+        self.assertGreater(1e3 * settled["proxy_x"].max(), 12.2)
+        # From the end to the begin within 50 ms, not at once.
+        self.assertLess(np.abs(np.diff(settled["force_x"])).max(), 0.1)
+
+    def test_little_memory_feels_the_same(self):
+        scene = json.loads(json.dumps(self.scene))
+        scene["play"] = {"from": 0, "to": 0.65, "repeat": True}
+        rows, _, _ = self.felt(self.write("all.json", scene))
+        frame = json.loads(run("info", self.dir / f"ball_{FRAMES - 1:02d}.vdb", "--json").stdout)
+        scene["volumes"]["ball"]["frames"]["budget_mb"] = \
+            5.9 * frame["grids"][0]["memory_bytes"] / 2**20
+        little, summary, _ = self.felt(self.write("little.json", scene))
+        self.assertEqual(summary["sequences"]["ball"]["slots"], 5)
+        self.assertGreater(summary["sequences"]["ball"]["fetched"], FRAMES)
+        for name in ("force_x", "force_y", "force_z", "proxy_x"):
+            np.testing.assert_array_equal(rows[name], little[name])
+
+    def test_what_was_felt_is_felt_again(self):
+        record = self.dir / "a.rec"
+        scene = json.loads(json.dumps(self.scene))
+        scene["play"] = {"from": 0.1, "to": 0.4, "repeat": True, "speed": 1.5}
+        self.felt(self.write("again.json", scene), "--record", record)
+        again = self.dir / "b.rec"
+        run("feel", record, "--device", f"replay:{record}", "--record", again)
+        self.assertIn("the same to the last bit", run("compare", record, again).stdout)
+        rows = rows_of(record)
+        self.assertAlmostEqual(rows["play"].max(), 0.4, delta=0.002)
+        self.assertAlmostEqual(rows["play"].min(), 0.1, delta=0.002)
+
+    def test_frames_that_are_not_there_are_told_in_a_line(self):
+        scene = json.loads(json.dumps(self.scene))
+        scene["volumes"]["ball"]["file"] = "none_%02d.vdb"
+        file = self.write("none.json", scene)
+        _, line = refusal(self, self.dir, lambda: run("check", file, status=2))
+        self.assertIn("/volumes/ball", line)
+        self.assertIn("none_", line)
+
+    def test_keys_steer_it(self):
+        scene = json.loads(json.dumps(self.scene))
+        scene["play"] = {"paused": True}
+        record = self.dir / "keys.rec"
+        terminal = Terminal([PALPATE, "feel", self.write("keys.json", scene), "--realtime",
+                             "--device", "simulated", "--seconds", "3", "--record", record], self.dir)
+        terminal.until("space: pause")
+        time.sleep(0.5)
+        for key in (b".", b".", b" ", b"+"):
+            os.write(terminal.own, key)
+            time.sleep(0.2)
+        os.write(terminal.own, b"0")
+        while terminal.look(0.2):
+            pass
+        terminal.child.wait()
+        rows = rows_of(record)
+        play, rate = rows["play"], rows["play_rate"]
+        # Paused at 0, a step, two; on, twice as fast; to the end; to the begin, and on.
+        steps = play[np.flatnonzero(np.diff(play)) + 1]
+        self.assertEqual(play[0], 0)
+        np.testing.assert_allclose(steps[:2], [0.1, 0.2])
+        self.assertTrue(np.any(np.isclose(rate, 1)))
+        self.assertTrue(np.any(np.isclose(rate, 2)))
+        self.assertTrue(np.any((np.diff(play) < -0.1) & (play[1:] < 0.01)))
+
+
+class Ghosts(Case):
+    def test_check_says_where_a_blend_makes_ghosts(self):
+        for i in range(3):
+            self.frame(f"jump_{i}", np.maximum(ball(5, (-12 + 12 * i, 0, 0)), ball(4, (0, 12, 0))))
+        scene = json.loads(json.dumps(self.scene))
+        scene["volumes"]["ball"].update(file="jump_%d.vdb")
+        done = run("check", self.write("jump.json", scene))
+        self.assertIn("ghost", done.stdout + done.stderr)
+        told = json.loads(run("check", self.dir / "jump.json", "--json").stdout)
+        ghosts = told["volumes"]["ball"]["frames"]["ghosts"]
+        self.assertEqual(len(ghosts), 1)
+        self.assertEqual(ghosts[0]["of"], "skin")
+        self.assertEqual(ghosts[0]["pairs"], 2)
+        self.assertEqual(ghosts[0]["pieces"], 4)
+        told = json.loads(run("check", self.dir / "scene.json", "--json").stdout)
+        self.assertEqual(told["volumes"]["ball"]["frames"]["ghosts"], [])
+        self.assertEqual(told["volumes"]["ball"]["frames"]["count"], FRAMES)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
