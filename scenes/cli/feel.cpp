@@ -340,7 +340,7 @@ int feel(FeelOptions options) {
   const bool replayed = isReplay(options.devices[0]);
   if (replayed && !(built.windows.empty() && built.sequences.empty())) {
     complain(
-        "feel: volumes in bricks and sequences are felt as they are now: what was not there in "
+        "feel: sequences and volumes in bricks are felt as they are now: what was not there in "
         "time when it was recorded is not told apart");
   }
   if (replayed) options.rate = rateOfReplays(devices, options);
