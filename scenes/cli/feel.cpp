@@ -391,6 +391,7 @@ int feel(FeelOptions options) {
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
   run.fetched.now(built);
   run.play = built.play;
+  if (window) run.window = &*window;
   run.whole_path = !options.seconds &&
                    std::all_of(options.devices.begin(), options.devices.end(),
                                [](const std::string& d) { return isPath(d) || isReplay(d); });
