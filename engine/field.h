@@ -85,9 +85,12 @@ class AnyField {
   }
 
   /// Told at the begin of each tick that may read the field with this cache, if attends(): what is
-  /// fetched from afar is fetched ahead of the hand. RT: no allocation, no lock.
-  virtual void attend(const Attention& /*at*/,
-                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
+  /// fetched from afar is fetched ahead of the hand. True: what it reads like is not what it was in
+  /// the tick before, and nothing has carried the proxy along. RT: no allocation, no lock.
+  virtual bool attend(const Attention& /*at*/,
+                      FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {
+    return false;
+  }
   /// Told at the end of each such tick: until the next one nothing is read with this cache. RT.
   virtual void leave(FieldCache& /*cache*/) const noexcept PALPATE_NONBLOCKING {}
   /// True for a field that wants to be told.

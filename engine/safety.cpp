@@ -95,6 +95,17 @@ double StillFade::pass(double force, double still, double friction, double dt) n
   return left_;
 }
 
+Vec3 DataFade::pass(const Vec3& wanted, bool changed, double growth, double dt) noexcept {
+  constexpr double kNothing = 1e-4;  // [N]
+  left_ *= dt > 0.0 ? std::exp(-dt / kFade) : 1.0;
+  if (left_.squaredNorm() < kNothing * kNothing) left_.setZero();
+  const Vec3 step = last_ - wanted;
+  if (known_ && changed && step.squaredNorm() > growth * growth) left_ += step;
+  last_ = wanted;
+  known_ = true;
+  return left_.isZero(0.0) ? wanted : Vec3(wanted + left_);
+}
+
 Vec3 brake(const Vec3& force, const Vec3& velocity, double max_speed) noexcept {
   const double speed = velocity.norm();
   if (!(speed > max_speed) || !std::isfinite(speed)) return force;

@@ -133,6 +133,32 @@ class StillFade {
   double left_ = 1.0;
 };
 
+/// Lets out little by little what data that change by themselves do to the force at once. A surface
+/// that is played and leaves the voxels that have data is gone between two ticks, and what it held
+/// with it. A force may fall as fast as it likes where the hand has let it; not where nothing but
+/// the data has moved.
+class DataFade {
+ public:
+  /// The force with what is left of such steps. Where `changed`, a step by more than `growth` [N]
+  /// is taken back, and let out over kFade.
+  ///
+  /// @param wanted   The spring's force in this tick [N].
+  /// @param changed  Data have changed by themselves since the last tick.
+  /// @param dt       Time since the last tick [s].
+  /// RT: no allocation.
+  [[nodiscard]] Vec3 pass(const Vec3& wanted, bool changed, double growth,
+                          double dt) noexcept PALPATE_NONBLOCKING;
+  /// To be called where no force goes out, or another one.
+  void forget() noexcept { *this = {}; }
+
+  static constexpr double kFade = 0.02;  ///< Time constant [s].
+
+ private:
+  Vec3 last_ = Vec3::Zero();  ///< `wanted` of the last tick [N].
+  Vec3 left_ = Vec3::Zero();  ///< Of the steps [N].
+  bool known_ = false;        ///< There was a last tick.
+};
+
 /// The force on a hand that is too fast [N]: `force` without what drives the hand, and against the
 /// motion kBrake (|v| - max_speed).
 [[nodiscard]] Vec3 brake(const Vec3& force, const Vec3& velocity,

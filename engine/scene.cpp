@@ -25,12 +25,6 @@ std::uint64_t shapeOf(const Graph& graph, std::uint64_t shape) {
   return shape;
 }
 
-void ready(const Graph& graph, std::span<FieldCache> caches) noexcept {
-  std::size_t i = 0;
-  for (const auto& field : graph.scalar_fields) field->reset(caches[i++]);
-  for (const auto& field : graph.vector_fields) field->reset(caches[i++]);
-}
-
 }  // namespace
 
 std::unique_ptr<const Scene> makeScene(const GraphSpec& spec,
@@ -119,19 +113,28 @@ BoundGraph Reader::bind(const Scene& scene) noexcept {
   if (scene.id != scene_id_) {
     scene_id_ = scene.id;
     std::fill(parts_.begin(), parts_.end(), kNone);
-    ready(graph, caches_);
+    ready(graph, 0);
   }
   return {&graph, {caches_.data(), kMaxFields}};
 }
 
 BoundGraph Reader::bind(const Scene& scene, std::size_t part, std::size_t slot) noexcept {
   const Graph& graph = scene.parts[part].graph;
-  const std::span<FieldCache> caches{&caches_[kMaxFields + slot * kMaxPartFields], kMaxPartFields};
+  const std::size_t first = kMaxFields + slot * kMaxPartFields;
   if (parts_[slot] != part) {
     parts_[slot] = part;
-    ready(graph, caches);
+    ready(graph, first);
   }
-  return {&graph, caches};
+  return {&graph, {&caches_[first], kMaxPartFields}};
+}
+
+void Reader::ready(const Graph& graph, std::size_t first) noexcept {
+  const auto one = [&](const AnyField& field) {
+    if (std::exchange(fields_[first], field.id()) != field.id()) field.reset(caches_[first]);
+    ++first;
+  };
+  for (const auto& field : graph.scalar_fields) one(*field);
+  for (const auto& field : graph.vector_fields) one(*field);
 }
 
 int BoundGraph::sample(const Vec3& p_W, Properties& out,
@@ -226,7 +229,8 @@ bool dataLost(const Graph& graph) noexcept {
                      [&](std::size_t n) { return fieldOf(graph, n).lost(); });
 }
 
-void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const noexcept {
+bool BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const noexcept {
+  bool changed = false;
   const std::size_t scalars = graph->scalar_fields.size();
   for (const std::size_t n : graph->attentive) {
     const bool scalar = n < scalars;
@@ -237,8 +241,9 @@ void BoundGraph::attend(const Attention& at, std::span<const Body> bodies) const
       rest.proxy = body->pose.toRest(at.proxy);
       rest.probe = body->pose.toRest(at.probe);
     }
-    fieldOf(*graph, n).attend(rest, caches[n]);
+    changed = fieldOf(*graph, n).attend(rest, caches[n]) || changed;
   }
+  return changed;
 }
 
 void BoundGraph::leave() const noexcept {

@@ -102,8 +102,9 @@ struct BoundGraph {
   int sample(const Vec3& p_W, Properties& out,
              std::span<const Body> bodies = {}) const noexcept PALPATE_NONBLOCKING;
 
-  /// Tells the fields that want to be told of a tick, with proxy and hand in W. RT: no allocation.
-  void attend(const Attention& at, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
+  /// Tells the fields that want to be told of a tick, with proxy and hand in W. True: one of them
+  /// has changed by itself (AnyField::attend). RT: no allocation.
+  bool attend(const Attention& at, std::span<const Body> bodies) const noexcept PALPATE_NONBLOCKING;
   /// Tells the same fields that the tick is over. RT: no allocation.
   void leave() const noexcept PALPATE_NONBLOCKING;
 
@@ -145,10 +146,13 @@ struct BoundGraph {
 /// thousand parts no more than one.
 class Reader {
  public:
-  Reader() : caches_(kMaxFields + kMaxNearParts * kMaxPartFields), parts_(kMaxNearParts) {}
+  Reader()
+      : caches_(kMaxFields + kMaxNearParts * kMaxPartFields),
+        fields_(caches_.size()),
+        parts_(kMaxNearParts) {}
 
-  /// Binds the scene's own graph; readies its caches where the scene is not that of the last call.
-  /// RT: no allocation. Cost: O(fields).
+  /// Binds the scene's own graph; where the scene is not that of the last call, readies the caches
+  /// of fields that it has in other places. RT: no allocation. Cost: O(fields).
   BoundGraph bind(const Scene& scene) noexcept;
   /// Binds a part to one of kMaxNearParts slots; readies the caches where the slot held another.
   /// To be called after bind(scene). RT: no allocation. Cost: O(fields).
@@ -163,8 +167,12 @@ class Reader {
  private:
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  std::vector<FieldCache> caches_;  ///< Caches of the scene's graph, then of each slot.
-  std::vector<std::size_t> parts_;  ///< Index of the part in each slot.
+  /// Readies the caches from `first` on for the fields of a graph.
+  void ready(const Graph& graph, std::size_t first) noexcept;
+
+  std::vector<FieldCache> caches_;     ///< Caches of the scene's graph, then of each slot.
+  std::vector<std::uint64_t> fields_;  ///< AnyField::id() of what each cache is of; 0: of nothing.
+  std::vector<std::size_t> parts_;     ///< Index of the part in each slot.
   std::uint64_t scene_id_ = 0;
 };
 

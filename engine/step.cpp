@@ -80,8 +80,9 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
                                state.around_.memories.data()};
     state.around_.count = 1;
     const BoundGraph& bound = state.around_.graphs[0].bound;
-    bound.attend({proxy.position, hand.position, dt, state.play_, state.play_rate_},
-                 state.around_.bodies.items());
+    const bool changed =
+        bound.attend({proxy.position, hand.position, dt, state.play_, state.play_rate_},
+                     state.around_.bodies.items());
     Tick tick{scene, reader, proxy, state.around_, state.balance_, report, trace, hand.position};
     good = moveProxy(tick, state.met_.time);
     bound.leave();
@@ -95,6 +96,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     if (good) {
       report.wanted = hand.drives * couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || report.wanted.isZero(0.0));  // without primitives no force
+      report.wanted =
+          state.gate_.data.pass(report.wanted, changed, state.gate_.limits.slew * dt, dt);
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =

@@ -98,12 +98,14 @@ class ProxyState {
       limiter.heat = of.continuous * of.continuous;
     }
     void engage() noexcept {
+      data.forget();
       if (limits.engage > 0.0) limiter.engage(limits.engage);
     }
 
     ForceLimits limits;
     LimiterState limiter;
     StillFade still;
+    DataFade data;
     Fault fault = Fault::kNone;
   };
   /// The scene that the proxy is in.

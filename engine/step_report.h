@@ -37,7 +37,8 @@ inline constexpr std::size_t kStepStatuses = 6;  ///< Number of values of StepSt
 /// What one tick did.
 struct StepReport {
   Vec3 force = Vec3::Zero();    ///< Force for the device, after limitForce [N].
-  Vec3 wanted = Vec3::Zero();   ///< Force before limitForce [N].
+  Vec3 wanted = Vec3::Zero();   ///< Force before limitForce [N]: the spring's, and what is left of
+                                ///< DataFade's.
   Vec3 proxy = Vec3::Zero();    ///< Position of the proxy [m].
   double stiffness = 0.0;       ///< k of this tick's balance and force [N/m].
   double error_bound = 0.0;     ///< SolveResult::error_bound of the last balance [m].

@@ -147,7 +147,7 @@ class BrickField : public Base {
     cache->hand = window_->newHand();
   }
 
-  void attend(const Attention& at, FieldCache& memory) const noexcept final {
+  bool attend(const Attention& at, FieldCache& memory) const noexcept final {
     Cache& cache = cacheIn(memory);
     const IndexMap& map = maps_.front();
     if (cache.met && at.dt > 0.0) {
@@ -163,6 +163,7 @@ class BrickField : public Base {
     } else {
       cache.now = std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
     }
+    return false;  // bricks take over as they arrive, and the next coarser one is like them
   }
   [[nodiscard]] bool attends() const noexcept final { return true; }
   [[nodiscard]] bool lost() const noexcept final { return window_->lost(); }

@@ -47,16 +47,22 @@ struct Seat {
   std::atomic<bool> taken{false};
 };
 
-/// What a reader remembers from tick to tick.
-struct Reading {
-  std::uint64_t reader = 0;    ///< Its number.
-  std::size_t seat = kNoSeat;  ///< Within a tick.
-  std::size_t last_seat = 0;
-  bool met = false;      ///< There was a tick.
-  bool late = false;     ///< What is asked for is not what is shown.
+/// What is read.
+struct Blend {
   PlayMoment shown;      ///< What is played,
   PlayMoment left;       ///< and what it fades from
   double arrived = 1.0;  ///< while this is below 1.
+
+  bool operator==(const Blend&) const = default;
+};
+
+/// What a reader remembers from tick to tick.
+struct Reading : Blend {
+  std::uint64_t reader = 0;    ///< Its number.
+  std::size_t seat = kNoSeat;  ///< Within a tick.
+  std::size_t last_seat = 0;
+  bool met = false;   ///< There was a tick.
+  bool late = false;  ///< What is asked for is not what is shown.
 };
 
 static_assert(sizeof(Reading) <= sizeof(FieldCache::bytes));
@@ -80,15 +86,15 @@ class SequenceField : public Base {
   }
   [[nodiscard]] bool attends() const noexcept final { return true; }
 
-  void attend(const Attention& at, FieldCache& memory) const noexcept final {
+  bool attend(const Attention& at, FieldCache& memory) const noexcept final {
     Reading& of = readingIn(memory);
-    if (sequence_->waits()) return attendWaiting(at, of);
-    const PlayMoment asked = sequence_->at(at.play);
-    sequence_->tell(asked, at.rate);
-    Pair shown = take(asked);
-    goOn(of, asked, shown.all, at);
-    if (of.late) shown = take(of.shown);
-    sit(of, std::move(shown), of.arrived < 1.0 ? take(of.left) : Pair{});
+    const Blend before = of;
+    if (sequence_->waits()) {
+      attendWaiting(at, of);
+    } else {
+      attendAtOnce(at, of);
+    }
+    return !(before == of);
   }
 
   void leave(FieldCache& memory) const noexcept final {
@@ -110,7 +116,20 @@ class SequenceField : public Base {
     Seat& seat = seats_[of.seat];
     return std::span(seat.parts).first(seat.count);
   }
-  [[nodiscard]] static bool late(FieldCache& memory) noexcept { return readingIn(memory).late; }
+  /// The parts' samples, each with its share.
+  template <class Sample, class Derivative>
+  [[nodiscard]] Sample blended(const Vec3& p_W, FieldCache& memory,
+                               Derivative Sample::*derivative) const noexcept {
+    Sample out;
+    each(memory, [&](const Base& field, FieldCache& cache, double weight) {
+      const Sample s = field.sample(p_W, cache);
+      out.value += weight * s.value;
+      out.*derivative += weight * (s.*derivative);
+      out.inside = out.inside || s.inside;
+    });
+    out.coarse = out.inside && readingIn(memory).late;
+    return out;
+  }
   [[nodiscard]] static const Base& fieldOf(const FieldPtr& field) noexcept {
     return **std::get_if<Own>(&field);
   }
@@ -135,6 +154,15 @@ class SequenceField : public Base {
     double share = 0.0;  ///< Of the high one.
     bool all = false;    ///< All of them are.
   };
+
+  void attendAtOnce(const Attention& at, Reading& of) const noexcept {
+    const PlayMoment asked = sequence_->at(at.play);
+    sequence_->tell(asked, at.rate);
+    Pair shown = take(asked);
+    goOn(of, asked, shown.all, at);
+    if (of.late) shown = take(of.shown);
+    sit(of, std::move(shown), of.arrived < 1.0 ? take(of.left) : Pair{});
+  }
 
   /// A tick that waits for its frames, of those that can be had: until all are held at once.
   void attendWaiting(const Attention& at, Reading& of) const noexcept {
@@ -265,15 +293,7 @@ class SequenceScalar final : public SequenceField<ScalarField> {
   using SequenceField::SequenceField;
 
   [[nodiscard]] ScalarSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    ScalarSample out;
-    each(memory, [&](const ScalarField& field, FieldCache& cache, double weight) {
-      const ScalarSample s = field.sample(p_W, cache);
-      out.value += weight * s.value;
-      out.gradient += weight * s.gradient;
-      out.inside = out.inside || s.inside;
-    });
-    out.coarse = out.inside && late(memory);
-    return out;
+    return blended(p_W, memory, &ScalarSample::gradient);
   }
   [[nodiscard]] double value(const Vec3& p_W, FieldCache& memory) const noexcept override {
     double sum = 0.0;
@@ -309,15 +329,7 @@ class SequenceVector final : public SequenceField<VectorField> {
   using SequenceField::SequenceField;
 
   [[nodiscard]] VectorSample sample(const Vec3& p_W, FieldCache& memory) const noexcept override {
-    VectorSample out;
-    each(memory, [&](const VectorField& field, FieldCache& cache, double weight) {
-      const VectorSample s = field.sample(p_W, cache);
-      out.value += weight * s.value;
-      out.jacobian += weight * s.jacobian;
-      out.inside = out.inside || s.inside;
-    });
-    out.coarse = out.inside && late(memory);
-    return out;
+    return blended(p_W, memory, &VectorSample::jacobian);
   }
   [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
                             FieldCache& memory) const noexcept override {

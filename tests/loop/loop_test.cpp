@@ -78,8 +78,9 @@ class Fetched final : public ScalarField {
   [[nodiscard]] ScalarSample sample(const Vec3& p, FieldCache& cache) const noexcept override {
     return of_->sample(p, cache);
   }
-  void attend(const Attention& at, FieldCache& /*cache*/) const noexcept override {
+  bool attend(const Attention& at, FieldCache& /*cache*/) const noexcept override {
     told = at.probe;
+    return false;
   }
   [[nodiscard]] bool attends() const noexcept override { return true; }
   [[nodiscard]] bool lost() const noexcept override { return gone; }

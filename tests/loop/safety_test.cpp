@@ -138,3 +138,35 @@ TEST_CASE("whatever bits a device gives, the watch answers with a fault or a fin
     if (fault != Fault::kNone) watch.forget();
   }
 }
+
+TEST_CASE("what data do to a force at once is let out little by little", "[safety]") {
+  DataFade fade;
+  const Vec3 pull(0.0, 3.0, 0.0);
+  const Vec3 none = Vec3::Zero();
+  constexpr double kTick = 1e-3;   // [s]
+  constexpr double kGrowth = 2.0;  // [N] a tick
+  // Where a hand lets go itself, and by less than may be, at once.
+  CHECK(fade.pass(pull, false, kGrowth, kTick) == pull);
+  CHECK(fade.pass(none, false, kGrowth, kTick) == none);
+  CHECK(fade.pass(0.5 * pull, true, kGrowth, kTick) == 0.5 * pull);
+  CHECK(fade.pass(none, true, kGrowth, kTick) == none);
+  // A surface that vanishes: from what was, to a third in 20 ms, and to nothing.
+  CHECK(fade.pass(pull, false, kGrowth, kTick) == pull);
+  Vec3 out = fade.pass(none, true, kGrowth, kTick);
+  CHECK((out - pull).norm() < 1e-12);
+  for (int i = 0; i < 20; ++i) out = fade.pass(none, true, kGrowth, kTick);
+  CHECK(out.y() == Approx(3.0 * std::exp(-1.0)));
+  // It comes and goes: never more than there was.
+  for (int i = 0; i < 200; ++i) {
+    out = fade.pass(i % 2 == 0 ? pull : none, true, kGrowth, kTick);
+    CHECK(out.norm() <= 3.0 + 1e-12);
+  }
+  for (int i = 0; i < 400; ++i) out = fade.pass(none, true, kGrowth, kTick);
+  CHECK(out == none);
+  // Forgotten, and with what is no number.
+  (void)fade.pass(pull, false, kGrowth, kTick);
+  fade.forget();
+  CHECK(fade.pass(none, true, kGrowth, kTick) == none);
+  (void)fade.pass(Vec3::Constant(std::nan("")), true, kGrowth, kTick);
+  CHECK(fade.pass(pull, true, kGrowth, kTick) == pull);
+}

@@ -17,6 +17,7 @@
 #include "palpate/samplers/sequence_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
+#include "tests/support/scenes.h"
 #include "tests/support/vdb_grids.h"
 
 using namespace palpate;
@@ -98,6 +99,14 @@ struct Player {
   std::shared_ptr<const ScalarField> field;
   std::unique_ptr<FieldCache> cache = std::make_unique<FieldCache>();
 };
+
+/// The surface at 0 of a field, solid below.
+std::unique_ptr<const Scene> sceneOf(const FieldPtr& field, double strength = 50.0,
+                                     double friction = 0.0) {
+  GraphSpec spec = ballSpec(strength);
+  spec.modes[0].friction = friction;
+  return makeScene(spec, {{"ball", field}}, {500.0, 0.0});
+}
 
 std::uint64_t bytesOf(const VolumeRequest& frame) {
   return sequenceOf({frame}, 1.0)->state().bytes;
@@ -184,15 +193,7 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   constexpr double kFirst = 20.0;
   const auto frames = framesIn(folder, 12, [](int i) { return ball(kFirst + i); });
   const double friction = GENERATE(0.0, 0.3);
-  const auto field = makeSequenceField(sequenceOf(frames, 200.0));
-  GraphSpec graph;
-  graph.modes.resize(1);
-  graph.modes[0].kind = ModeKind::kIsosurface;
-  graph.modes[0].of = "ball";
-  graph.modes[0].solid = Solid::kBelow;
-  graph.modes[0].strength = 50.0;
-  graph.modes[0].friction = friction;
-  const auto scene = makeScene(graph, {{"ball", field}}, {500.0, 0.0});
+  const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 200.0)), 50.0, friction);
   Reader reader;
   ProxyState state({1e3, 1e12});
   const Vec3 out = Vec3(0.6, 0.48, 0.64);
@@ -261,14 +262,7 @@ TEST_CASE("play that jumps does not step", "[sequence]") {
 TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, [](int i) { return ball(20.0 + 0.25 * i); });
-  const auto field = makeSequenceField(sequenceOf(frames, 10.0));
-  GraphSpec graph;
-  graph.modes.resize(1);
-  graph.modes[0].kind = ModeKind::kIsosurface;
-  graph.modes[0].of = "ball";
-  graph.modes[0].solid = Solid::kBelow;
-  graph.modes[0].strength = 50.0;
-  const auto scene = makeScene(graph, {{"ball", field}}, {500.0, 0.0});
+  const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0)));
   Reader reader;
   ProxyState state({1e3, 1e12});
   Random random(11);
@@ -287,6 +281,68 @@ TEST_CASE("a hand on a ball that is scrubbed feels no step", "[sequence]") {
   CHECK(last.norm() > 0.4);
   // 1.75 voxels of 1 mm in 50 ms: 0.0175 N a tick; at once it would be 0.9 N.
   CHECK(largest < 0.03);
+}
+
+TEST_CASE("a surface that is played out of its data lets go of the hand little by little",
+          "[sequence]") {
+  const TemporaryFolder folder;
+  const double apart = GENERATE(5.0, 10.0, 20.0);  // voxels; the bands have three
+  const auto frames = framesIn(folder, 2, [&](int i) { return ball(20.0 + apart * i); });
+  const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
+  Reader reader;
+  ProxyState state({1e3, 2000.0});
+  StepReport last;
+  double largest = 0.0;
+  double felt = 0.0;
+  int pressed = 0;
+  double play = 0.0;
+  for (int i = 0; i < 4000; ++i) {
+    // Ten voxels into the smaller ball, which goes: at once, or by and by. Then out and in again.
+    const int at = i % 500;
+    const bool plays = i % 1000 >= 500 && at >= 250 && at < 350;
+    if (at == 0) play = 0.0;
+    if (at == 250 && !plays) play = 0.1;
+    if (plays) play += kTick;
+    state.playAt(play, plays ? 1.0 : 0.0);
+    const double height = std::max(10.0, at < 400 ? 28.0 - 0.08 * at : 28.0);
+    const StepReport r =
+        hapticStep(*scene, reader, {kVoxel * height * Vec3::UnitX()}, state, kTick);
+    if (i > 0) largest = std::max(largest, (r.force - last.force).norm());
+    if (at == 249) pressed += r.force.norm() > 4.9 ? 1 : 0;
+    felt = std::max(felt, r.force.norm());
+    last = r;
+  }
+  std::cout << "surfaces " << apart << " voxels apart: a tick changes the force by " << largest
+            << " N of " << felt << " N\n";
+  CHECK(pressed >= 4);
+  CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
+}
+
+TEST_CASE("a scene that is edited while play fades goes on fading", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 4, ramp);
+  const auto field = makeSequenceField(sequenceOf(frames, 10.0));
+  const auto scene = sceneOf(field);
+  const auto edited = sceneOf(field, 40.0);
+  Reader reader;
+  const Vec3 p = kVoxel * Vec3(6.3, 5.2, 4.7);
+  const auto read = [&](const Scene& of, double play) {
+    const BoundGraph bound = reader.bind(of);
+    const bool changed = bound.attend({p, p, kTick, play, 0.0}, {});
+    Properties out;
+    bound.sample(p, out);
+    bound.leave();
+    const int value = of.graph.scalar_reads[0].value;
+    return std::pair(changed, out.scalars[static_cast<std::size_t>(value)].value);
+  };
+  double last = read(*scene, 0.0).second;
+  CHECK_FALSE(read(*scene, 0.0).first);
+  for (int i = 0; i < 60; ++i) {
+    const auto [changed, value] = read(i < 10 ? *scene : *edited, 0.3);
+    CHECK(std::abs(value - last) < 300.0 * kTick / 0.05 + 1e-3);
+    CHECK(changed == (i <= 50));
+    last = value;
+  }
 }
 
 TEST_CASE("readers of a sequence wait for nothing and read whole frames", "[sequence][realtime]") {
