@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 #include <new>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -34,7 +35,7 @@ class BrickLevelSource {
  public:
   struct Cache {
     BrickWindow::Entry entry;  ///< Of the brick that the last cell came from.
-    bool whole = true;         ///< No copy was torn since this was set.
+    bool whole = true;         ///< Nothing was missing since this was set.
   };
 
   template <int W, bool Edges>
@@ -43,28 +44,23 @@ class BrickLevelSource {
 
    public:
     Block(const BrickLevelSource& of, Cache& cache, const std::array<int, 3>& low) noexcept {
-      const int i = low[0] + 1;
-      const int j = low[1] + 1;
-      const int k = low[2] + 1;
-      cache.entry = of.window_->entryAt(of.level_, i, j, k);
-      if (!of.window_->copyCell(cache.entry, of.level_, i, j, k, values_, active_)) {
+      const std::array<int, 3> cell{low[0] + 1, low[1] + 1, low[2] + 1};
+      cache.entry = of.window_->entryAt(of.level_, cell[0], cell[1], cell[2]);
+      if (!of.window_->cellAt(cache.entry, of.level_, cell, cell_)) {
         cache.whole = false;
-        values_.fill(0.0F);
-        active_ = 0;
+        cell_.room.fill(0.0F);
+        cell_.rows.fill(cell_.room.data());
       }
-      for (std::size_t row = 0; row < 16; ++row) {
-        rows_.first[row] = values_.data() + row * 4 * C;
-      }
+      rows_.first = cell_.rows;
     }
     Block(const Block&) = delete;
     Block& operator=(const Block&) = delete;
 
     [[nodiscard]] const Rows<float, 4>& rows() const noexcept { return rows_; }
-    [[nodiscard]] std::uint64_t active() const noexcept { return active_; }
+    [[nodiscard]] std::uint64_t active() const noexcept { return cell_.active; }
 
    private:
-    std::array<float, std::size_t{64} * C> values_;
-    std::uint64_t active_ = 0;
+    BrickWindow::Cell cell_;
     Rows<float, 4> rows_;
   };
 
@@ -112,6 +108,19 @@ class BrickField : public Base {
     typename Level::Cache cache;
     int level = -1;
   };
+  /// Where all is of the finest level: that is known of a brick and those about it at once, and
+  /// most readings of a tick are there, and those of the next one.
+  struct Finest {
+    bool settled = false;       ///< Nothing about it is arriving: so it stays until
+    std::uint64_t changes = 0;  ///< there are others (BrickWindow::changes).
+    std::array<int, 3> brick{kNoCell, kNoCell, kNoCell};  ///< It was looked for about this one.
+    Vec3 low = Vec3::Zero();                              ///< Index space of level 0: from here on,
+    Vec3 high = Vec3::Zero();                             ///< and below this.
+
+    [[nodiscard]] bool holds(const Vec3& p_I) const noexcept {
+      return (p_I.array() >= low.array()).all() && (p_I.array() < high.array()).all();
+    }
+  };
   struct Cache {
     Cache(typename Level::Cache a, typename Level::Cache b)
         : fine(std::move(a)), coarse(std::move(b)) {}
@@ -124,6 +133,8 @@ class BrickField : public Base {
     Vec3 velocity = Vec3::Zero();  ///< Of the hand [m/s].
     bool met = false;              ///< These are of a tick.
     std::size_t hand = 0;
+    std::optional<std::uint32_t> side;  ///< It is in (BrickWindow::enter).
+    Finest finest;                      ///< While it is.
   };
   static_assert(sizeof(Cache) <= sizeof(FieldCache::bytes));
 
@@ -162,8 +173,15 @@ class BrickField : public Base {
       (void)window_->settle(kPatience);
     } else {
       cache.now = std::chrono::steady_clock::now().time_since_epoch() / std::chrono::nanoseconds(1);
+      if (!cache.side) cache.side = window_->enter();
+      const std::uint64_t changes = window_->changes();
+      if (!cache.finest.settled || cache.finest.changes != changes) cache.finest = {};
+      cache.finest.changes = changes;
     }
     return false;  // bricks take over as they arrive, and the next coarser one is like them
+  }
+  void leave(FieldCache& memory) const noexcept final {
+    if (const auto side = std::exchange(cacheIn(memory).side, std::nullopt)) window_->leave(*side);
   }
   [[nodiscard]] bool attends() const noexcept final { return true; }
   [[nodiscard]] bool lost() const noexcept final { return window_->lost(); }
@@ -172,6 +190,23 @@ class BrickField : public Base {
   static Cache& cacheIn(FieldCache& memory) noexcept {
     return *std::launder(reinterpret_cast<Cache*>(memory.bytes.data()));
   }
+
+  /// Who reads outside of ticks, or where ticks wait, is in for as long as it reads.
+  class Visit {
+   public:
+    Visit(const BrickWindow& window, const Cache& cache) noexcept : window_(window) {
+      if (!cache.side) side_ = window.enter();
+    }
+    ~Visit() {
+      if (side_) window_.leave(*side_);
+    }
+    Visit(const Visit&) = delete;
+    Visit& operator=(const Visit&) = delete;
+
+   private:
+    const BrickWindow& window_;
+    std::optional<std::uint32_t> side_;
+  };
 
   [[nodiscard]] static std::array<int, 3> cellOf(const Vec3& p_I) noexcept {
     std::array<int, 3> cell{};
@@ -233,7 +268,82 @@ class BrickField : public Base {
     return least;
   }
 
-  /// Readies the cache of a level for a place; false: a copy was torn.
+  /// About a place's brick: as far into those about it as they have arrived, less what is nearer
+  /// than kFade to one that has not.
+  void findFinest(const Vec3& p_I, const std::array<int, 3>& brick, Cache& cache) const noexcept {
+    Finest& finest = cache.finest;
+    finest.brick = brick;
+    finest.low = finest.high;
+    finest.settled = true;
+    const auto there = [&](const std::array<int, 3>& off) {
+      std::array<int, 3> cell = brick;
+      for (std::size_t a = 0; a < 3; ++a) cell[a] += kBrickSide * off[a];
+      const BrickWindow::Entry entry = entryOf(0, cell);
+      const bool whole = arrived(entry, cache.now) >= 1.0;
+      if (entry.resident() && !whole) finest.settled = false;
+      return whole;
+    };
+    if (!there({0, 0, 0})) return;
+    const Vec3 first(brick[0], brick[1], brick[2]);
+    Vec3 low = first - Vec3::Constant(kBrickSide - kFade);
+    Vec3 high = first + Vec3::Constant(2 * kBrickSide - kFade);
+    for (int faces = 1; faces <= 3; ++faces) {  // those across a face first, then edges, corners
+      for (int n = 0; n < 27; ++n) {
+        const std::array<int, 3> off{n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1};
+        if (std::abs(off[0]) + std::abs(off[1]) + std::abs(off[2]) != faces) continue;
+        // Of the faces to cut at, the one that is farthest from the place.
+        Eigen::Index axis = 0;
+        double farthest = -1.0;
+        bool reached = true;
+        for (Eigen::Index a = 0; a < 3; ++a) {
+          const int side = off[static_cast<std::size_t>(a)];
+          if (side == 0) continue;
+          reached = reached && (side > 0 ? high[a] > first[a] + kBrickSide : low[a] < first[a]);
+          const double far = side > 0 ? first[a] + kBrickSide - p_I[a] : p_I[a] - first[a];
+          if (far <= farthest) continue;
+          farthest = far;
+          axis = a;
+        }
+        if (!reached || there(off)) continue;
+        if (off[static_cast<std::size_t>(axis)] > 0) {
+          high[axis] = first[axis] + kBrickSide - kFade;
+        } else {
+          low[axis] = first[axis] + kFade;
+        }
+      }
+    }
+    finest.low = low;
+    finest.high = high;
+    Read& read = cache.fine;
+    const std::array<int, 3>& cell = read.cache.cell;
+    const bool same =
+        read.level == 0 && cell[0] != kNoCell && entryOf(0, cell) == read.cache.source.entry;
+    if (!same) read.cache.cell.fill(kNoCell);
+    read.level = 0;
+  }
+  /// Does `of(level, its cache)` where a place, and another one, are known to be of the finest
+  /// level alone; false: they are not, or a brick was taken away meanwhile.
+  template <class Of>
+  [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, Cache& cache,
+                              const Of& of) const noexcept {
+    if (!cache.side) return false;
+    const Vec3 p_I = maps_.front()(p_W);
+    if (!cache.finest.holds(p_I)) {
+      std::array<int, 3> brick = cellOf(p_I);
+      for (int& i : brick) i &= ~(kBrickSide - 1);
+      if (brick == cache.finest.brick) return false;
+      findFinest(p_I, brick, cache);
+      if (!cache.finest.holds(p_I)) return false;
+    }
+    Read& read = cache.fine;
+    if (read.level != 0 || !cache.finest.holds(maps_.front()(q_W))) return false;
+    read.cache.source.whole = true;
+    of(levels_.front(), read.cache);
+    if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
+    return read.cache.source.whole;
+  }
+
+  /// Readies the cache of a level for a place; false: its brick was taken away meanwhile.
   [[nodiscard]] bool readAt(int level, const At& at, const Vec3& p_W, Read& read, Row& row,
                             bool& inside) const noexcept {
     if (read.level != level || !(read.cache.source.entry == at.entry)) {
@@ -252,6 +362,7 @@ class BrickField : public Base {
   /// that is taken away meanwhile is missing. True: others than level 0 counted.
   template <class Add>
   bool readLevels(const Vec3& p_W, Cache& cache, const Add& add) const noexcept {
+    const Visit visit(*window_, cache);
     const auto last = static_cast<int>(levels_.size()) - 1;
     double left = 1.0;
     bool any = false;
@@ -274,6 +385,14 @@ class BrickField : public Base {
   /// The row at a place, and whether there is data.
   [[nodiscard]] bool read(const Vec3& p_W, Cache& cache, Row& row, bool& coarse) const noexcept {
     bool inside = false;
+    const auto straight = [&](const Level& level, typename Level::Cache& of) {
+      inside = level.read(p_W, of, row);
+    };
+    if (byFinest(p_W, p_W, cache, straight)) {
+      coarse = false;
+      return inside;
+    }
+    inside = false;
     bool first = true;
     const auto add = [&](double weight, int /*level*/, const Read& /*of*/, const Row& one,
                          bool in) {
@@ -319,9 +438,11 @@ class BrickField : public Base {
   template <class Of>
   [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, Cache& cache,
                                 const Of& of) const noexcept {
+    if (byFinest(a_W, b_W, cache, of)) return true;
     constexpr double kFarthest = 256.0;  // as far as a path is looked at [voxels]
     const double size = (b_W - a_W).norm() / this->frame().voxel;
     if (!(size <= kFarthest)) return false;
+    const Visit visit(*window_, cache);
     const auto last = static_cast<int>(levels_.size()) - 1;
     int level = 0;
     for (; level < last; ++level) {
@@ -392,8 +513,13 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   template <class Out, class Of>
   [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
     Out out{};
+    Cache& cache = cacheIn(memory);
+    if (byFinest(p_W, p_W, cache,
+                 [&](const Level& level, typename Level::Cache& in) { out = of(level, in); })) {
+      return out;
+    }
     bool first = true;
-    (void)readLevels(p_W, cacheIn(memory),
+    (void)readLevels(p_W, cache,
                      [&](double weight, int level, Read& read, const Row& /*row*/, bool /*in*/) {
                        const Out one = of(levels()[static_cast<std::size_t>(level)], read.cache);
                        out = first ? Out(weight * one) : Out(out + weight * one);

@@ -18,6 +18,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/half.h"
+#include "palpate/samplers/retries.h"
 
 namespace palpate {
 namespace {
@@ -43,10 +44,6 @@ constexpr double kAhead = 0.15;
 constexpr std::uint64_t kReading = 2;
 /// So many lines of a kind are told, of all that there will be.
 constexpr int kMostTroubles = 8;
-/// What could not be had is tried again after this, then after twice as long, and so on
-constexpr std::chrono::seconds kAgain{1};
-/// up to that.
-constexpr std::chrono::seconds kRarest{32};
 /// The volume is looked for so often; missing twice it is gone.
 constexpr std::chrono::seconds kLook{1};
 /// Who tells nothing for so long is no hand any more.
@@ -124,21 +121,11 @@ struct BrickWindow::Pool {
   Pool(const Pool&) = delete;
   Pool& operator=(const Pool&) = delete;
   ~Pool() {
-    if (words != nullptr)
-      munmap(words, std::max<std::size_t>(slots, 1) * words_per_slot * sizeof(Word));
+    if (memory != nullptr) munmap(memory, std::max<std::size_t>(slots, 1) * slot_bytes);
   }
 
-  [[nodiscard]] Word load(std::size_t slot, std::size_t word) const noexcept {
-    return std::atomic_ref<Word>(words[slot * words_per_slot + word])
-        .load(std::memory_order_relaxed);
-  }
-  void store(std::size_t slot, std::span<const std::byte> bytes) noexcept {
-    for (std::size_t n = 0; n < bytes.size() / sizeof(Word); ++n) {
-      Word word = 0;
-      std::memcpy(&word, bytes.data() + n * sizeof(Word), sizeof word);
-      std::atomic_ref<Word>(words[slot * words_per_slot + n])
-          .store(word, std::memory_order_relaxed);
-    }
+  [[nodiscard]] std::byte* slotAt(std::size_t slot) const noexcept {
+    return memory + slot * slot_bytes;
   }
   [[nodiscard]] std::optional<std::size_t> placeOf(std::int32_t level, int i, int j,
                                                    int k) const noexcept;
@@ -160,16 +147,22 @@ struct BrickWindow::Pool {
   BrickFormat format;
   std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
   std::vector<Constant> constants;
-  std::vector<std::atomic<Word>> generations;
   std::vector<std::atomic<std::int64_t>> arrivals;  ///< By slot: when [ns of the steady clock].
+  /// Readers that are in, by the side that they came in by.
+  struct alignas(64) Count {
+    std::atomic<std::uint32_t> readers{0};
+  };
+  mutable std::array<Count, 2> in;
+  std::atomic<std::uint32_t> side{0};     ///< By which readers come in now.
+  std::atomic<std::uint64_t> changes{0};  ///< Of the tables.
   double horizon;
   bool waits;
   std::array<Told, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};
   std::atomic<std::uint64_t> aimed{0};  ///< Counts what choose() has to look at.
-  Word* words = nullptr;
+  std::byte* memory = nullptr;
   std::size_t slots = 0;
-  std::size_t words_per_slot = 0;
+  std::size_t slot_bytes = 0;
   bool locked = false;
 };
 
@@ -178,8 +171,8 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
       format(manifest.format()),
       horizon(params.horizon),
       waits(params.waits) {
-  words_per_slot = (format.bytes() + 63) / 64 * 64 / sizeof(Word);
-  const std::uint64_t brick = words_per_slot * sizeof(Word);
+  slot_bytes = (format.bytes() + 63) / 64 * 64;
+  const std::uint64_t brick = slot_bytes;
   std::uint64_t besides = kReading * brick;
   for (const BrickLevel& level : levels) besides += level.bricks() * sizeof(std::uint64_t);
   std::uint64_t stored = 0;
@@ -198,9 +191,9 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
             std::to_string(slots) + " of its bricks",
         "give it " + std::to_string(((least * brick + besides) >> 20U) + 1) + " MB or more");
   }
-  const double memory =
+  const double machine =
       static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
-  if (static_cast<double>(slots * brick) > kMostOfMemory * memory) {
+  if (static_cast<double>(slots * brick) > kMostOfMemory * machine) {
     throw VolumeError(manifest.info().name,
                       "a window of " + std::to_string(slots * brick >> 20U) +
                           " MB is more than the machine's memory has room for",
@@ -221,9 +214,8 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
       this->entry({n, entry.at}).store(at.bits(), std::memory_order_relaxed);
     }
   }
-  generations = std::vector<std::atomic<Word>>(slots);
   arrivals = std::vector<std::atomic<std::int64_t>>(slots);
-  const std::size_t bytes = std::max<std::size_t>(slots, 1) * words_per_slot * sizeof(Word);
+  const std::size_t bytes = std::max<std::size_t>(slots, 1) * slot_bytes;
   void* mapped = mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
                       MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (mapped == MAP_FAILED) {
@@ -231,7 +223,9 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
                       "there is no memory for a window of " + std::to_string(bytes >> 20U) + " MB",
                       "give it less");
   }
-  words = static_cast<Word*>(mapped);
+  memory = static_cast<std::byte*>(mapped);
+  // A cell's rows lie on four or more pages of the usual size.
+  (void)madvise(mapped, bytes, MADV_HUGEPAGE);
   locked = params.lock && mlock(mapped, bytes) == 0;
 }
 
@@ -266,6 +260,7 @@ struct BrickWindow::Loader {
   void publish(const BrickId& id, std::size_t slot);
   [[nodiscard]] bool isFelt(const BrickId& id) const noexcept;
   [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
+  [[nodiscard]] bool leftByAll();
   [[nodiscard]] bool due(Clock::time_point now) const;
 
   BrickSource& source;
@@ -276,14 +271,11 @@ struct BrickWindow::Loader {
   std::condition_variable changed;
   std::vector<std::size_t> free;
   std::vector<std::optional<BrickId>> owners;
+  std::vector<Word> generations;     ///< By slot: how many bricks it has had.
   std::map<BrickId, double> wanted;  ///< By how far they are.
   std::set<BrickId> awaited;
-  struct Failing {
-    Clock::time_point again;
-    std::chrono::seconds wait = kAgain;
-  };
-  std::map<BrickId, Failing> failing;  ///< What could not be had.
-  bool doubt = false;                  ///< The volume was not there when it was looked for last.
+  detail::Retries<BrickId> failing;  ///< What could not be had.
+  bool doubt = false;                ///< The volume was not there when it was looked for last.
   Clock::time_point looked;
   std::set<std::pair<BrickId, BrickStatus>> told;
   std::map<BrickStatus, int> lines;  ///< Told of a kind.
@@ -308,6 +300,7 @@ struct BrickWindow::Loader {
 BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
     : source(of), pool(to), staging(of.manifest().format().bytes()) {
   owners.resize(pool.slots);
+  generations.resize(pool.slots);
   free.reserve(pool.slots);
   for (std::size_t slot = pool.slots; slot-- > 0;) free.push_back(slot);
   const auto coarsest = static_cast<std::int32_t>(pool.levels.size() - 1);
@@ -347,21 +340,30 @@ bool BrickWindow::Loader::isFelt(const BrickId& id) const noexcept {
   return false;
 }
 
-/// The slot is nobody's: a reader that still copies from it sees its generation change.
+/// Waits until all who may have seen what the tables said before have left; false: it is to stop.
+/// Who comes in from now on does so by the other side, and sees what they say now.
+bool BrickWindow::Loader::leftByAll() {
+  constexpr std::chrono::microseconds kLittle{20};
+  const std::uint32_t side = pool.side.load();
+  pool.side.store(1 - side);
+  while (pool.in[side].readers.load() != 0) {
+    if (stop) return false;
+    std::this_thread::sleep_for(kLittle);
+  }
+  return true;
+}
+
+/// The slot is nobody's.
 void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
-  std::atomic<Word>& generation = pool.generations[slot];
-  const Word next = generation.load(std::memory_order_relaxed) + 1;
-  generation.store(next, std::memory_order_relaxed);
-  std::atomic_thread_fence(std::memory_order_release);
-  pool.store(slot, staging);
-  generation.store(next + 1, std::memory_order_release);
+  std::memcpy(pool.slotAt(slot), staging.data(), staging.size());
   owners[slot] = id;
   // What comes where nobody is has always been there.
   pool.arrivals[slot].store(
       isFelt(id) ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1) : kLongAgo,
       std::memory_order_relaxed);
-  const Entry entry(Entry::kSlot, static_cast<Word>(slot), next + 1);
+  const Entry entry(Entry::kSlot, static_cast<Word>(slot), ++generations[slot]);
   pool.entry(id).store(entry.bits(), std::memory_order_release);
+  pool.changes.fetch_add(1, std::memory_order_release);
   ++resident;
 }
 
@@ -388,9 +390,10 @@ std::optional<std::size_t> BrickWindow::Loader::slotFor(const BrickId& id) {
   if (!victim) return std::nullopt;
   const BrickId old = *owners[*victim];
   pool.entry(old).store(Entry().bits(), std::memory_order_release);
+  pool.changes.fetch_add(1, std::memory_order_release);
   owners[*victim].reset();
   --resident;
-  return victim;
+  return leftByAll() ? victim : std::nullopt;
 }
 
 /// The bricks nearest to where hands are and will be, of all levels alike by their own size.
@@ -458,7 +461,7 @@ void BrickWindow::Loader::choose() {
   for (const auto& [key, id] : order) {
     wanted[id] = key;
     if (pool.entryOf(id).resident()) continue;
-    if (const auto of = failing.find(id); of != failing.end() && of->second.again > now) continue;
+    if (!failing.may(id, now)) continue;
     awaited.insert(id);
     wishes.push_back({id, -key});
   }
@@ -482,14 +485,12 @@ void BrickWindow::Loader::tell(const BrickArrival& of) {
 void BrickWindow::Loader::take(const BrickArrival& arrival) {
   if (arrival.status == BrickStatus::kArrived) {
     ++fetched;
-    failing.erase(arrival.id);
+    failing.had(arrival.id);
     if (!pool.entryOf(arrival.id).resident()) {
       if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
     }
   } else {
-    const auto [of, first] = failing.try_emplace(arrival.id);
-    if (!first) of->second.wait = std::min(2 * of->second.wait, kRarest);
-    of->second.again = Clock::now() + of->second.wait;
+    (void)failing.failed(arrival.id, Clock::now());
     tell(arrival);
   }
   awaited.erase(arrival.id);
@@ -516,7 +517,7 @@ void BrickWindow::Loader::look(Clock::time_point now) {
   std::erase_if(told, [](const auto& of) { return of.second == BrickStatus::kGone; });
   lines.erase(BrickStatus::kGone);
   // What was missing may have been on its way out.
-  failing.clear();
+  failing.forget();
   choose();
 }
 
@@ -536,9 +537,8 @@ void BrickWindow::Loader::listen(Clock::time_point now) {
 }
 
 bool BrickWindow::Loader::due(Clock::time_point now) const {
-  return std::any_of(failing.begin(), failing.end(), [&](const auto& of) {
-    return of.second.again <= now && wanted.contains(of.first) && !awaited.contains(of.first);
-  });
+  return failing.due(
+      now, [&](const BrickId& id) { return wanted.contains(id) && !awaited.contains(id); });
 }
 
 void BrickWindow::Loader::run() {
@@ -617,64 +617,76 @@ std::int64_t BrickWindow::arrival(const Entry& entry) const noexcept {
              : kLongAgo;
 }
 
-bool BrickWindow::copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
-                           std::span<float> values, std::uint64_t& active) const noexcept {
+std::uint32_t BrickWindow::enter() const noexcept {
+  while (true) {
+    const std::uint32_t side = pool_->side.load();
+    pool_->in[side].readers.fetch_add(1);
+    if (pool_->side.load() == side) return side;
+    // The loader has turned meanwhile, and may have counted before: it does so once a brick.
+    pool_->in[side].readers.fetch_sub(1);
+  }
+}
+
+void BrickWindow::leave(std::uint32_t side) const noexcept {
+  pool_->in[side].readers.fetch_sub(1);
+}
+
+std::uint64_t BrickWindow::changes() const noexcept {
+  return pool_->changes.load(std::memory_order_acquire);
+}
+
+bool BrickWindow::cellAt(const Entry& entry, std::int32_t level, const std::array<int, 3>& cell,
+                         Cell& out) const noexcept {
   const Pool& pool = *pool_;
   const std::size_t components = pool.format.components();
-  active = 0;
+  out.active = 0;
   if (entry.kind() == Entry::kAbsent) return false;
   if (entry.kind() == Entry::kConstant) {
     const Pool::Constant& constant = pool.constants[entry.index()];
-    for (std::size_t n = 0; n < 64 * components; ++n) values[n] = constant.value[n % components];
-    active = constant.active ? ~std::uint64_t{0} : 0;
+    for (std::size_t n = 0; n < 4 * components; ++n) out.room[n] = constant.value[n % components];
+    out.rows.fill(out.room.data());
+    out.active = constant.active ? ~std::uint64_t{0} : 0;
     return true;
   }
-  const std::size_t slot = entry.index();
-  const std::atomic<Word>& generation = pool.generations[slot];
-  if (generation.load(std::memory_order_acquire) != entry.generation()) return false;
+  const std::byte* const slot = pool.slotAt(entry.index());
   const BrickLevel& of = pool.levels[static_cast<std::size_t>(level)];
-  const std::array<int, 3> cell{i, j, k};
   std::array<int, 3> local{};
   for (std::size_t a = 0; a < 3; ++a) {
     const int at = brickOf(cell[a], of.first[a]);
     local[a] = cell[a] - kBrickSide * (at + of.first[a]);
   }
-  const std::size_t words_of_bits = pool.format.activeBegin() / sizeof(Word);
-  const bool half = pool.format.half;
-  for (int a = 0; a < 4; ++a) {
-    for (int b = 0; b < 4; ++b) {
-      const std::size_t first =
-          BrickView::numberOf(local[0] + a - 1, local[1] + b - 1, local[2] - 1);
-      const std::size_t row = 4 * static_cast<std::size_t>(a) + static_cast<std::size_t>(b);
-      float* const to = values.data() + row * 4 * components;
-      if (half) {
-        for (std::size_t n = 0; n < 4 * components; ++n) {
-          const std::size_t number = first * components + n;
-          const Word word = pool.load(slot, number / 2);
-          to[n] = floatOfHalf(static_cast<std::uint16_t>(word >> (16 * (number % 2))));
-        }
-      } else {
-        for (std::size_t n = 0; n < 4 * components; ++n) {
-          to[n] = std::bit_cast<float>(pool.load(slot, first * components + n));
-        }
+  const auto* const values = reinterpret_cast<const float*>(slot);
+  const auto* const halves = reinterpret_cast<const std::uint16_t*>(slot);
+  const auto* const bits = reinterpret_cast<const Word*>(slot + pool.format.activeBegin());
+  const std::size_t corner = BrickView::numberOf(local[0] - 1, local[1] - 1, local[2] - 1);
+  for (std::size_t row = 0; row < 16; ++row) {
+    const std::size_t a = row / 4;
+    const std::size_t b = row % 4;
+    const std::size_t first = corner + (a * kBrickEdge + b) * kBrickEdge;
+    if (pool.format.half) {
+      float* const to = out.room.data() + row * 4 * components;
+      for (std::size_t n = 0; n < 4 * components; ++n) {
+        to[n] = floatOfHalf(halves[first * components + n]);
       }
-      if (a == 0 || a == 3 || b == 0 || b == 3) continue;
-      // Four bits, in one word or in two.
-      const std::size_t shift = first % 32;
-      Word bits = pool.load(slot, words_of_bits + first / 32) >> shift;
-      if (shift > 28) bits |= pool.load(slot, words_of_bits + first / 32 + 1) << (32 - shift);
-      active |= std::uint64_t{bits & 15U} << (row * 4);
+      out.rows[row] = to;
+    } else {
+      out.rows[row] = values + first * components;
     }
+    if (a % 3 == 0 || b % 3 == 0) continue;
+    // Four bits, in one word or in two.
+    const std::size_t shift = first % 32;
+    Word four = bits[first / 32] >> shift;
+    if (shift > 28) four |= bits[first / 32 + 1] << (32 - shift);
+    out.active |= std::uint64_t{four & 15U} << (row * 4);
   }
-  std::atomic_thread_fence(std::memory_order_acquire);
-  return generation.load(std::memory_order_relaxed) == entry.generation();
+  return true;
 }
 
 WindowState BrickWindow::state() const {
   WindowState out;
   out.slots = pool_->slots;
   out.resident = loader_->resident;
-  out.bytes = (pool_->slots + kReading) * pool_->words_per_slot * sizeof(Word);
+  out.bytes = (pool_->slots + kReading) * pool_->slot_bytes;
   for (const auto& table : pool_->tables) out.bytes += table.size() * sizeof(table[0]);
   out.fetched = loader_->fetched;
   out.locked = pool_->locked;

@@ -41,9 +41,9 @@ struct WindowState {
 /// A pool of bricks of all levels about the hands, kept full by a thread of its own, finest where a
 /// hand is and soon will be. All of the coarsest level is always there.
 ///
-/// One pool for any number of readers, which are never in its way: a slot is a seqlock, read a cell
-/// at a time by copying; whoever copies while it is written anew sees that, and reads the next
-/// coarser level.
+/// One pool for any number of readers, which are never in its way. Nothing that a reader sees is
+/// written over: a brick is taken out of the tables, and its slot is another's once all who were in
+/// (enter()) at that time have left. Who is in for long keeps the window as it is.
 class BrickWindow {
  public:
   /// So many hands are looked after at a time; of more, two share the care of one.
@@ -73,6 +73,12 @@ class BrickWindow {
   /// Tells where a hand is, once a tick; who has told nothing for a second is not looked after any
   /// more. RT: wait-free.
   void aim(std::size_t hand, const Aim& at) const noexcept;
+
+  /// Counts a reader in: what entryAt() says from now on can be read until leave(). Who is in does
+  /// not settle(). RT: no lock; it counts twice where the loader takes a brick away meanwhile.
+  [[nodiscard]] std::uint32_t enter() const noexcept;
+  /// Out again, with what enter() returned. RT: wait-free.
+  void leave(std::uint32_t side) const noexcept;
 
   /// What is known of a brick at a moment. RT: to be asked again before each reading.
   class Entry {
@@ -105,6 +111,9 @@ class BrickWindow {
     std::uint64_t bits_ = 0;
   };
 
+  /// Counts the bricks that came and went: what entryAt() says is the same while this is. RT.
+  [[nodiscard]] std::uint64_t changes() const noexcept;
+
   /// Of the brick with the cell (i, j, k) of a level; beyond the pyramid a constant one. RT.
   [[nodiscard]] Entry entryAt(std::int32_t level, int i, int j, int k) const noexcept;
 
@@ -112,10 +121,16 @@ class BrickWindow {
   /// no proxy was, long ago. RT.
   [[nodiscard]] std::int64_t arrival(const Entry& entry) const noexcept;
 
-  /// Copies the rows of 4^3 voxels about a cell, lowest corner (i - 1, j - 1, k - 1), and their
-  /// active bits as a cell's are laid (cell.h). False: the brick was taken away meanwhile. RT.
-  [[nodiscard]] bool copyCell(const Entry& entry, std::int32_t level, int i, int j, int k,
-                              std::span<float> values, std::uint64_t& active) const noexcept;
+  /// 4^3 voxels: rows along the last axis, and their active bits as a cell's are laid (cell.h).
+  struct Cell {
+    std::array<const float*, 16> rows;  ///< In the pool, or in `room`.
+    std::uint64_t active = 0;  ///< A bit a voxel.
+    std::array<float, 64UL * 3> room;  ///< For rows that are not in the pool as they are.
+  };
+  /// The voxels about a cell, lowest corner one before it, of a brick that was there since enter().
+  /// False: it was not. RT: no allocation.
+  [[nodiscard]] bool cellAt(const Entry& entry, std::int32_t level, const std::array<int, 3>& cell,
+                            Cell& out) const noexcept;
 
   [[nodiscard]] WindowState state() const;  ///< As it is now. Takes a lock.
   /// True while the volume is not there, from one to two seconds after it has gone; see

@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/retries.h"
 #include "palpate/samplers/volume_grid.h"
 
 namespace palpate {
@@ -29,10 +30,6 @@ constexpr std::chrono::milliseconds kKept{50};
 constexpr std::uint64_t kLeastFrames = 5;
 /// How often the thread looks where play is.
 constexpr std::chrono::milliseconds kTurn{2};
-/// What could not be had is tried again after this, then after twice as long, and so on
-constexpr std::chrono::seconds kAgain{1};
-/// up to that.
-constexpr std::chrono::seconds kRarest{32};
 /// So many lines are told, of all that there will be.
 constexpr int kMostTroubles = 8;
 
@@ -197,11 +194,7 @@ struct FrameSequence::Loader {
   mutable std::mutex mutex;  ///< Guards all below; not held while a frame is loaded.
   mutable std::condition_variable changed;
   mutable std::map<int, int> asked;  ///< Frames that somebody waits for: by how many.
-  struct Failing {
-    Clock::time_point again;
-    std::chrono::seconds wait = kAgain;
-  };
-  std::map<int, Failing> failing;
+  detail::Retries<int> failing;
   mutable std::vector<std::string> troubles;
   int lines = 0;
   std::uint64_t fetched = 0;
@@ -226,7 +219,7 @@ std::vector<int> FrameSequence::Loader::wanted() {
   for (int i = 0; i < count && all.size() + 1 < shared.slots.size(); ++i) {
     int frame = (way > 0 ? low : high) + way * i;
     if (of.when_.repeat) {
-      frame = ((frame % count) + count) % count;
+      frame = of.within(frame);
     } else if (frame < 0 || frame >= count) {
       break;
     }
@@ -274,11 +267,9 @@ void FrameSequence::Loader::fetch(int frame, std::size_t slot) {
   const std::lock_guard lock(mutex);
   if (why.empty()) {
     ++fetched;
-    failing.erase(frame);
+    failing.had(frame);
   } else {
-    const auto [of_frame, first] = failing.try_emplace(frame);
-    if (!first) of_frame->second.wait = std::min(2 * of_frame->second.wait, kRarest);
-    of_frame->second.again = Clock::now() + of_frame->second.wait;
+    const bool first = failing.failed(frame, Clock::now());
     shared.missing[static_cast<std::size_t>(frame)].store(true, std::memory_order_release);
     if (first && ++lines <= kMostTroubles) {
       why += ": play goes on without the frame";
@@ -295,9 +286,7 @@ void FrameSequence::Loader::run() {
     const std::vector<int> all = wanted();
     const Clock::time_point now = Clock::now();
     const auto next = std::find_if(all.begin(), all.end(), [&](int frame) {
-      if (shared.resident(frame)) return false;
-      const auto of_frame = failing.find(frame);
-      return of_frame == failing.end() || of_frame->second.again <= now;
+      return !shared.resident(frame) && failing.may(frame, now);
     });
     const auto slot = next == all.end() ? std::nullopt : slotFor(all);
     if (!slot) {
@@ -358,11 +347,15 @@ int FrameSequence::count() const noexcept {
   return static_cast<int>(frames_.size());
 }
 
+int FrameSequence::within(int frame) const noexcept {
+  return ((frame % count()) + count()) % count();
+}
+
 int FrameSequence::good(int frame, int way) const noexcept {
   for (int i = 0; i < count(); ++i, frame += way) {
     int at = frame;
     if (when_.repeat) {
-      at = ((frame % count()) + count()) % count();
+      at = within(frame);
     } else if (frame < 0 || frame >= count()) {
       return -1;
     }
@@ -389,8 +382,7 @@ PlayMoment FrameSequence::at(double play) const noexcept {
   const auto time_of = [&](int frame) {
     const double rounds = frame < 0 ? -1.0 : frame >= count() ? 1.0 : 0.0;
     if (!when_.repeat) return times[static_cast<std::size_t>(frame)];
-    const int within = ((frame % count()) + count()) % count();
-    return times[static_cast<std::size_t>(within)] + rounds * length;
+    return times[static_cast<std::size_t>(within(frame))] + rounds * length;
   };
   out.position = i + (play - time_of(i)) / (time_of(i + 1) - time_of(i));
   // The first frame can always be had: there is one at or before.
@@ -400,7 +392,6 @@ PlayMoment FrameSequence::at(double play) const noexcept {
   out.share = high == low
                   ? 0.0
                   : std::clamp((play - time_of(low)) / (time_of(high) - time_of(low)), 0.0, 1.0);
-  const auto within = [&](int frame) { return ((frame % count()) + count()) % count(); };
   out.low = within(low);
   out.high = within(high);
   return out;

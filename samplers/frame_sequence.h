@@ -139,6 +139,8 @@ class FrameSequence {
   struct Loader;
 
   [[nodiscard]] int count() const noexcept;
+  /// The frame that a number means which is counted on over the rounds.
+  [[nodiscard]] int within(int frame) const noexcept;
   /// The next frame that can be had, on (1) or back (-1); -1: there is none.
   [[nodiscard]] int good(int frame, int way) const noexcept;
 
