@@ -96,51 +96,65 @@ std::vector<std::string> wanted(const Graph& graph, const VectorRead& read) {
 /// Of a surface so much may be where the other frame has no data: edges of what was scanned.
 constexpr double kLeft = 0.01;
 
+/// What a surface's blends of two frames make of it.
+struct Blended {
+  std::size_t mode = 0;
+  int pairs = 0;        ///< Steps from frame to frame with ghosts,
+  int pieces = 0;       ///< of so many pieces in all,
+  Ghosts worst;         ///< most of all these,
+  std::size_t at = 0;   ///< after this frame.
+  int left = 0;         ///< Steps in which it comes to where the other frame has no data,
+  double beyond = 0.0;  ///< with so much of it at most.
+
+  void add(const Volume& last, const Volume& next, const ModeSpec& of, std::size_t after) {
+    const Ghosts found =
+        ghostsBetween(last, next, of.value, of.solid == Solid::kAbove ? -1.0 : 1.0);
+    pairs += found.pieces > 0 ? 1 : 0;
+    pieces += found.pieces;
+    const double out = surfaceBeyondData(last, next, of.value);
+    left += out > kLeft ? 1 : 0;
+    beyond = std::max(beyond, out);
+    if (found.share <= worst.share) return;
+    worst = found;
+    at = after;
+  }
+};
+
 /// What matter of a sequence's isosurfaces a blend of two frames cannot move. Loads each frame.
 OrderedJson ghostsOf(const std::string& name, const SceneSpec& spec, const BuiltScene& built) {
   const Placement& place = built.placements.at(name);
+  const std::vector<ModeSpec>& modes = spec.graph.modes;
   std::vector<VolumeRequest> frames = framesOf(spec.volumes.at(name));
   if (built.sequences.at(name)->times().repeat) frames.push_back(frames.front());
+  std::vector<Blended> surfaces;
+  for (std::size_t i = 0; i < modes.size(); ++i) {
+    if (modes[i].kind == ModeKind::kIsosurface && modes[i].of == name)
+      surfaces.emplace_back().mode = i;
+  }
   OrderedJson all = OrderedJson::array();
-  for (std::size_t i = 0; i < spec.graph.modes.size(); ++i) {
-    const ModeSpec& mode = spec.graph.modes[i];
-    if (mode.kind != ModeKind::kIsosurface || mode.of != name) continue;
-    Ghosts worst;
-    int left = 0;
-    double most_left = 0.0;
-    std::size_t at = 0;
-    int pairs = 0;
-    int pieces = 0;
-    std::shared_ptr<const Volume> last;
-    for (std::size_t frame = 0; frame < frames.size(); ++frame) {
-      const VolumeRequest& of = frames[frame];
-      const auto next = loadVolume(of.file, of.grid, {of.non_finite, of.smooth, nullptr});
-      if (last != nullptr) {
-        const double sign = mode.solid == Solid::kAbove ? -1.0 : 1.0;
-        const Ghosts found = ghostsBetween(*last, *next, mode.value, sign);
-        pairs += found.pieces > 0 ? 1 : 0;
-        pieces += found.pieces;
-        const double beyond = surfaceBeyondData(*last, *next, mode.value);
-        left += beyond > kLeft ? 1 : 0;
-        most_left = std::max(most_left, beyond);
-        if (found.share > worst.share) {
-          worst = found;
-          at = frame - 1;
-        }
-      }
-      last = next;
+  if (surfaces.empty()) return all;
+  std::shared_ptr<const Volume> last;
+  for (std::size_t frame = 0; frame < frames.size(); ++frame) {
+    const VolumeRequest& of = frames[frame];
+    const auto next = loadVolume(of.file, of.grid, {of.non_finite, of.smooth, nullptr});
+    if (last != nullptr) {
+      for (Blended& one : surfaces) one.add(*last, *next, modes[one.mode], frame - 1);
     }
-    if (pairs == 0 && left == 0) continue;
-    all.push_back({{"of", mode.name.empty() ? fmt::format("/modes/{}", i) : mode.name},
-                   {"pairs", pairs},
-                   {"beyond_pairs", left},
-                   {"beyond", most_left},
+    last = next;
+  }
+  for (const Blended& one : surfaces) {
+    if (one.pairs == 0 && one.left == 0) continue;
+    const std::string& mode = modes[one.mode].name;
+    all.push_back({{"of", mode.empty() ? fmt::format("/modes/{}", one.mode) : mode},
+                   {"pairs", one.pairs},
+                   {"beyond_pairs", one.left},
+                   {"beyond", one.beyond},
                    {"of_pairs", frames.size() - 1},
-                   {"pieces", pieces},
-                   {"share", worst.share},
-                   {"after", at},
-                   {"at", toJson(place(worst.where))},
-                   {"size", place.scale * worst.size}});
+                   {"pieces", one.pieces},
+                   {"share", one.worst.share},
+                   {"after", one.at},
+                   {"at", toJson(place(one.worst.where))},
+                   {"size", place.scale * one.worst.size}});
   }
   return all;
 }
@@ -336,8 +350,8 @@ void sayGhosts(const OrderedJson& of) {
   }
   if (of["beyond_pairs"].get<int>() > 0) {
     say("ghosts    {}: in {} of {} steps from frame to frame the surface, up to {} % of it, comes "
-        "to where the other frame has no data: there it lets go of a hand between them: give more "
-        "frames, a wider band, or volumes with data all around\n",
+        "to where the other frame has no data: there it gives way under a hand between them: give "
+        "more frames, a wider band, or volumes with data all around\n",
         of["of"].get<std::string>(), of["beyond_pairs"].get<int>(),
         of["of_pairs"].get<std::size_t>(), rounded(100.0 * of["beyond"].get<double>()));
   }

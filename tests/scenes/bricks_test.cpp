@@ -17,6 +17,7 @@
 #include "palpate/samplers/write_bricks.h"
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
+#include "tests/support/built_scene.h"
 #include "tests/support/fine_head.h"
 #include "tests/support/formula_bricks.h"
 #include "tests/support/scenes.h"
@@ -53,15 +54,6 @@ SceneSpec specOf(const Json& scene, const fs::path& folder) {
   SceneSpec spec = parseScene(scene.dump(), "scene.json", folder);
   spec.waits = true;
   return spec;
-}
-
-std::string refusal(const Json& scene, const fs::path& folder) {
-  try {
-    (void)buildScene(specOf(scene, folder));
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "taken";
 }
 
 /// What a hand comes to.

@@ -10,6 +10,7 @@
 #include "palpate/engine/step.h"
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
+#include "tests/support/built_scene.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
 
@@ -37,20 +38,6 @@ Json ballScene() {
     "volumes": {"ball": {"file": "ball_%03d.vdb", "frames": {"rate": 10}, "place": {"unit": "mm"}}},
     "modes": [{"name": "skin", "mode": "isosurface", "of": "ball", "value": 0, "solid": "below",
                "strength": 6}]})");
-}
-
-BuiltScene built(const Json& scene, const std::filesystem::path& folder,
-                 SceneCache* cache = nullptr) {
-  return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
-}
-
-std::string refusal(const Json& scene, const std::filesystem::path& folder) {
-  try {
-    (void)built(scene, folder);
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "taken";
 }
 
 /// Where the proxy of a hand in the middle of the ball's flank comes to rest, by play [mm].

@@ -13,6 +13,7 @@
 #include "palpate/scenes/made.h"
 #include "palpate/scenes/scene_cache.h"
 #include "palpate/scenes/scene_file.h"
+#include "tests/support/built_scene.h"
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
 
@@ -36,20 +37,6 @@ Json heartScene() {
     scene["volumes"]["heart"]["place"]["warp"]["times"].push_back(0.05 * i);
   }
   return scene;
-}
-
-BuiltScene built(const Json& scene, const std::filesystem::path& folder,
-                 SceneCache* cache = nullptr) {
-  return buildScene(parseScene(scene.dump(), "scene.json", folder), nullptr, cache);
-}
-
-std::string refusal(const Json& scene, const std::filesystem::path& folder) {
-  try {
-    (void)built(scene, folder);
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "taken";
 }
 
 /// Displacements of a file each, dark.vdb of others.
