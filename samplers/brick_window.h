@@ -124,8 +124,8 @@ class BrickWindow {
   /// 4^3 voxels: rows along the last axis, and their active bits as a cell's are laid (cell.h).
   struct Cell {
     std::array<const float*, 16> rows;  ///< In the pool, or in `room`.
-    std::uint64_t active = 0;  ///< A bit a voxel.
-    std::array<float, 64UL * 3> room;  ///< For rows that are not in the pool as they are.
+    std::uint64_t active = 0;           ///< A bit a voxel.
+    std::array<float, 64UL * 3> room;   ///< For rows that are not in the pool as they are.
   };
   /// The voxels about a cell, lowest corner one before it, of a brick that was there since enter().
   /// False: it was not. RT: no allocation.
