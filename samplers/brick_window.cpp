@@ -143,19 +143,19 @@ struct BrickWindow::Pool {
     return Entry(entry(id).load(std::memory_order_relaxed));
   }
 
-  std::vector<BrickLevel> levels;
-  BrickFormat format;
-  std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
-  std::vector<Constant> constants;
-  std::vector<std::atomic<std::int64_t>> arrivals;  ///< By slot: when [ns of the steady clock].
   /// Readers that are in, by the side that they came in by.
   struct alignas(64) Count {
     std::atomic<std::uint32_t> readers{0};
   };
   mutable std::array<Count, 2> in;
-  std::atomic<std::uint32_t> side{0};     ///< By which readers come in now.
   std::atomic<std::uint64_t> changes{0};  ///< Of the tables.
+  std::vector<BrickLevel> levels;
+  BrickFormat format;
+  std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
+  std::vector<Constant> constants;
+  std::vector<std::atomic<std::int64_t>> arrivals;  ///< By slot: when [ns of the steady clock].
   double horizon;
+  std::atomic<std::uint32_t> side{0};  ///< By which readers come in now.
   bool waits;
   std::array<Told, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};
