@@ -196,7 +196,7 @@ bool balance(Tick& tick, Iteration& now, bool foreseen, const Vec3& from) noexce
   return true;
 }
 
-void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
+void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noexcept {
   TrustRegion& trust = now.trust;
   Balanced& to = now.to;
   const double step = to.step.norm();
@@ -210,7 +210,7 @@ void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept {
   }
   const bool free = varies(tick, now) && tick.balance.surfaces == 0;
   const double tolerance = tick.scene.step.tolerance_voxels * now.voxel;
-  const bool back = to.step.dot(way) < -0.25 * way.squaredNorm();
+  const bool back = compared && to.step.dot(way) < -0.25 * way.squaredNorm();
   if (back) {
     trust.radius = 0.5 * std::min(way.norm(), step);
     // The balance is between two readings whose steps lead to each other.

@@ -66,12 +66,13 @@ void lookRound(Tick& tick) noexcept PALPATE_NONBLOCKING;
 [[nodiscard]] bool balance(Tick& tick, Iteration& now, bool foreseen,
                            const Vec3& from) noexcept PALPATE_NONBLOCKING;
 
-/// Updates the trust region after a reading displaced by `way` [m] from the last. Forces that jump,
-/// as those towards an axis do on it, have no balance where Newton's step ends; they balance where
-/// the step turns back on itself however short it is: a force between those on both sides balances
-/// there (Filippov's solution). Found to the tolerance, that place is the last reading's; where
-/// nothing pushes it is the balance of that reading, which makes no energy.
-void trust(const Tick& tick, Iteration& now, const Vec3& way) noexcept;
+/// Updates the trust region after a reading displaced by `way` [m] from the last; `compared`: that
+/// was of the same data, and a step that turns back says how far they can be trusted. Forces that
+/// jump, as those towards an axis do on it, have no balance where Newton's step ends; they balance
+/// where the step turns back on itself however short it is: a force between those on both sides
+/// balances there (Filippov's solution). Found to the tolerance, that place is the last reading's;
+/// where nothing pushes it is the balance of that reading, which makes no energy.
+void trust(const Tick& tick, Iteration& now, const Vec3& way, bool compared) noexcept;
 
 /// True if what is left after Newton's step is within the tolerance: the step itself is, and where
 /// nothing pushes and no surface holds the balance too, so that the proxy is where its primitives,

@@ -186,6 +186,8 @@ Slice follow(Tick& tick, int later) noexcept {
     }
     if (tick.trace != nullptr) tell(tick, trial);
     cut = trial.cut;
+    // What is remembered of other data says nothing of how far these can be trusted.
+    const bool compared = now.read || !tick.changed;
     read(tick, now, trial.end);
     const Vec3 way = now.read_at - from;
     from = now.read_at;
@@ -196,7 +198,7 @@ Slice follow(Tick& tick, int later) noexcept {
       if (trial.strays) meetParts(tick);
     }
     if (!balance(tick, now, false, from)) return Slice::kSpoilt;
-    trust(tick, now, way);
+    trust(tick, now, way, compared);
     const bool met = !trial.complete && !trial.cut && !trial.trusted;
     if (met || now.to.offset.norm() > kFree) ++tick.held;
   }

@@ -10,12 +10,13 @@ void PlayClock::steer(const PlayParams& params) noexcept {
   from_.store(params.from, std::memory_order_relaxed);
   to_.store(params.to, std::memory_order_relaxed);
   repeat(params.repeat);
+  begin_.store(params.begin, std::memory_order_relaxed);
 }
 
 PlayParams PlayClock::params() const noexcept {
-  return {speed_.load(std::memory_order_relaxed), paused_.load(std::memory_order_relaxed),
-          from_.load(std::memory_order_relaxed), to_.load(std::memory_order_relaxed),
-          repeat_.load(std::memory_order_relaxed)};
+  return {speed_.load(std::memory_order_relaxed),  paused_.load(std::memory_order_relaxed),
+          from_.load(std::memory_order_relaxed),   to_.load(std::memory_order_relaxed),
+          repeat_.load(std::memory_order_relaxed), begin_.load(std::memory_order_relaxed)};
 }
 
 void PlayClock::setSpeed(double speed) noexcept {
@@ -49,7 +50,7 @@ double PlayClock::next(PlayHead& head, double dt) const noexcept {
   const double nudged = nudged_.load(std::memory_order_relaxed);
   const std::uint32_t seeks = seeks_.load(std::memory_order_acquire);
   const bool goes = head.begun && dt > 0.0 && std::isfinite(dt) && !now.paused;
-  if (!head.begun) head = {begin_.from, 0.0, 0.0, 0, true};
+  if (!head.begun) head = {made_, 0.0, 0.0, 0, true};
   // Where its ends have been moved it begins at the nearer one, which is a jump.
   if (!now.repeat) head.time = within(head.time, now);
   double next = goes ? head.time + now.speed * dt : head.time;
@@ -70,7 +71,7 @@ double PlayClock::next(PlayHead& head, double dt) const noexcept {
       head.time = within(head.time, now);
     }
   }
-  if (!std::isfinite(head.time)) head.time = std::isfinite(now.from) ? now.from : 0.0;
+  if (!std::isfinite(head.time)) head.time = std::isfinite(now.begin) ? now.begin : 0.0;
   if (!std::isfinite(head.rate)) head.rate = 0.0;
   return head.time;
 }

@@ -11,9 +11,10 @@ namespace palpate {
 struct PlayParams {
   double speed = 1.0;   ///< Seconds of play a second; below 0: backwards.
   bool paused = false;  ///< It stands.
-  double from = 0.0;    ///< Play begins there [s],
-  double to = std::numeric_limits<double>::infinity();  ///< and ends here [s].
-  bool repeat = false;  ///< From the end it goes on at the begin; needs an end.
+  double from = 0.0;    ///< Play goes from there [s], or without a bound,
+  double to = std::numeric_limits<double>::infinity();  ///< to there, forwards or backwards.
+  bool repeat = false;  ///< From one end it goes on at the other; needs both.
+  double begin = 0.0;   ///< It begins there [s].
 
   [[nodiscard]] bool operator==(const PlayParams&) const = default;  ///< For the same play.
 };
@@ -31,8 +32,8 @@ struct PlayHead {
 /// together are apart by what their beginnings are, some milliseconds.
 class PlayClock {
  public:
-  /// Begins at the params' `from`.
-  explicit PlayClock(const PlayParams& params = {}) : begin_(params) { steer(params); }
+  /// Begins at the params' `begin`.
+  explicit PlayClock(const PlayParams& params = {}) : made_(params.begin) { steer(params); }
 
   // For any thread.
   /// Plays so from the next ticks on, from where play is.
@@ -43,7 +44,7 @@ class PlayClock {
   void pause(bool paused) noexcept { paused_.store(paused, std::memory_order_relaxed); }
   /// Seconds of play a second; not finite: as it was.
   void setSpeed(double speed) noexcept;
-  /// At the end it goes on at the begin, or stands.
+  /// At one end it goes on at the other, or stands.
   void repeat(bool repeat) noexcept { repeat_.store(repeat, std::memory_order_relaxed); }
   /// Goes to a place in the play [s]; not finite: nowhere.
   void seek(double time) noexcept;
@@ -55,12 +56,13 @@ class PlayClock {
   [[nodiscard]] double next(PlayHead& head, double dt) const noexcept;
 
  private:
-  PlayParams begin_;  ///< As made: a head begins at its `from`.
+  double made_;  ///< PlayParams::begin as made: heads begin there.
   std::atomic<double> speed_{1.0};
   std::atomic<bool> paused_{false};
   std::atomic<double> from_{0.0};
   std::atomic<double> to_{std::numeric_limits<double>::infinity()};
   std::atomic<bool> repeat_{false};
+  std::atomic<double> begin_{0.0};
   std::atomic<double> nudged_{0.0};      ///< All that was ever nudged [s].
   std::atomic<double> sought_{0.0};      ///< The last place that was sought [s], written before
   std::atomic<std::uint32_t> seeks_{0};  ///< how many were.

@@ -95,15 +95,14 @@ double StillFade::pass(double force, double still, double friction, double dt) n
   return left_;
 }
 
-Vec3 DataFade::pass(const Vec3& wanted, bool changed, double growth, double dt) noexcept {
-  constexpr double kNothing = 1e-4;  // [N]
-  left_ *= dt > 0.0 ? std::exp(-dt / kFade) : 1.0;
-  if (left_.squaredNorm() < kNothing * kNothing) left_.setZero();
-  const Vec3 step = last_ - wanted;
-  if (known_ && changed && step.squaredNorm() > growth * growth) left_ += step;
-  last_ = wanted;
+Vec3 DataFade::pass(const Vec3& wanted, double step, double dt) noexcept {
+  if (known_ && (wanted - wanted_).squaredNorm() > step * step) left_ = kEnd;
+  left_ = dt > 0.0 ? left_ - dt : 0.0;
+  const double held = left_ > 0.0 ? std::exp(-dt * kEnd / (kBegin * left_)) : 0.0;
+  out_ = held > 0.0 ? Vec3(wanted + held * (out_ - wanted)) : wanted;
+  wanted_ = wanted;
   known_ = true;
-  return left_.isZero(0.0) ? wanted : Vec3(wanted + left_);
+  return out_;
 }
 
 Vec3 brake(const Vec3& force, const Vec3& velocity, double max_speed) noexcept {

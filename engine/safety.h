@@ -137,26 +137,30 @@ class StillFade {
 /// that is played and leaves the voxels that have data is gone between two ticks, and what it held
 /// with it. A force may fall as fast as it likes where the hand has let it; not where nothing but
 /// the data has moved.
+///
+/// From such a step on the force follows what is wanted, by df/dt = (wanted - f) / (kBegin (1 -
+/// t/kEnd)): never more than what was wanted since, nor otherwise directed, and after kEnd all of
+/// it.
 class DataFade {
  public:
-  /// The force with what is left of such steps. Where `changed`, a step by more than `growth` [N]
-  /// is taken back, and let out over kFade.
+  /// The force that is let out [N].
   ///
-  /// @param wanted   The spring's force in this tick [N].
-  /// @param changed  Data have changed by themselves since the last tick.
-  /// @param dt       Time since the last tick [s].
+  /// @param wanted  The spring's force in this tick [N].
+  /// @param step    A step by more than this is the data's [N]; infinite: they have not changed.
+  /// @param dt      Time since the last tick [s]; without time nothing is held back.
   /// RT: no allocation.
-  [[nodiscard]] Vec3 pass(const Vec3& wanted, bool changed, double growth,
-                          double dt) noexcept PALPATE_NONBLOCKING;
+  [[nodiscard]] Vec3 pass(const Vec3& wanted, double step, double dt) noexcept PALPATE_NONBLOCKING;
   /// To be called where no force goes out, or another one.
   void forget() noexcept { *this = {}; }
 
-  static constexpr double kFade = 0.02;  ///< Time constant [s].
+  static constexpr double kBegin = 0.02;  ///< [s]
+  static constexpr double kEnd = 0.1;     ///< [s]
 
  private:
-  Vec3 last_ = Vec3::Zero();  ///< `wanted` of the last tick [N].
-  Vec3 left_ = Vec3::Zero();  ///< Of the steps [N].
-  bool known_ = false;        ///< There was a last tick.
+  Vec3 wanted_ = Vec3::Zero();  ///< In the last tick [N],
+  Vec3 out_ = Vec3::Zero();     ///< and what was let out.
+  double left_ = 0.0;           ///< Until it is all [s].
+  bool known_ = false;          ///< There was a last tick.
 };
 
 /// The force on a hand that is too fast [N]: `force` without what drives the hand, and against the

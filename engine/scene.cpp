@@ -113,7 +113,7 @@ BoundGraph Reader::bind(const Scene& scene) noexcept {
   if (scene.id != scene_id_) {
     scene_id_ = scene.id;
     std::fill(parts_.begin(), parts_.end(), kNone);
-    ready(graph, 0);
+    ready(graph, 0, kMaxFields);
   }
   return {&graph, {caches_.data(), kMaxFields}};
 }
@@ -123,18 +123,21 @@ BoundGraph Reader::bind(const Scene& scene, std::size_t part, std::size_t slot) 
   const std::size_t first = kMaxFields + slot * kMaxPartFields;
   if (parts_[slot] != part) {
     parts_[slot] = part;
-    ready(graph, first);
+    ready(graph, first, kMaxPartFields);
   }
   return {&graph, {&caches_[first], kMaxPartFields}};
 }
 
-void Reader::ready(const Graph& graph, std::size_t first) noexcept {
+void Reader::ready(const Graph& graph, std::size_t first, std::size_t count) noexcept {
+  const std::size_t end = first + count;
   const auto one = [&](const AnyField& field) {
     if (std::exchange(fields_[first], field.id()) != field.id()) field.reset(caches_[first]);
     ++first;
   };
   for (const auto& field : graph.scalar_fields) one(*field);
   for (const auto& field : graph.vector_fields) one(*field);
+  // What a scene has not had for a while begins anew.
+  while (first < end) fields_[first++] = 0;
 }
 
 int BoundGraph::sample(const Vec3& p_W, Properties& out,

@@ -167,8 +167,8 @@ class Reader {
  private:
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
-  /// Readies the caches from `first` on for the fields of a graph.
-  void ready(const Graph& graph, std::size_t first) noexcept;
+  /// Readies `count` caches from `first` on for the fields of a graph.
+  void ready(const Graph& graph, std::size_t first, std::size_t count) noexcept;
 
   std::vector<FieldCache> caches_;     ///< Caches of the scene's graph, then of each slot.
   std::vector<std::uint64_t> fields_;  ///< AnyField::id() of what each cache is of; 0: of nothing.

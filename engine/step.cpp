@@ -84,6 +84,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
         bound.attend({proxy.position, hand.position, dt, state.play_, state.play_rate_},
                      state.around_.bodies.items());
     Tick tick{scene, reader, proxy, state.around_, state.balance_, report, trace, hand.position};
+    tick.changed = changed;
     good = moveProxy(tick, state.met_.time);
     bound.leave();
 
@@ -94,10 +95,12 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     const double at_once = k * (offset.dot(offset - before) - 0.5 * (offset - last).squaredNorm());
     report.injected = std::max(report.injected, at_once);
     if (good) {
-      report.wanted = hand.drives * couplingForce({k, scene.coupling.damping}, offset, rate);
+      report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || report.wanted.isZero(0.0));  // without primitives no force
-      report.wanted =
-          state.gate_.data.pass(report.wanted, changed, state.gate_.limits.slew * dt, dt);
+      // What the hand's own motion can do, and what the limiter lets grow, is none of the data's.
+      const double own = state.gate_.limits.slew * dt + 2.0 * k * (last - before).norm();
+      constexpr double kAll = std::numeric_limits<double>::infinity();
+      report.wanted = hand.drives * state.gate_.data.pass(report.wanted, changed ? own : kAll, dt);
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =

@@ -68,6 +68,7 @@ struct Tick {
   Vec3 probe;              ///< The hand [m]: of this slice of the tick.
   int held = 0;            ///< Readings after which something held the proxy.
   int strayed = 0;         ///< Ways that led beyond the parts that were chosen.
+  bool changed = false;    ///< Data have changed by themselves since the last tick.
 
   /// Surroundings::felt of this tick.
   [[nodiscard]] std::span<const Felt> felt() const noexcept { return around.felt(); }

@@ -321,10 +321,16 @@ class BrickField : public Base {
     if (!same) read.cache.cell.fill(kNoCell);
     read.level = 0;
   }
+  /// How far a distance [m] may reach along each axis of a level's index space.
+  [[nodiscard]] Vec3 reachIn(int level, double distance) const noexcept {
+    if (distance <= 0.0) return Vec3::Zero();
+    const IndexMap& map = maps_[static_cast<std::size_t>(level)];
+    return distance * map.index_from_world.rowwise().norm();
+  }
   /// Does `of(level, its cache)` where a place, and another one, are known to be of the finest
   /// level alone; false: they are not, or a brick was taken away meanwhile.
   template <class Of>
-  [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, Cache& cache,
+  [[nodiscard]] bool byFinest(const Vec3& p_W, const Vec3& q_W, double about, Cache& cache,
                               const Of& of) const noexcept {
     if (!cache.side) return false;
     const Vec3 p_I = maps_.front()(p_W);
@@ -336,7 +342,13 @@ class BrickField : public Base {
       if (!cache.finest.holds(p_I)) return false;
     }
     Read& read = cache.fine;
-    if (read.level != 0 || !cache.finest.holds(maps_.front()(q_W))) return false;
+    const Vec3 q_I = maps_.front()(q_W);
+    const Vec3 reach = reachIn(0, about);
+    const Finest& finest = cache.finest;
+    if (read.level != 0 || !finest.holds(p_I.cwiseMin(q_I) - reach) ||
+        !finest.holds(p_I.cwiseMax(q_I) + reach)) {
+      return false;
+    }
     read.cache.source.whole = true;
     of(levels_.front(), read.cache);
     if (!read.cache.source.whole) read.cache.cell.fill(kNoCell);
@@ -388,7 +400,7 @@ class BrickField : public Base {
     const auto straight = [&](const Level& level, typename Level::Cache& of) {
       inside = level.read(p_W, of, row);
     };
-    if (byFinest(p_W, p_W, cache, straight)) {
+    if (byFinest(p_W, p_W, 0.0, cache, straight)) {
       coarse = false;
       return inside;
     }
@@ -412,12 +424,12 @@ class BrickField : public Base {
     int resident = 0;
     int arrived = 0;
   };
-  [[nodiscard]] Counted countIn(const Vec3& a_W, const Vec3& b_W, int level,
+  [[nodiscard]] Counted countIn(const Vec3& a_W, const Vec3& b_W, double about, int level,
                                 std::int64_t now) const noexcept {
     const IndexMap& map = maps_[static_cast<std::size_t>(level)];
     const Vec3 a = map(a_W);
     const Vec3 b = map(b_W);
-    const Vec3 fade = Vec3::Constant(kFade);
+    const Vec3 fade = Vec3::Constant(kFade) + reachIn(level, about);
     const std::array<int, 3> low = cellOf(a.cwiseMin(b) - fade);
     const std::array<int, 3> high = cellOf(a.cwiseMax(b) + fade);
     Counted out;
@@ -433,20 +445,20 @@ class BrickField : public Base {
     }
     return out;
   }
-  /// What `of` makes of a box between two corners by the one level that all of it is read at;
-  /// false: there is no such level, or a brick was taken away meanwhile.
+  /// What `of` makes of what is between two places, and so far about them [m], by the one level
+  /// that all of it is read at; false: there is no such level, or a brick was taken away meanwhile.
   template <class Of>
-  [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, Cache& cache,
+  [[nodiscard]] bool byOneLevel(const Vec3& a_W, const Vec3& b_W, double about, Cache& cache,
                                 const Of& of) const noexcept {
-    if (byFinest(a_W, b_W, cache, of)) return true;
+    if (byFinest(a_W, b_W, about, cache, of)) return true;
     constexpr double kFarthest = 256.0;  // as far as a path is looked at [voxels]
-    const double size = (b_W - a_W).norm() / this->frame().voxel;
+    const double size = ((b_W - a_W).norm() + 2.0 * about) / this->frame().voxel;
     if (!(size <= kFarthest)) return false;
     const Visit visit(*window_, cache);
     const auto last = static_cast<int>(levels_.size()) - 1;
     int level = 0;
     for (; level < last; ++level) {
-      const Counted counted = countIn(a_W, b_W, level, cache.now);
+      const Counted counted = countIn(a_W, b_W, about, level, cache.now);
       if (counted.arrived == counted.all) break;
       if (counted.resident > 0) return false;
     }
@@ -504,7 +516,7 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
     const auto fall = [&](const Level& of, typename Level::Cache& cache) {
       out = of.firstFall(a_W, b_W, level, sign, cache);
     };
-    if (byOneLevel(a_W, b_W, cacheIn(memory), fall)) return out;
+    if (byOneLevel(a_W, b_W, 0.0, cacheIn(memory), fall)) return out;
     return ScalarField::firstFall(a_W, b_W, level, sign, memory);
   }
 
@@ -514,7 +526,7 @@ class BrickScalarField final : public BrickField<ScalarField, 1> {
   [[nodiscard]] Out mixed(const Vec3& p_W, FieldCache& memory, const Of& of) const noexcept {
     Out out{};
     Cache& cache = cacheIn(memory);
-    if (byFinest(p_W, p_W, cache,
+    if (byFinest(p_W, p_W, 0.0, cache,
                  [&](const Level& level, typename Level::Cache& in) { out = of(level, in); })) {
       return out;
     }
@@ -547,11 +559,10 @@ class BrickVectorField final : public BrickField<VectorField, 3> {
   [[nodiscard]] Trace trace(const Vec3& p_W, const TraceOrder& order,
                             FieldCache& memory) const noexcept override {
     Trace out;
-    const Vec3 reach = Vec3::Constant(std::abs(order.length));
     const auto go = [&](const Level& of, typename Level::Cache& cache) {
       out = of.trace(p_W, order, this->frame().voxel, cache);
     };
-    if (byOneLevel(p_W - reach, p_W + reach, cacheIn(memory), go)) return out;
+    if (byOneLevel(p_W, p_W, std::abs(order.length), cacheIn(memory), go)) return out;
     return VectorField::trace(p_W, order, memory);
   }
 };

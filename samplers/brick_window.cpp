@@ -253,7 +253,7 @@ struct BrickWindow::Loader {
   void run();
   [[nodiscard]] bool settle(Clock::time_point until);
   void choose();
-  void take(const BrickArrival& arrival);
+  void take(const BrickArrival& arrival, std::unique_lock<std::mutex>& lock);
   void tell(const BrickArrival& of);
   void look(Clock::time_point now);
   void listen(Clock::time_point now);
@@ -349,6 +349,7 @@ bool BrickWindow::Loader::leftByAll() {
   while (pool.in[side].readers.load() != 0) {
     if (stop) return false;
     std::this_thread::sleep_for(kLittle);
+    look(Clock::now());
   }
   return true;
 }
@@ -393,7 +394,7 @@ std::optional<std::size_t> BrickWindow::Loader::slotFor(const BrickId& id) {
   pool.changes.fetch_add(1, std::memory_order_release);
   owners[*victim].reset();
   --resident;
-  return leftByAll() ? victim : std::nullopt;
+  return victim;
 }
 
 /// The bricks nearest to where hands are and will be, of all levels alike by their own size.
@@ -482,12 +483,17 @@ void BrickWindow::Loader::tell(const BrickArrival& of) {
   troubles.push_back(std::move(line));
 }
 
-void BrickWindow::Loader::take(const BrickArrival& arrival) {
+void BrickWindow::Loader::take(const BrickArrival& arrival, std::unique_lock<std::mutex>& lock) {
   if (arrival.status == BrickStatus::kArrived) {
     ++fetched;
     failing.had(arrival.id);
     if (!pool.entryOf(arrival.id).resident()) {
-      if (const auto slot = slotFor(arrival.id)) publish(arrival.id, *slot);
+      const auto slot = slotFor(arrival.id);
+      // A reader that stays in for long holds up the window, and nobody else.
+      lock.unlock();
+      const bool mine = slot && leftByAll();
+      lock.lock();
+      if (mine) publish(arrival.id, *slot);
     }
   } else {
     (void)failing.failed(arrival.id, Clock::now());
@@ -558,8 +564,8 @@ void BrickWindow::Loader::run() {
     do {
       const auto arrival = source.next(staging, kTurn);
       if (!arrival) break;
-      const std::lock_guard lock(mutex);
-      take(*arrival);
+      std::unique_lock lock(mutex);
+      take(*arrival, lock);
     } while (!stop && Clock::now() - begin < kTurn);
   }
 }

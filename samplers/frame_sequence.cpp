@@ -54,8 +54,11 @@ Loaded loadFrame(const VolumeRequest& request, const Placement& placement, const
   const GridInfo& is = out.volume->info();
   const GridInfo& like = first != nullptr ? first->info() : is;
   if (is.vector != like.vector || is.grid_class != like.grid_class) {
-    throw VolumeError(request.file.string(), "the frame is of another kind than the first one",
-                      "give frames of one grid");
+    const auto kind = [](const GridInfo& of) { return of.type + ", " + wordFor(of.grid_class); };
+    throw VolumeError(
+        request.file.string(),
+        "the frame is of another kind (" + kind(is) + ") than the first one (" + kind(like) + ")",
+        "give frames of one kind");
   }
   if (out.volume->grid().parts.size() > 1) {
     throw VolumeError(request.file.string(), "a vector by component is not played",
@@ -96,7 +99,8 @@ void checkTimes(const FrameTimes& when, std::size_t count, const std::string& na
         name,
         "it has " + std::to_string(count) + " frames and " + std::to_string(when.times.size()) +
             " times",
-        when.repeat ? "give one for each, and when the first comes again" : "give one for each");
+        "give " + std::to_string(asked) +
+            (when.repeat ? ": one for each, and when the first comes again" : ": one for each"));
   }
   for (std::size_t i = 0; i < asked; ++i) {
     const bool good = std::isfinite(when.times[i]) && (i == 0 || when.times[i] > when.times[i - 1]);

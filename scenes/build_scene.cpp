@@ -407,26 +407,34 @@ PlayParams playOf(const SceneSpec& spec, const BuiltScene& built) {
   out.speed = play.speed;
   out.paused = play.paused;
   out.repeat = play.repeat;
-  double begin = std::numeric_limits<double>::infinity();
-  double end = -begin;
+  constexpr double kForEver = std::numeric_limits<double>::infinity();
+  double first = kForEver;
+  double end = -kForEver;
+  bool all_repeat = true;
   for (const auto& [name, sequence] : built.sequences) {
     const FrameTimes& when = sequence->times();
-    begin = std::min(begin, when.times.front());
-    end = std::max(end, when.repeat ? std::numeric_limits<double>::infinity() : when.times.back());
+    first = std::min(first, when.times.front());
+    end = std::max(end, when.repeat ? kForEver : when.times.back());
+    all_repeat = all_repeat && when.repeat;
   }
-  out.from = play.from.value_or(begin);
+  // What repeats of itself goes on both ways.
+  out.from = play.from.value_or(all_repeat && !out.repeat ? -kForEver : first);
   out.to = play.to.value_or(end);
+  out.begin = play.from.value_or(std::min(first, out.to));
+  if (out.speed < 0.0 && std::isfinite(out.to)) out.begin = out.to;
   const auto refuse = [&](bool wrong, const char* key, const char* why, const char* remedy) {
     if (wrong) throw SceneError(at(spec, std::string("/play/") + key), why, remedy);
   };
   refuse(!std::isfinite(out.speed), "speed", "it is not finite", "give seconds a second, as 1");
-  refuse(!std::isfinite(out.from), "from", "it is not finite", "give seconds");
+  refuse(play.from && !std::isfinite(out.from), "from", "it is not finite", "give seconds");
   refuse(!play.to && out.to < out.from, "from", "the sequences have ended by then",
          "give seconds before the last frame's");
   refuse(std::isnan(out.to) || out.to < out.from, "to", "it ends before it begins",
          "give seconds, after \"from\"");
   refuse(out.repeat && !std::isfinite(out.to), "repeat", "it has no end to go on from",
          "give \"to\": its sequences repeat of themselves");
+  refuse(out.speed < 0.0 && out.begin <= out.from, "speed", "it goes back from where it begins",
+         "give \"to\": there it begins");
   return out;
 }
 
@@ -788,6 +796,12 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   }
   built.play = playOf(spec, built);
   for (const auto& [name, sequence] : built.sequences) {
+    if (sequence->times().times.size() < 2 || sequence->state().frames == 1) {
+      built.notes.push_back(fmt::format(
+          "{}: it has one frame, and stands: give a file for each frame, as frame_%04d.vdb, or a "
+          "file with a grid for each",
+          at(spec, "/volumes/" + name + "/frames")));
+    }
     const std::uint64_t needed = sequence->neededFor(std::abs(built.play.speed));
     const SequenceState state = sequence->state();
     if (state.slots >= std::min(needed, state.frames)) continue;

@@ -108,7 +108,15 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
     }
     return frames;
   }
-  for (const std::string& name : gridNames(volume.file)) {
+  const std::vector<std::string> names = gridNames(volume.file);
+  const auto plain = [](const std::string& name) { return name.substr(0, name.rfind('[')); };
+  for (const std::string& name : names) {
+    if (volume.grid.empty() && plain(name) != plain(names.front())) {
+      throw VolumeError(
+          volume.file.string(),
+          "it has grids of several names: " + plain(names.front()) + ", " + plain(name),
+          "name one of them by \"grid\"");
+    }
     const bool one = volume.grid.empty() || name == volume.grid;
     const bool of_many = name.size() > volume.grid.size() + 2 &&
                          name.compare(0, volume.grid.size() + 1, volume.grid + "[") == 0;

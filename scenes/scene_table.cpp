@@ -227,13 +227,15 @@ JsonObject<SceneSpec> playRows() {
            [play](SceneSpec& spec, double speed) { play(spec).speed = speed; })
       .may("paused", jsonFlag().says("It stands until a key lets it go. Default false."),
            [play](SceneSpec& spec, bool paused) { play(spec).paused = paused; })
-      .may("from", jsonNumber().says("Play begins there [s]; default: with the first sequence."),
+      .may("from",
+           jsonNumber().says("Play goes from there [s], forwards or backwards; default: from the "
+                             "first sequence on, or from for ever where all repeat."),
            [play](SceneSpec& spec, double from) { play(spec).from = from; })
       .may("to",
-           jsonNumber().says("Play ends there [s]; default: with the last sequence, or never where "
-                             "one repeats."),
+           jsonNumber().says("Play goes to there [s]; default: with the last sequence, or never "
+                             "where one repeats. Backwards it begins here."),
            [play](SceneSpec& spec, double to) { play(spec).to = to; })
-      .may("repeat", jsonFlag().says("From the end it jumps to the begin. Default false."),
+      .may("repeat", jsonFlag().says("From one end it jumps to the other. Default false."),
            [play](SceneSpec& spec, bool repeat) { play(spec).repeat = repeat; });
 }
 

@@ -82,7 +82,7 @@ void Keys::steer(char key) {
     case '.':
       return clock_.nudge(frame_);
     case '0':
-      return clock_.seek(now.from);
+      return clock_.seek(now.begin);
     case '-':
       return clock_.setSpeed(now.speed / kFaster);
     case '+':

@@ -28,6 +28,7 @@
 #include "palpate/devices/path_device.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
+#include "palpate/engine/play_clock.h"
 #include "palpate/engine/solver.h"
 #include "palpate/engine/step.h"
 #include "palpate/engine/version.h"
@@ -548,13 +549,23 @@ DeviceInfo pathInfo() {
 /// A hand of a script's own in a scene: a tick at a time.
 class Hand {
  public:
-  Hand(std::shared_ptr<const Scene> scene, double rate)
-      : scene_(std::move(scene)), dt_(1.0 / rate), state_(pathInfo().limits) {}
+  Hand(std::shared_ptr<const Scene> scene, const PlayParams& play, double rate)
+      : scene_(std::move(scene)), dt_(1.0 / rate), clock_(play), state_(pathInfo().limits) {}
 
-  std::tuple<double, double, double> step(double x, double y, double z, double play) {
-    // What a script plays it plays on, however far at a time.
-    const double from = std::exchange(play_, std::isfinite(play) ? play : 0.0);
-    state_.playAt(play_, (play_ - from) / dt_);
+  std::tuple<double, double, double> step(double x, double y, double z,
+                                          std::optional<double> play) {
+    if (play) {
+      constexpr double kMost = 1e9;  // as PathDevice's times
+      if (!(std::abs(*play) <= kMost)) {
+        throw DeviceError("play", "it is no number of seconds", "give one, up to 1e9");
+      }
+      // What a script plays it plays on, however far at a time.
+      const double from = std::exchange(play_, *play);
+      state_.playAt(play_, (play_ - from) / dt_);
+    } else {
+      play_ = clock_.next(head_, dt_);
+      state_.playAt(play_, head_.rate);
+    }
     report_ = hapticStep(*scene_, reader_, {{x, y, z}}, state_, dt_);
     return {report_.force.x(), report_.force.y(), report_.force.z()};
   }
@@ -584,6 +595,8 @@ class Hand {
  private:
   std::shared_ptr<const Scene> scene_;
   double dt_;
+  PlayClock clock_;    ///< Of the scene,
+  PlayHead head_;      ///< for ticks that are told no time.
   double play_ = 0.0;  ///< Of the last tick [s].
   Reader reader_;
   ProxyState state_;
@@ -663,7 +676,9 @@ class PyScene {
     auto rows = std::make_unique<Rows>(static_cast<std::size_t>(ticks));
     {
       const Unlocked unlocked;
+      const PlayClock clock(built_.play);
       HapticLoop loop(device, rate, rows.get());
+      loop.playBy(&clock);
       loop.publish(built_.scene);
       TickTime time;
       time.dt = 1.0 / rate;
@@ -682,9 +697,10 @@ class PyScene {
 
   [[nodiscard]] std::unique_ptr<Hand> hand(double rate) const {
     cli::checkRate("rate", rate);
-    return std::make_unique<Hand>(built_.scene, rate);
+    return std::make_unique<Hand>(built_.scene, built_.play, rate);
   }
-  std::tuple<double, double, double> step(double x, double y, double z, double play) {
+  std::tuple<double, double, double> step(double x, double y, double z,
+                                          std::optional<double> play) {
     if (!own_) own_ = hand(1000.0);
     return own_->step(x, y, z, play);
   }
@@ -869,9 +885,9 @@ PYBIND11_MODULE(palpate, m) {
       "within eight voxels of that edge: give more of the array, or trilinear.");
 
   py::class_<Hand>(m, "Hand", "A hand in a scene, from Scene.hand(rate).")
-      .def("step", &Hand::step, "x"_a, "y"_a, "z"_a, "play"_a = 0.0,
-           "One tick with the probe at x, y, z [m], sequences played to `play` [s]: the force "
-           "(fx, fy, fz) [N].")
+      .def("step", &Hand::step, "x"_a, "y"_a, "z"_a, "play"_a = py::none(),
+           "One tick with the probe at x, y, z [m]: the force (fx, fy, fz) [N]. Sequences are "
+           "played to `play` [s]; without it as the scene says, a tick's time on.")
       .def("clear", &Hand::clear, "Lets force out again after a fault.")
       .def_property_readonly("proxy", &Hand::proxy, "The proxy after the last tick [m].")
       .def_property_readonly("fault", &Hand::fault, "Why the force is cut; empty: it is not.")
@@ -890,7 +906,7 @@ PYBIND11_MODULE(palpate, m) {
            "trace, a row a tick. path: (n, 3) positions, a tick each, or (n, 4) rows of t, x, y, "
            "z, linear between. Other threads of Python run meanwhile.")
       .def("hand", &PyScene::hand, "rate"_a = 1000.0, "Another hand, `rate` ticks a second.")
-      .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a, "play"_a = 0.0,
+      .def("step", &PyScene::step, "x"_a, "y"_a, "z"_a, "play"_a = py::none(),
            "One tick at 1 kHz of the scene's own hand, as Hand.step: the force (fx, fy, fz) [N].")
       .def("explain", &PyScene::explain, "at"_a, "push"_a, "rate"_a = 1000.0,
            "Why one tick's force is what it is: a dict as `palpate explain --json` prints it. The "

@@ -143,30 +143,47 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
   DataFade fade;
   const Vec3 pull(0.0, 3.0, 0.0);
   const Vec3 none = Vec3::Zero();
-  constexpr double kTick = 1e-3;   // [s]
-  constexpr double kGrowth = 2.0;  // [N] a tick
+  constexpr double kTick = 1e-3;  // [s]
+  constexpr double kStep = 2.0;   // [N] a tick
+  constexpr double kStand = std::numeric_limits<double>::infinity();
   // Where a hand lets go itself, and by less than may be, at once.
-  CHECK(fade.pass(pull, false, kGrowth, kTick) == pull);
-  CHECK(fade.pass(none, false, kGrowth, kTick) == none);
-  CHECK(fade.pass(0.5 * pull, true, kGrowth, kTick) == 0.5 * pull);
-  CHECK(fade.pass(none, true, kGrowth, kTick) == none);
-  // A surface that vanishes: from what was, to a third in 20 ms, and to nothing.
-  CHECK(fade.pass(pull, false, kGrowth, kTick) == pull);
-  Vec3 out = fade.pass(none, true, kGrowth, kTick);
-  CHECK((out - pull).norm() < 1e-12);
-  for (int i = 0; i < 20; ++i) out = fade.pass(none, true, kGrowth, kTick);
-  CHECK(out.y() == Approx(3.0 * std::exp(-1.0)));
-  // It comes and goes: never more than there was.
-  for (int i = 0; i < 200; ++i) {
-    out = fade.pass(i % 2 == 0 ? pull : none, true, kGrowth, kTick);
-    CHECK(out.norm() <= 3.0 + 1e-12);
+  CHECK(fade.pass(pull, kStand, kTick) == pull);
+  CHECK(fade.pass(none, kStand, kTick) == none);
+  CHECK(fade.pass(0.5 * pull, kStep, kTick) == 0.5 * pull);
+  CHECK(fade.pass(none, kStep, kTick) == none);
+  // A surface that vanishes: from what was, at any rate to the same in the same time, to nothing.
+  for (const double tick : {1e-3, 2.5e-4}) {
+    (void)fade.pass(pull, kStand, tick);
+    double last = 3.0;
+    double most = 0.0;
+    for (double t = tick; t < 0.05 + 0.5 * tick; t += tick) {
+      const double out = fade.pass(none, kStep, tick).y();
+      most = std::max(most, last - out);
+      last = out;
+    }
+    CHECK(last == Approx(3.0 * std::pow(0.5, 5.0)).margin(0.02));
+    CHECK(most < 0.06 * 3.0 * tick / 1e-3);
+    for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, tick).y();
+    CHECK(last == 0.0);
   }
-  for (int i = 0; i < 400; ++i) out = fade.pass(none, true, kGrowth, kTick);
-  CHECK(out == none);
-  // Forgotten, and with what is no number.
-  (void)fade.pass(pull, false, kGrowth, kTick);
+  // However it comes and goes: between what was wanted, and never otherwise directed.
+  Random random(5);
+  double wanted = 0.0;
+  for (int i = 0; i < 20000; ++i) {
+    const double up = i % 2000 < 1000 ? 3.0 : 0.7;
+    wanted += wanted > 5.0 ? -5.0 * random.uniform() : up * random.uniform();
+    wanted = std::max(wanted, 0.0);
+    const double out = fade.pass({0.0, wanted, 0.0}, kStep, kTick).y();
+    REQUIRE(out >= 0.0);
+    REQUIRE(out <= 8.0);
+  }
+  // Forgotten, without time, and with what is no number.
+  (void)fade.pass(pull, kStand, kTick);
   fade.forget();
-  CHECK(fade.pass(none, true, kGrowth, kTick) == none);
-  (void)fade.pass(Vec3::Constant(std::nan("")), true, kGrowth, kTick);
-  CHECK(fade.pass(pull, true, kGrowth, kTick) == pull);
+  CHECK(fade.pass(none, kStep, kTick) == none);
+  (void)fade.pass(pull, kStand, kTick);
+  CHECK(fade.pass(none, kStep, 0.0) == none);
+  (void)fade.pass(Vec3::Constant(std::nan("")), kStep, kTick);
+  fade.forget();
+  CHECK(fade.pass(pull, kStep, kTick) == pull);
 }

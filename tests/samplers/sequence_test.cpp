@@ -226,6 +226,31 @@ TEST_CASE("a ball that grows frame by frame carries the proxy", "[sequence][movi
   CHECK(given > 0.01);
 }
 
+TEST_CASE("a ball that shrinks in play takes the proxy along, tick by tick", "[sequence][moving]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 12, [](int i) { return ball(20.0 - 0.25 * i); });
+  const double rate = GENERATE(16.0, 64.0);  // 4 and 16 voxels a second
+  const double friction = GENERATE(0.0, 0.2);
+  const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, rate)), 50.0, friction);
+  Reader reader;
+  ProxyState state({1e3, 1e12});
+  const Vec3 down = Vec3(0.02, -0.3, 0.95).normalized();
+  const double last = 11.0 / rate;
+  int bad = 0;
+  double off = 0.0;
+  for (int i = 0; i < 200 + static_cast<int>(1e3 * last); ++i) {
+    const double play = std::max(0.0, kTick * (i - 200));
+    state.playAt(play, i > 200 ? 1.0 : 0.0);
+    const Vec3 hand = kVoxel * ((21.0 - 0.025 * std::min(i, 200)) * down + Vec3(0.4, 0.0, 0.0));
+    const StepReport r = hapticStep(*scene, reader, {hand}, state, kTick);
+    bad += r.status != StepStatus::kConverged ? 1 : 0;
+    if (i > 150)
+      off = std::max(off, std::abs(r.proxy.norm() / kVoxel - (20.0 - 0.25 * rate * play)));
+  }
+  CHECK(bad == 0);
+  CHECK(off < 0.05);
+}
+
 TEST_CASE("play that jumps does not step", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 8, ramp);
@@ -316,6 +341,37 @@ TEST_CASE("a surface that is played out of its data lets go of the hand little b
             << " N of " << felt << " N\n";
   CHECK(pressed >= 4);
   CHECK(largest < 2000.0 * kTick * (1.0 + 1e-9));
+}
+
+TEST_CASE("in play a hand that comes and goes feels what it would feel without", "[sequence]") {
+  const TemporaryFolder folder;
+  // The same ball in each frame: play changes nothing but that it goes on.
+  const auto frames = framesIn(folder, 4, [](int) { return ball(20.0); });
+  const auto scene = sceneOf(makeSequenceField(sequenceOf(frames, 10.0, true)));
+  const int every = GENERATE(1, 8);  // ticks, of 1/4 ms: an arm may be slower than its loop
+  const double speed = GENERATE(0.2, 2.0);
+  Reader readers[2];
+  ProxyState still({8.0, 2000.0});
+  ProxyState played({8.0, 2000.0});
+  constexpr double kQuarter = 2.5e-4;
+  Vec3 hand = Vec3::Zero();
+  double off = 0.0;
+  double felt = 0.0;
+  for (int i = 0; i < 8000; ++i) {
+    if (i % every == 0) {
+      // Fast into the ball by 8 voxels and slowly out, or at the same speed.
+      const double way = std::fmod(speed * kQuarter * i / kVoxel, 20.0);
+      hand = kVoxel * Vec3(24.0 - (way < 10.0 ? 1.2 * way : 24.0 - 1.2 * way), 0.0, 0.0);
+    }
+    still.playAt(0.0, 0.0);
+    played.playAt(kQuarter * i, 1.0);
+    const StepReport a = hapticStep(*scene, readers[0], {hand}, still, kQuarter);
+    const StepReport b = hapticStep(*scene, readers[1], {hand}, played, kQuarter);
+    off = std::max(off, (a.force - b.force).norm());
+    felt = std::max(felt, a.force.norm());
+  }
+  CHECK(felt > 2.0);
+  CHECK(off < 0.02);
 }
 
 TEST_CASE("a scene that is edited while play fades goes on fading", "[sequence]") {

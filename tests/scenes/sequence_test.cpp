@@ -81,9 +81,9 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   writeBalls(folder.path());
   Json scene = ballScene();
   scene["volumes"]["ball"]["frames"] = {{"times", {1, 2, 3, 5, 8, 13}}};
-  CHECK(built(scene, folder.path()).play == PlayParams{1.0, false, 1.0, 13.0, false});
+  CHECK(built(scene, folder.path()).play == PlayParams{1.0, false, 1.0, 13.0, false, 1.0});
   scene["play"] = {{"speed", -2.0}, {"paused", true}, {"from", 2}, {"to", 4}, {"repeat", true}};
-  CHECK(built(scene, folder.path()).play == PlayParams{-2.0, true, 2.0, 4.0, true});
+  CHECK(built(scene, folder.path()).play == PlayParams{-2.0, true, 2.0, 4.0, true, 4.0});
   CHECK_FALSE(schemaComplaint(scene, sceneSchema()));
   // Around of itself: without an end.
   scene["play"] = {{"speed", 3}};
@@ -91,6 +91,11 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   const PlayParams play = built(scene, folder.path()).play;
   CHECK(play.speed == 3.0);
   CHECK(std::isinf(play.to));
+  CHECK(play.from < -1e300);
+  CHECK(play.begin == 0.0);
+  scene["play"] = {{"speed", -1}, {"from", 0.2}};
+  CHECK_THAT(refusal(scene, folder.path()), Contains("/play/speed") && Contains("\"to\""));
+  scene["play"] = {{"speed", 3}};
   scene["play"]["repeat"] = true;
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play/repeat") && Contains("\"to\""));
   scene["play"] = {{"from", 3}, {"to", 1}};
@@ -98,6 +103,9 @@ TEST_CASE("how a scene's sequences are played is said once", "[scene][sequence]"
   scene["volumes"]["ball"]["frames"] = {{"rate", 10}};
   scene["play"] = {{"from", 3}};
   CHECK_THAT(refusal(scene, folder.path()), Contains("/play/from") && Contains("ended"));
+  // Backwards from the end.
+  scene["play"] = {{"speed", -1}};
+  CHECK(built(scene, folder.path()).play.begin == 0.5);
   // Little memory for a fast play is told.
   scene["play"] = {{"speed", 20}};
   scene["volumes"]["ball"]["frames"]["budget_mb"] = 1000;
@@ -135,6 +143,8 @@ TEST_CASE("what is no sequence is refused by its place in the file", "[scene][se
              Contains("/volumes/ball") && Contains("of its frames"));
   CHECK_THAT(with("/volumes/ball/window", {{"budget_mb", 100}}), Contains("/volumes/ball/window"));
   CHECK_THAT(with("/volumes/ball/instances", {{{"fit", 0.1}}}), Contains("/volumes/ball"));
+  CHECK_THAT(with("/volumes/ball/frames", {{"times", {0, 1, 2, 3, 4, 5}}, {"repeat", true}}),
+             Contains("6 frames and 6 times: give 7"));
   CHECK_THAT(with("/volumes/ball/file", "none_%03d.vdb"),
              Contains("/volumes/ball") && Contains("no frame"));
   // A name of many, and nothing that plays them.
