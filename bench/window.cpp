@@ -160,6 +160,26 @@ struct Figures {
   }
 };
 
+/// Each tick of a way in its median over several runs: what is the way's, and not the machine's.
+std::vector<double> tickByTick(const std::vector<std::vector<Ticks::Row>>& runs) {
+  std::vector<double> out;
+  for (std::size_t i = 0;; ++i) {
+    std::vector<double> one;
+    for (const auto& run : runs) {
+      if (i >= run.size()) return out;
+      one.push_back(1e-3 * run[i].ns);
+    }
+    if (one.empty()) return out;
+    out.push_back(percentile(one, 0.5));
+  }
+}
+
+std::vector<Ticks::Row> together(const std::vector<std::vector<Ticks::Row>>& runs) {
+  std::vector<Ticks::Row> out;
+  for (const auto& run : runs) out.insert(out.end(), run.begin(), run.end());
+  return out;
+}
+
 Json jsonOf(const Figures& of) {
   return {{"p50_us", bench::rounded(percentile(of.us, 0.5))},
           {"p99_us", bench::rounded(percentile(of.us, 0.99))},
@@ -280,18 +300,18 @@ void measure(const Options& options) {
   printHead();
   result["pairs"] = Json::array();
   std::vector<double> ratio;
-  std::vector<Ticks::Row> of_window;
-  std::vector<Ticks::Row> of_whole;
+  std::vector<std::vector<Ticks::Row>> of_window;
+  std::vector<std::vector<Ticks::Row>> of_whole;
   for (int pair = 0; pair < options.pairs; ++pair) {
     Json both;
     const auto wholly = [&] {
       const Run run = feelWhole(in_memory.scene, slow, nullptr);
-      of_whole.insert(of_whole.end(), run.ticks.begin(), run.ticks.end());
+      of_whole.push_back(run.ticks);
       both["whole"] = jsonOf(Figures(run.ticks));
     };
     const auto streamed = [&] {
       const Run run = feelWhole(through.scene, slow, &window);
-      of_window.insert(of_window.end(), run.ticks.begin(), run.ticks.end());
+      of_window.push_back(run.ticks);
       both["window"] = jsonOf(Figures(run.ticks));
     };
     if (pair % 2 == 0) wholly();
@@ -302,7 +322,8 @@ void measure(const Options& options) {
     result["pairs"].push_back(both);
   }
   if (options.pairs > 0) {
-    result["all"] = {{"whole", jsonOf(Figures(of_whole))}, {"window", jsonOf(Figures(of_window))}};
+    result["all"] = {{"whole", jsonOf(Figures(together(of_whole)))},
+                     {"window", jsonOf(Figures(together(of_window)))}};
     print("0.3 m/s, in memory", result["all"]["whole"]);
     print("0.3 m/s, through the window", result["all"]["window"]);
   }
@@ -317,6 +338,17 @@ void measure(const Options& options) {
         "p99.9 through the window, of in memory, %zu pairs: %.2f in the median, %.2f to %.2f\n",
         ratio.size(), percentile(ratio, 0.5), percentile(ratio, 0.0), percentile(ratio, 1.0));
     result["p999_ratio"] = bench::rounded(percentile(ratio, 0.5));
+  }
+  if (!of_whole.empty()) {
+    const std::vector<double> whole_us = tickByTick(of_whole);
+    const std::vector<double> window_us = tickByTick(of_window);
+    for (const auto& [name, p] : {std::pair{"p50", 0.5}, {"p99", 0.99}, {"p99.9", 0.999}}) {
+      const double a = percentile(whole_us, p);
+      const double b = percentile(window_us, p);
+      std::printf("%s of ticks in their medians over the pairs: %.2f us in memory, %.2f us, %.2f\n",
+                  name, a, b, b / a);
+      result["ticks"][name] = {bench::rounded(a), bench::rounded(b)};
+    }
   }
   if (!options.out.empty()) bench::writeResult(result, options.out);
 }

@@ -50,7 +50,7 @@ double PlayClock::next(PlayHead& head, double dt) const noexcept {
   const double nudged = nudged_.load(std::memory_order_relaxed);
   const std::uint32_t seeks = seeks_.load(std::memory_order_acquire);
   const bool goes = head.begun && dt > 0.0 && std::isfinite(dt) && !now.paused;
-  if (!head.begun) head = {made_, 0.0, 0.0, 0, true};
+  if (!head.begun) head = {now.begin, 0.0, 0.0, 0, true};
   // Where its ends have been moved it begins at the nearer one, which is a jump.
   if (!now.repeat) head.time = within(head.time, now);
   double next = goes ? head.time + now.speed * dt : head.time;

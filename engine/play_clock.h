@@ -33,10 +33,10 @@ struct PlayHead {
 class PlayClock {
  public:
   /// Begins at the params' `begin`.
-  explicit PlayClock(const PlayParams& params = {}) : made_(params.begin) { steer(params); }
+  explicit PlayClock(const PlayParams& params = {}) { steer(params); }
 
   // For any thread.
-  /// Plays so from the next ticks on, from where play is.
+  /// Plays so from the next ticks on, from where play is; what has not begun does so at `begin`.
   void steer(const PlayParams& params) noexcept;
   /// As steered last.
   [[nodiscard]] PlayParams params() const noexcept;
@@ -56,7 +56,6 @@ class PlayClock {
   [[nodiscard]] double next(PlayHead& head, double dt) const noexcept;
 
  private:
-  double made_;  ///< PlayParams::begin as made: heads begin there.
   std::atomic<double> speed_{1.0};
   std::atomic<bool> paused_{false};
   std::atomic<double> from_{0.0};

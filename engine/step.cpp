@@ -95,12 +95,12 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
     const double at_once = k * (offset.dot(offset - before) - 0.5 * (offset - last).squaredNorm());
     report.injected = std::max(report.injected, at_once);
     if (good) {
-      report.wanted = couplingForce({k, scene.coupling.damping}, offset, rate);
-      assert(report.primitives > 0 || report.wanted.isZero(0.0));  // without primitives no force
+      const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
+      assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives no force
       // What the hand's own motion can do, and what the limiter lets grow, is none of the data's.
       const double own = state.gate_.limits.slew * dt + 2.0 * k * (last - before).norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();
-      report.wanted = hand.drives * state.gate_.data.pass(report.wanted, changed ? own : kAll, dt);
+      report.wanted = hand.drives * state.gate_.data.pass(spring, changed ? own : kAll, dt);
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =

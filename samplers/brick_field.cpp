@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "palpate/samplers/bricks_about.h"
 #include "palpate/samplers/lattice_reader.h"
 
 namespace palpate {
@@ -284,36 +285,9 @@ class BrickField : public Base {
       return whole;
     };
     if (!there({0, 0, 0})) return;
-    const Vec3 first(brick[0], brick[1], brick[2]);
-    Vec3 low = first - Vec3::Constant(kBrickSide - kFade);
-    Vec3 high = first + Vec3::Constant(2 * kBrickSide - kFade);
-    for (int faces = 1; faces <= 3; ++faces) {  // those across a face first, then edges, corners
-      for (int n = 0; n < 27; ++n) {
-        const std::array<int, 3> off{n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1};
-        if (std::abs(off[0]) + std::abs(off[1]) + std::abs(off[2]) != faces) continue;
-        // Of the faces to cut at, the one that is farthest from the place.
-        Eigen::Index axis = 0;
-        double farthest = -1.0;
-        bool reached = true;
-        for (Eigen::Index a = 0; a < 3; ++a) {
-          const int side = off[static_cast<std::size_t>(a)];
-          if (side == 0) continue;
-          reached = reached && (side > 0 ? high[a] > first[a] + kBrickSide : low[a] < first[a]);
-          const double far = side > 0 ? first[a] + kBrickSide - p_I[a] : p_I[a] - first[a];
-          if (far <= farthest) continue;
-          farthest = far;
-          axis = a;
-        }
-        if (!reached || there(off)) continue;
-        if (off[static_cast<std::size_t>(axis)] > 0) {
-          high[axis] = first[axis] + kBrickSide - kFade;
-        } else {
-          low[axis] = first[axis] + kFade;
-        }
-      }
-    }
-    finest.low = low;
-    finest.high = high;
+    const Box box = detail::bricksAbout(p_I, Vec3(brick[0], brick[1], brick[2]), kFade, there);
+    finest.low = box.lower;
+    finest.high = box.upper;
     Read& read = cache.fine;
     const std::array<int, 3>& cell = read.cache.cell;
     const bool same =

@@ -1,7 +1,6 @@
 #include "palpate/samplers/brick_window.h"
 
 #include <algorithm>
-#include <bit>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -55,14 +54,12 @@ constexpr std::int64_t kLongAgo = std::numeric_limits<std::int64_t>::min();
 /// A window takes no more than so much of the machine's memory.
 constexpr double kMostOfMemory = 0.75;
 
-int floorDiv(int a, int b) noexcept {
-  return a >= 0 ? a / b : -((-a + b - 1) / b);
-}
-
 /// The brick that a cell is read from, along an axis: its own; of the cell before the first one
 /// that brick, whose apron has its voxels.
 int brickOf(int cell, int first) noexcept {
-  return floorDiv(cell == kBrickSide * first - 1 ? cell + 1 : cell, kBrickSide) - first;
+  constexpr int kShift = 6;
+  static_assert(1 << kShift == kBrickSide);
+  return ((cell == kBrickSide * first - 1 ? cell + 1 : cell) >> kShift) - first;  // rounds down
 }
 
 /// A place in the index space of level 0 in that of another.
@@ -259,7 +256,8 @@ struct BrickWindow::Loader {
   void listen(Clock::time_point now);
   void publish(const BrickId& id, std::size_t slot);
   [[nodiscard]] bool isFelt(const BrickId& id) const noexcept;
-  [[nodiscard]] std::optional<std::size_t> slotFor(const BrickId& id);
+  [[nodiscard]] std::size_t takeFree();
+  [[nodiscard]] std::optional<std::size_t> evictFor(const BrickId& id);
   [[nodiscard]] bool leftByAll();
   [[nodiscard]] bool due(Clock::time_point now) const;
 
@@ -312,8 +310,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
       throw VolumeError(source.manifest().info().name, "its coarsest level is not whole",
                         arrival.why);
     }
-    publish(id, free.back());
-    free.pop_back();
+    publish(id, takeFree());
     ++pinned;
   }
   looked = Clock::now();
@@ -349,7 +346,6 @@ bool BrickWindow::Loader::leftByAll() {
   while (pool.in[side].readers.load() != 0) {
     if (stop) return false;
     std::this_thread::sleep_for(kLittle);
-    look(Clock::now());
   }
   return true;
 }
@@ -368,12 +364,15 @@ void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   ++resident;
 }
 
-std::optional<std::size_t> BrickWindow::Loader::slotFor(const BrickId& id) {
-  if (!free.empty()) {
-    const std::size_t slot = free.back();
-    free.pop_back();
-    return slot;
-  }
+std::size_t BrickWindow::Loader::takeFree() {
+  const std::size_t slot = free.back();
+  free.pop_back();
+  return slot;
+}
+
+/// The slot of the brick that is wanted least, if less than this one; it is not in the tables any
+/// more, and readers may be in it.
+std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
   const auto key = [&](const BrickId& of) {
     const auto found = wanted.find(of);
     return found == wanted.end() ? std::numeric_limits<double>::infinity() : found->second;
@@ -487,13 +486,16 @@ void BrickWindow::Loader::take(const BrickArrival& arrival, std::unique_lock<std
   if (arrival.status == BrickStatus::kArrived) {
     ++fetched;
     failing.had(arrival.id);
-    if (!pool.entryOf(arrival.id).resident()) {
-      const auto slot = slotFor(arrival.id);
+    if (pool.entryOf(arrival.id).resident()) {
+      // It was asked for twice.
+    } else if (!free.empty()) {
+      publish(arrival.id, takeFree());
+    } else if (const auto slot = evictFor(arrival.id)) {
       // A reader that stays in for long holds up the window, and nobody else.
       lock.unlock();
-      const bool mine = slot && leftByAll();
+      const bool left = leftByAll();
       lock.lock();
-      if (mine) publish(arrival.id, *slot);
+      if (left) publish(arrival.id, *slot);
     }
   } else {
     (void)failing.failed(arrival.id, Clock::now());

@@ -796,14 +796,14 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
   }
   built.play = playOf(spec, built);
   for (const auto& [name, sequence] : built.sequences) {
-    if (sequence->times().times.size() < 2 || sequence->state().frames == 1) {
+    const SequenceState state = sequence->state();
+    if (state.frames == 1) {
       built.notes.push_back(fmt::format(
           "{}: it has one frame, and stands: give a file for each frame, as frame_%04d.vdb, or a "
           "file with a grid for each",
           at(spec, "/volumes/" + name + "/frames")));
     }
     const std::uint64_t needed = sequence->neededFor(std::abs(built.play.speed));
-    const SequenceState state = sequence->state();
     if (state.slots >= std::min(needed, state.frames)) continue;
     built.notes.push_back(fmt::format(
         "{}: memory holds {} of its {} frames, and to be played at this speed on time it needs {}: "

@@ -12,6 +12,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/engine/step.h"
 #include "palpate/samplers/brick_field.h"
+#include "palpate/samplers/bricks_about.h"
 #include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/retries.h"
 #include "palpate/samplers/write_bricks.h"
@@ -392,6 +393,46 @@ TEST_CASE("a wall in a brick that is there stops a path out of one that is not",
                                           kVoxel * Vec3(150.0, 60.0, 60.0), 1.5, -1.0, *cache);
     CHECK(met.found);
   }
+}
+
+TEST_CASE("all of the box about a brick is there, and what is far from the rest is in it",
+          "[bricks]") {
+  Random random(11);
+  const auto number = [](const std::array<int, 3>& off) {
+    return static_cast<std::size_t>(9 * (off[0] + 1) + 3 * (off[1] + 1) + off[2] + 1);
+  };
+  const Vec3 first(64.0, -128.0, 0.0);
+  constexpr double kFade = 4.0;
+  int cut = 0;
+  int held = 0;
+  for (int trial = 0; trial < 3000; ++trial) {
+    std::array<bool, 27> there{};
+    for (bool& one : there) one = random.uniform(0.0, 1.0) > 0.03 * (trial % 10);
+    const Vec3 p = first + Vec3::Constant(32.0) + random.inCube(32.0);
+    const Box box = detail::bricksAbout(
+        p, first, kFade, [&](const std::array<int, 3>& off) { return there[number(off)]; });
+    bool far = true;
+    bool all = true;
+    for (int n = 0; n < 27; ++n) {
+      const std::array<int, 3> off{n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1};
+      if (n == 13 || there[number(off)]) continue;
+      all = false;
+      const Vec3 lower = first + 64.0 * Vec3(off[0], off[1], off[2]);
+      const Vec3 upper = lower + Vec3::Constant(64.0);
+      const Vec3 gap = (lower - box.upper).cwiseMax(box.lower - upper);
+      CAPTURE(trial, n, p, box.lower, box.upper);
+      REQUIRE(gap.maxCoeff() >= kFade);
+      far = far && (p - upper).cwiseMax(lower - p).maxCoeff() > kFade;
+    }
+    const bool in = (p.array() >= box.lower.array()).all() && (p.array() < box.upper.array()).all();
+    CAPTURE(trial, p, box.lower, box.upper);
+    REQUIRE(in == far);
+    if (all) REQUIRE(box.size() == Vec3::Constant(3 * 64.0 - 2 * kFade));
+    cut += all ? 0 : 1;
+    held += in ? 1 : 0;
+  }
+  CHECK(cut > 2000);
+  CHECK(held > 1000);
 }
 
 TEST_CASE("what cannot be had is tried again ever more rarely", "[bricks]") {

@@ -11,7 +11,6 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
 #include "palpate/engine/step.h"
 #include "palpate/samplers/write_bricks.h"

@@ -167,6 +167,30 @@ def test_steps_are_a_run():
     assert np.array([scene.step(*p) for p in path]) == pytest.approx(forces, abs=0)
 
 
+def test_sequences_play_as_the_scene_says(tmp_path):
+    axis = np.arange(32) - 15.5
+    r = np.sqrt(axis[:, None, None]**2 + axis[:, None]**2 + axis**2)
+    for i in range(4):
+        (tmp_path / f"ball_{i}.nrrd").write_bytes(
+            b"NRRD0004\ntype: float\ndimension: 3\nsizes: 32 32 32\nencoding: raw\nendian: little\n"
+            b"space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+            b"space origin: (-15.5,-15.5,-15.5)\n\n" + (100 * (8 + i - r)).astype("<f4").tobytes())
+        program("import", tmp_path / f"ball_{i}.nrrd", tmp_path / f"ball_{i}.vdb")
+    scene = {"palpate": 1, "coupling": {"stiffness": 500}, "play": {"from": 0.1, "speed": 0.5},
+             "volumes": {"ball": {"file": str(tmp_path / "ball_%d.vdb"), "frames": {"rate": 10},
+                                  "place": {"scale": 0.001}}},
+             "modes": [SKIN]}
+    hand = np.zeros((401, 3))
+    hand[:, 0] = np.interp(np.arange(401), [0, 80], [0.015, 0.007])
+    rows = palpate.Scene.parse(scene).run(hand)
+    # From a tenth of a second at half the speed: 5 mm a second from 9 mm on.
+    for t in (0.1, 0.2, 0.3, 0.4):
+        assert rows["proxy_x"][round(1000 * t)] == pytest.approx(0.009 + 0.005 * t, abs=5e-5)
+    by_steps = palpate.Scene.parse(scene)
+    forces = np.array([by_steps.step(*p) for p in hand])
+    assert forces[:, 0] == pytest.approx(rows["force_x"], abs=1e-9)
+
+
 def test_a_fault_stays_until_it_is_cleared():
     hand = palpate.Scene.parse(SCENE, {"ball": ball()}).hand()
     assert hand.step(0, 0, 0.05) == (0, 0, 0) and hand.fault == ""

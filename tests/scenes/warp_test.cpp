@@ -7,7 +7,6 @@
 #include <catch2/catch.hpp>
 #include <nlohmann/json.hpp>
 
-#include "palpate/engine/error.h"
 #include "palpate/engine/step.h"
 #include "palpate/scenes/frames.h"
 #include "palpate/scenes/made.h"
