@@ -1,4 +1,6 @@
 /// A window of bricks is felt as the whole volume where its bricks are, and coarsely elsewhere.
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -193,6 +195,18 @@ TEST_CASE("what is not there is read coarsely, without a step, and comes in by a
   CHECK(coarse > 1000);
   CHECK(same > 1000);
   CHECK(jump < 0.05);  // the data's own is up to 0.01, levels differ by up to 1
+  // Across the faces of bricks, whichever are there, by no more than the data do in so little.
+  Random random(6);
+  double step = 0.0;
+  for (int i = 0; i < 2000; ++i) {
+    Vec3 p = Vec3::Constant(100.0) + random.inCube(100.0);
+    const Eigen::Index axis = random.integer(3);
+    p[axis] = 64.0 * (1 + random.integer(3));
+    const Vec3 little = 1e-5 * Vec3::Unit(axis);
+    step = std::max(step, std::abs(both.ofWindow(kVoxel * (p + little)).value -
+                                   both.ofWindow(kVoxel * (p - little)).value));
+  }
+  CHECK(step < 1e-4);  // a level and the next one differ by some 1e-2
   // The hand goes there: what was coarse becomes fine tick by tick, by a fiftieth at most.
   const Vec3 there = centre + kVoxel * Vec3(160.0, 40.0, 20.0);
   REQUIRE(both.ofWindow(there).coarse);
@@ -255,6 +269,42 @@ TEST_CASE("whatever is taken away while it is read, what is told as fine is righ
   CHECK(fine > 1000);
   CHECK(wrong == 0);
   CHECK(window->state().fetched > 200);
+}
+
+TEST_CASE("what a reader has seen stays as it is until it leaves", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(300);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  const auto window = windowOf(folder / "bricks", 8 + 27, 0.0);
+  const Vec3 here = Vec3::Constant(40.0);
+  window->aim(0, {here, here, Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  const std::uint32_t side = window->enter();
+  struct Seen {
+    BrickWindow::Cell cell;
+    float value;
+  };
+  std::vector<Seen> seen;
+  for (int n = 0; n < 8; ++n) {
+    const std::array<int, 3> at{20 + 64 * (n / 4), 20 + 64 * (n / 2 % 2), 20 + 64 * (n % 2)};
+    const BrickWindow::Entry entry = window->entryAt(0, at[0], at[1], at[2]);
+    REQUIRE(entry.kind() == BrickWindow::Entry::kSlot);
+    seen.emplace_back();
+    REQUIRE(window->cellAt(entry, 0, at, seen.back().cell));
+    seen.back().value = *seen.back().cell.rows[0];
+  }
+  const auto same = [&] {
+    return std::count_if(seen.begin(), seen.end(),
+                         [](const Seen& of) { return *of.cell.rows[0] == of.value; });
+  };
+  // A hand at the other end wants all of their slots.
+  const Vec3 there = Vec3::Constant(260.0);
+  window->aim(0, {there, there, Vec3::Zero()});
+  CHECK_FALSE(window->settle(0.5));
+  CHECK(same() == 8);
+  window->leave(side);
+  CHECK(window->settle(20.0));
+  CHECK(same() < 8);
 }
 
 TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]") {
