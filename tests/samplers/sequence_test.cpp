@@ -456,6 +456,31 @@ TEST_CASE("readers of a sequence wait for nothing and read whole frames", "[sequ
   CHECK(of->state().fetched > 24);
 }
 
+TEST_CASE("a frame that a reader holds stays, however little memory there is", "[sequence]") {
+  const TemporaryFolder folder;
+  const auto frames = framesIn(folder, 16, ramp);
+  const auto of = sequenceOf(frames, 10.0, false, budgetOf(frames, 5.5));
+  const PlayMoment early = of->at(0.15);
+  of->tell(early, 1.0);
+  REQUIRE(arrives(*of, 0.15));
+  const FrameSequence::Hold held = of->hold(1);
+  REQUIRE(held);
+  const std::uint64_t stay = held.stay();
+  const std::uint64_t fetched = of->state().fetched;
+  // Play is elsewhere, for longer than frames are kept that nobody holds.
+  std::this_thread::sleep_for(std::chrono::milliseconds(60));
+  for (const double play : {0.75, 1.05, 1.35}) {
+    of->tell(of->at(play), 1.0);
+    REQUIRE(arrives(*of, play));
+    std::this_thread::sleep_for(std::chrono::milliseconds(60));
+  }
+  CHECK(of->state().fetched > fetched + 4);
+  CHECK(held.field().index() == 0);
+  CHECK(std::get<0>(held.field()) != nullptr);
+  CHECK(held.stay() == stay);
+  CHECK(of->hold(1));
+}
+
 TEST_CASE("where readers wait the same play is read whatever memory there is", "[sequence]") {
   const TemporaryFolder folder;
   const auto frames = framesIn(folder, 12, ramp);

@@ -216,6 +216,18 @@ TEST_CASE(
   now = go(Vec3(0, 0, 0.055), 200);
   CHECK(now.report.force.z() > 1.0);
   CHECK_FALSE(now.report.coarse);
+  // And on the other side, whose bricks are fetched now.
+  (void)go(Vec3(0.09, 0, 0.09), 300);
+  (void)go(Vec3(0.09, 0, -0.09), 300);
+  (void)go(Vec3(0, 0, -0.07), 300);
+  now = go(Vec3(0, 0, -0.055), 200);
+  const auto later = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+  while (now.report.coarse && std::chrono::steady_clock::now() < later) {
+    now = go(Vec3(0, 0, -0.055), 1);
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  CHECK(now.report.force.z() < -1.0);
+  CHECK_FALSE(now.report.coarse);
 }
 
 // With sanitizers it takes minutes: what it runs through is tested small by the others.
