@@ -37,6 +37,8 @@ constexpr double kMoved = 8.0;
 constexpr double kTurned = kBrickSide / 2.0;
 /// The way ahead is looked at once a brick, in so many places at most.
 constexpr int kMostAhead = 8;
+/// So many times what a brick takes to come is looked farther ahead than where it takes no time.
+constexpr double kDelays = 4.0;
 /// A brick of way ahead counts as so much off it: the way is not straight.
 constexpr double kAhead = 0.15;
 /// A window needs so many bricks' room besides: what is being read, packed and unpacked.
@@ -151,8 +153,8 @@ struct BrickWindow::Pool {
   std::vector<std::vector<std::atomic<std::uint64_t>>> tables;
   std::vector<Constant> constants;
   std::vector<std::atomic<std::int64_t>> arrivals;  ///< By slot: when [ns of the steady clock].
-  double horizon;
-  std::atomic<std::uint32_t> side{0};  ///< By which readers come in now.
+  std::atomic<double> horizon;                      ///< So far ahead is looked [s].
+  std::atomic<std::uint32_t> side{0};               ///< By which readers come in now.
   bool waits;
   std::array<Told, kMostHands> hands;
   std::atomic<std::size_t> numbered{0};
@@ -263,6 +265,7 @@ struct BrickWindow::Loader {
 
   BrickSource& source;
   Pool& pool;
+  const double own_horizon;        ///< WindowParams::horizon.
   std::vector<std::byte> staging;  ///< The thread's own.
 
   mutable std::mutex mutex;  ///< Guards all down to the atomics; not held while bricks are fetched.
@@ -296,7 +299,7 @@ struct BrickWindow::Loader {
 };
 
 BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
-    : source(of), pool(to), staging(of.manifest().format().bytes()) {
+    : source(of), pool(to), own_horizon(to.horizon), staging(of.manifest().format().bytes()) {
   owners.resize(pool.slots);
   generations.resize(pool.slots);
   free.reserve(pool.slots);
@@ -404,13 +407,15 @@ void BrickWindow::Loader::choose() {
     double reach;
   };
   std::vector<Place> places;
+  const double horizon = own_horizon + kDelays * source.delay().count();
+  pool.horizon.store(horizon, std::memory_order_relaxed);
   for (std::size_t h = 0; h < kMostHands; ++h) {
     if (!heard[h].alive) continue;
     const auto aim = pool.hands[h].read();
     if (!aim || !aim->probe.allFinite()) continue;
     if (aim->proxy.allFinite()) places.push_back({aim->proxy, 0.0, kReach});
     const Vec3& v = aim->velocity;
-    const Vec3 way = v.allFinite() ? Vec3(pool.horizon * v) : Vec3(Vec3::Zero());
+    const Vec3 way = v.allFinite() ? Vec3(horizon * v) : Vec3(Vec3::Zero());
     places.push_back({aim->probe, 0.0, kReach});
     const double length = way.norm() / kBrickSide;
     const int ahead = static_cast<int>(std::min<double>(kMostAhead, std::ceil(length)));
@@ -601,12 +606,13 @@ void BrickWindow::aim(std::size_t hand, const Aim& at) const noexcept {
   Told& told = pool_->hands[hand];
   const Aim last = told.last();
   const bool known = told.count.load(std::memory_order_relaxed) != 0;
+  const double horizon = pool_->horizon.load(std::memory_order_relaxed);
   told.beats.fetch_add(1, std::memory_order_release);
   const auto near = [](const Vec3& a, const Vec3& b, double most) {
     return (a - b).squaredNorm() <= most * most;  // false where one is no number
   };
   if (!known || !near(at.proxy, last.proxy, kMoved) || !near(at.probe, last.probe, kMoved) ||
-      !near(pool_->horizon * at.velocity, pool_->horizon * last.velocity, kTurned)) {
+      !near(horizon * at.velocity, horizon * last.velocity, kTurned)) {
     told.write(at);
     pool_->aimed.fetch_add(1, std::memory_order_release);
   }

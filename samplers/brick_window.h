@@ -19,7 +19,8 @@ namespace palpate {
 /// What a window may take, and how far it looks ahead.
 struct WindowParams {
   std::uint64_t budget = 256ULL << 20;  ///< Of pool, tables and what is being fetched [bytes].
-  double horizon = 0.25;  ///< A hand's way in this time is fetched, as it goes now [s].
+  double horizon = 0.25;  ///< A hand's way in this time is fetched, as it goes now [s]; farther
+                          ///< where bricks take long to come (BrickSource::delay).
   bool lock = true;       ///< Locks the pool in memory, where that is allowed.
   bool waits = false;     ///< A field's attend() waits until all that is wanted is there, 60 s at
                           ///< most: for virtual time, where the same hand feels the same.

@@ -1,13 +1,9 @@
-#include <algorithm>
 #include <cassert>
 #include <cerrno>
-#include <cmath>
 #include <condition_variable>
 #include <cstring>
-#include <limits>
 #include <memory>
 #include <mutex>
-#include <set>
 #include <utility>
 
 #include "palpate/engine/error.h"
@@ -15,6 +11,7 @@
 #include "palpate/samplers/brick_facts.h"
 #include "palpate/samplers/brick_folder.h"
 #include "palpate/samplers/bricks.h"
+#include "palpate/samplers/wishes.h"
 
 namespace palpate {
 
@@ -32,9 +29,8 @@ struct PosixBricks::State {
   const bool finished;                        ///< It had a manifest.
   BrickFolder::Stamp manifest_stamp;          ///< As it was when it was the volume's.
   std::condition_variable wake;
-  std::vector<BrickWish> wishes;  ///< The most urgent last.
-  std::vector<BrickId> begun;     ///< Being fetched for next().
-  std::vector<BrickCodec> free;   ///< Of threads that are not in here now.
+  Wishes wishes;
+  std::vector<BrickCodec> free;  ///< Of threads that are not in here now.
 
   BrickCodec takeCodec() {
     const std::lock_guard lock(mutex);
@@ -97,22 +93,9 @@ const BrickManifest& PosixBricks::manifest() const noexcept {
 }
 
 void PosixBricks::want(std::vector<BrickWish> wishes) {
-  // What is no number is the least urgent, and in an order all the same.
-  for (BrickWish& wish : wishes) {
-    if (std::isnan(wish.priority)) wish.priority = -std::numeric_limits<double>::infinity();
-  }
-  std::stable_sort(wishes.begin(), wishes.end(),
-                   [](const BrickWish& a, const BrickWish& b) { return a.priority > b.priority; });
-  // Once each, where it is the most urgent.
-  std::set<BrickId> seen;
-  std::erase_if(wishes, [&](const BrickWish& wish) { return !seen.insert(wish.id).second; });
-  std::reverse(wishes.begin(), wishes.end());
   {
     const std::lock_guard lock(state_->mutex);
-    for (const BrickId& id : state_->begun) {
-      std::erase_if(wishes, [&](const BrickWish& wish) { return wish.id == id; });
-    }
-    state_->wishes.swap(wishes);
+    state_->wishes.set(std::move(wishes));
   }
   state_->wake.notify_all();
 }
@@ -125,14 +108,12 @@ std::optional<BrickArrival> PosixBricks::next(std::span<std::byte> slot,
     if (!state_->wake.wait_for(lock, patience, [&] { return !state_->wishes.empty(); })) {
       return std::nullopt;
     }
-    id = state_->wishes.back().id;
-    state_->wishes.pop_back();
-    state_->begun.push_back(id);
+    id = state_->wishes.begin();
   }
   // Also where there was no memory to read it.
   const auto end = [&](State* state) {
     const std::lock_guard lock(state->mutex);
-    std::erase(state->begun, id);
+    state->wishes.end(id);
   };
   const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
   return read(id, slot);

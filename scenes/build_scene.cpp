@@ -11,6 +11,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks.h"
 #include "palpate/samplers/parallel.h"
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/frames.h"
 #include "palpate/scenes/plan_parts.h"
 #include "palpate/scenes/scene_cache.h"
@@ -309,7 +310,7 @@ void checkGradients(const SceneSpec& spec) {
 }
 
 bool inBricks(const VolumeSpec& volume) {
-  return volume.volume == nullptr && !volume.file.empty() && isBricks(volume.file);
+  return volume.volume == nullptr && !volume.file.empty() && isBrickPlace(volume.file);
 }
 
 /// What a grid is as a whole: of one in bricks that of its finest level.

@@ -10,6 +10,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks.h"
+#include "palpate/scenes/brick_places.h"
 
 namespace palpate {
 namespace {
@@ -131,6 +132,7 @@ std::vector<VolumeRequest> framesOf(const VolumeSpec& volume) {
 
 std::vector<fs::path> filesOf(const VolumeSpec& volume) {
   if (volume.file.empty()) return {};
+  if (isRemote(volume.file)) return {};
   if (isBricks(volume.file)) return {brickManifestFile(volume.file)};
   const auto pattern = patternOf(volume.file);
   if (!pattern) return {volume.file};

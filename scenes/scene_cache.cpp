@@ -11,6 +11,7 @@
 #include "palpate/samplers/bricks.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/samplers/sequence_field.h"
+#include "palpate/scenes/brick_places.h"
 
 namespace palpate {
 
@@ -66,13 +67,13 @@ WarpPtr SceneCache::warp(const std::vector<std::shared_ptr<const Volume>>& frame
   return warps_.keep(key, makeWarp(displacementsOf(frames, placement, path), when, path));
 }
 
-SceneCache::Bricks SceneCache::bricks(const std::filesystem::path& folder,
+SceneCache::Bricks SceneCache::bricks(const std::filesystem::path& place,
                                       const WindowParams& params) {
-  BrickManifest manifest = BrickManifest::read(folder);
-  const Opened key{std::filesystem::absolute(folder), manifest.identity(), params};
+  std::unique_ptr<BrickSource> source = openBricks(place);
+  const Opened key{isRemote(place) ? place : std::filesystem::absolute(place),
+                   source->manifest().identity(), params};
   if (const auto* known = bricks_.find(key)) return *known;
-  const auto window = std::make_shared<const BrickWindow>(
-      std::make_unique<PosixBricks>(folder, std::move(manifest)), params);
+  const auto window = std::make_shared<const BrickWindow>(std::move(source), params);
   return bricks_.keep(key, {window, window->coarsest()});
 }
 

@@ -39,9 +39,9 @@ class SceneCache {
     std::shared_ptr<const BrickWindow> window;  ///< Not null.
     std::shared_ptr<const Volume> coarsest;     ///< BrickWindow::coarsest().
   };
-  /// As the constructors of BrickWindow and PosixBricks. A folder that was written anew is opened
-  /// anew. Throws VolumeError.
-  [[nodiscard]] Bricks bricks(const std::filesystem::path& folder, const WindowParams& params);
+  /// As openBricks and the constructor of BrickWindow. What was written anew is opened anew. Throws
+  /// VolumeError.
+  [[nodiscard]] Bricks bricks(const std::filesystem::path& place, const WindowParams& params);
   /// As makeBrickField.
   [[nodiscard]] FieldPtr field(const std::shared_ptr<const BrickWindow>& window,
                                const Placement& placement);
@@ -128,7 +128,7 @@ class SceneCache {
     [[nodiscard]] bool operator==(const Displaced&) const = default;
   };
   struct Opened {
-    std::filesystem::path folder;
+    std::filesystem::path place;
     std::uint64_t identity = 0;
     WindowParams params;
 

@@ -8,6 +8,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/bricks.h"
 #include "palpate/samplers/volume.h"
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/scene_table.h"
 #include "palpate/scenes/text_file.h"
 
@@ -82,7 +83,9 @@ SceneSpec parseScene(const std::string& text, const std::string& source,
   spec.any_stiffness = true;
   spec.source = source;
   sceneTable().read({json, source, "", raiseAs<SceneError>}, spec);
-  for (auto& [name, volume] : spec.volumes) volume.file = folder / volume.file;
+  for (auto& [name, volume] : spec.volumes) {
+    if (!isRemote(volume.file)) volume.file = folder / volume.file;
+  }
   return spec;
 }
 
@@ -99,11 +102,12 @@ SceneSpec readSceneFile(const std::filesystem::path& file, std::string* text) {
   return spec;
 }
 
-/// What is in a folder of bricks: one volume, looked at by its coarsest level.
-GuessVolume coarselyOf(const std::filesystem::path& folder) {
-  const BrickManifest manifest = BrickManifest::read(folder);
+/// What is in a volume in bricks: one grid, looked at by its coarsest level.
+GuessVolume coarselyOf(const std::filesystem::path& place) {
+  const std::unique_ptr<BrickSource> source = openBricks(place);
+  const BrickManifest& manifest = source->manifest();
   const auto coarsest = static_cast<std::int32_t>(manifest.levels().size() - 1);
-  return {manifest.info().name, loadBricks(folder, coarsest)};
+  return {manifest.info().name, loadBricks(*source, coarsest, place.string())};
 }
 
 /// A folder's name, also where its path ends in a slash.
@@ -111,10 +115,11 @@ std::filesystem::path withoutSlash(const std::filesystem::path& folder) {
   return folder.has_filename() ? folder : folder.parent_path();
 }
 
-/// A first scene for a folder of bricks.
-SceneSpec sceneFromBricks(const std::filesystem::path& folder) {
-  const std::filesystem::path path = withoutSlash(folder);
-  const Guess guess = guessScene({path.filename().string(), "", ""}, {coarselyOf(path)});
+/// A first scene for a volume in bricks.
+SceneSpec sceneFromBricks(const std::filesystem::path& place) {
+  const std::filesystem::path path = withoutSlash(place);
+  const std::filesystem::path name = isRemote(path) ? path : path.filename();
+  const Guess guess = guessScene({name.string(), "", ""}, {coarselyOf(path)});
   SceneSpec spec = parseScene(guess.scene, path.string(), path.parent_path());
   spec.any_stiffness = true;
   for (const std::string& left : guess.left) {
@@ -169,7 +174,7 @@ SceneSpec sceneFromVdb(const std::filesystem::path& path, const Progress& progre
 }
 
 Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress& progress) {
-  if (isBricks(file)) {
+  if (isBrickPlace(file)) {
     return guessScene({withoutSlash(file).string(), "", ""}, {coarselyOf(file)}, what);
   }
   checkRegular<SceneError>(file, "give a .vdb");
@@ -186,6 +191,7 @@ Guess guessVdb(const std::filesystem::path& file, GuessFor what, const Progress&
 SceneSpec openScene(const std::filesystem::path& path, const Progress& progress,
                     std::string* text) {
   if (text != nullptr) text->clear();
+  if (isRemote(path)) return sceneFromBricks(path);
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
   if (status.type() == std::filesystem::file_type::not_found) {

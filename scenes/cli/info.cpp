@@ -3,6 +3,7 @@
 
 #include "palpate/samplers/bricks.h"
 #include "palpate/samplers/volume.h"
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/cli/bricks_told.h"
 #include "palpate/scenes/cli/common.h"
 
@@ -64,12 +65,13 @@ void print(const GridInfo& grid) {
   say("  feel      {}\n", sentence(feelOf(grid)));
 }
 
-int infoOfBricks(const std::string& folder, bool json) {
-  const BrickManifest manifest = BrickManifest::read(folder);
+int infoOfBricks(const std::string& place, bool json) {
+  const std::unique_ptr<BrickSource> source = openBricks(place);
+  const BrickManifest& manifest = source->manifest();
   if (json) {
     OrderedJson grid = describe(manifest.info());
     grid["bricks"] = bricksJson(manifest);
-    sayJson(OrderedJson{{"file", folder}, {"grids", OrderedJson::array({grid})}});
+    sayJson(OrderedJson{{"file", place}, {"grids", OrderedJson::array({grid})}});
     return kDone;
   }
   print(manifest.info());
@@ -83,12 +85,12 @@ void addInfo(CLI::App& app, std::function<int()>& body) {
   CLI::App* verb = app.add_subcommand("info", "What is in a .vdb, and what one can feel in it");
   auto file = std::make_shared<std::string>();
   auto json = std::make_shared<bool>(false);
-  verb->add_option("FILE", *file, "A .vdb file, or a folder of bricks")->required();
+  verb->add_option("FILE", *file, "A .vdb file, or a folder or an address of bricks")->required();
   verb->add_flag("--json", *json, "Print JSON");
   verb->footer("Example:\n  palpate info head.vdb");
   verb->callback([=, &body] {
     body = [=] {
-      if (isBricks(*file)) return infoOfBricks(*file, *json);
+      if (isBrickPlace(*file)) return infoOfBricks(*file, *json);
       const std::vector<GridInfo> grids = describeGrids(*file);
       if (*json) {
         OrderedJson out;

@@ -151,7 +151,7 @@ set(CPACK_DEBIAN_LIBRARY_PACKAGE_DEPENDS "libeigen3-dev (>= 3.4)")
 # For palpate::samplers, ::hid and ::scenes; the engine is content with Eigen.
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_RECOMMENDS "libopenvdb-dev, libtbb-dev, libfmt-dev, \
 nlohmann-json3-dev, libhidapi-dev, libboost-iostreams-dev, zlib1g-dev, \
-libzstd-dev")
+libzstd-dev, libcurl4-gnutls-dev | libcurl4-openssl-dev")
 if(PALPATE_VTK)
   list(APPEND CPACK_COMPONENTS_ALL import)
   set(CPACK_DEBIAN_IMPORT_PACKAGE_NAME palpate-import)

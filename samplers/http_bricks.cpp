@@ -1,0 +1,436 @@
+#include "palpate/samplers/http_bricks.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cassert>
+#include <condition_variable>
+#include <cstddef>
+#include <cstring>
+#include <curl/curl.h>
+#include <deque>
+#include <mutex>
+#include <thread>
+#include <utility>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/brick_codec.h"
+#include "palpate/samplers/brick_facts.h"
+#include "palpate/samplers/wishes.h"
+
+namespace palpate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// No manifest is longer: 36 bytes a brick, of 2^28 bricks.
+constexpr std::size_t kLongestManifest = std::size_t{36} << 28U;
+/// Nor are its attributes.
+constexpr std::size_t kLongestAttributes = 1U << 20U;
+/// A delay is smoothed over so many bricks.
+constexpr double kDelays = 8.0;
+/// How long the thread sleeps where nothing wakes it.
+constexpr int kTurnMs = 100;
+
+/// A request: where its answer goes, and how it went.
+struct Request {
+  explicit Request(std::size_t at_most) : limit(at_most) {}
+
+  std::vector<std::byte> body;
+  std::size_t limit;      ///< Longer answers are cut off.
+  bool too_long = false;  ///< It was.
+  long code = 0;          ///< Of HTTP; 0: there was no answer.
+  std::string error;      ///< Why there was none, or not all of it.
+};
+
+std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void* to) {
+  auto& request = *static_cast<Request*>(to);
+  const std::size_t more = size * count;
+  if (more > request.limit - request.body.size()) {
+    request.too_long = true;
+    return 0;
+  }
+  const auto* first = reinterpret_cast<const std::byte*>(bytes);
+  request.body.insert(request.body.end(), first, first + more);
+  return more;
+}
+
+struct EndsEasy {
+  void operator()(CURL* easy) const noexcept { curl_easy_cleanup(easy); }
+};
+struct EndsMulti {
+  void operator()(CURLM* multi) const noexcept { curl_multi_cleanup(multi); }
+};
+using Easy = std::unique_ptr<CURL, EndsEasy>;
+using Multi = std::unique_ptr<CURLM, EndsMulti>;
+
+/// Once a process, before any of its threads.
+void beginCurl() {
+  static const CURLcode begun = curl_global_init(CURL_GLOBAL_DEFAULT);
+  if (begun != CURLE_OK) throw VolumeError("libcurl", "it does not begin", "check the system");
+}
+
+Easy makeEasy(const HttpParams& params) {
+  Easy easy(curl_easy_init());
+  if (!easy) throw VolumeError("libcurl", "there is no memory for it", "give it less");
+  CURL* const of = easy.get();
+  curl_easy_setopt(of, CURLOPT_PROTOCOLS_STR, "http,https");
+  curl_easy_setopt(of, CURLOPT_FOLLOWLOCATION, 0L);
+  curl_easy_setopt(of, CURLOPT_NOSIGNAL, 1L);
+  curl_easy_setopt(of, CURLOPT_USERAGENT, "palpate");
+  curl_easy_setopt(of, CURLOPT_WRITEFUNCTION, &receive);
+  curl_easy_setopt(of, CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(params.connect.count()));
+  curl_easy_setopt(of, CURLOPT_TIMEOUT_MS, static_cast<long>(params.longest.count()));
+  // A byte a second is none.
+  const auto seconds = std::chrono::ceil<std::chrono::seconds>(params.stalled).count();
+  curl_easy_setopt(of, CURLOPT_LOW_SPEED_LIMIT, 1'000L);
+  curl_easy_setopt(of, CURLOPT_LOW_SPEED_TIME, static_cast<long>(std::max<long>(seconds, 1)));
+  return easy;
+}
+
+void aim(CURL* easy, const std::string& url, Request& request) {
+  curl_easy_setopt(easy, CURLOPT_URL, url.c_str());
+  curl_easy_setopt(easy, CURLOPT_WRITEDATA, &request);
+}
+
+void conclude(CURL* easy, CURLcode how, Request& request) {
+  curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &request.code);
+  if (how != CURLE_OK && !request.too_long) request.error = curl_easy_strerror(how);
+}
+
+/// What an answer is worth as a brick's object.
+BrickVerdict verdictOf(const Request& of) {
+  if (of.too_long) return {BrickStatus::kCut, "it is longer than its manifest says"};
+  if (!of.error.empty()) return {BrickStatus::kUnreadable, "it does not come (" + of.error + ")"};
+  if (of.code == 404 || of.code == 410) return {BrickStatus::kMissing, "it is missing"};
+  if (of.code != 200) {
+    return {BrickStatus::kUnreadable, "the server answers " + std::to_string(of.code)};
+  }
+  return {};
+}
+
+}  // namespace
+
+struct HttpBricks::State {
+  State(const std::string& to, const HttpParams& how);
+  ~State() {
+    stop = true;
+    wakeThread();
+    if (thread.joinable()) thread.join();
+  }
+
+  /// A brick on its way, or come.
+  struct Fetch {
+    explicit Fetch(std::size_t limit) : request(limit) {}
+    BrickId id;
+    BrickEntry entry;
+    Request request;
+    Clock::time_point begun;
+    Easy easy;
+  };
+  using FetchPtr = std::unique_ptr<Fetch>;
+
+  [[nodiscard]] std::string url(const std::string& object) const { return address + "/" + object; }
+  void wakeThread() { curl_multi_wakeup(multi.get()); }
+  [[nodiscard]] Request get(const std::string& object, std::size_t limit);
+  void run();
+  void beginFetches();
+  void endFetches();
+  void probe();
+  void come(FetchPtr fetch);
+  [[nodiscard]] Easy takeEasy();
+  void giveBack(Easy easy) {
+    const std::lock_guard lock(mutex);
+    idle.push_back(std::move(easy));
+  }
+  [[nodiscard]] BrickCodec takeCodec();
+  [[nodiscard]] BrickArrival arrivalOf(const BrickId& id, BrickVerdict verdict) const;
+  [[nodiscard]] BrickArrival decode(const Fetch& fetch, std::span<std::byte> slot);
+
+  std::string address;
+  HttpParams params;
+  Multi multi;
+  std::optional<BrickManifest> manifest;
+
+  mutable std::mutex
+      mutex;  ///< Guards all down to the thread's own; not held while anything waits.
+  std::condition_variable arrived;
+  Wishes wishes;
+  std::deque<FetchPtr> here;       ///< Come, and not yet taken.
+  std::vector<BrickCodec> codecs;  ///< Of threads that are not in here now.
+  std::vector<Easy> idle;
+  HttpState counts;
+
+  // The thread's own.
+  std::vector<FetchPtr> away;
+  FetchPtr asked;  ///< Whether the volume is there.
+  Clock::time_point asked_at;
+
+  std::atomic<bool> there{true};
+  std::atomic<bool> ask{false};
+  std::atomic<bool> stop{false};
+  std::thread thread;
+};
+
+HttpBricks::State::State(const std::string& to, const HttpParams& how) : address(to), params(how) {
+  if (!isAddress(address)) {
+    throw VolumeError(address, "it is no address", "give http://host/folder");
+  }
+  while (address.back() == '/') address.pop_back();
+  params.connections = std::clamp(params.connections, 1, 32);
+  beginCurl();
+  multi.reset(curl_multi_init());
+  curl_multi_setopt(multi.get(), CURLMOPT_MAX_TOTAL_CONNECTIONS,
+                    static_cast<long>(params.connections) + 1);
+  const Request file = get(kBrickManifestFile, kLongestManifest);
+  const BrickVerdict verdict = verdictOf(file);
+  if (verdict.status == BrickStatus::kMissing) {
+    throw VolumeError(address, "there is no volume in bricks",
+                      "check the address; the last thing that is copied there is " +
+                          std::string(kBrickManifestFile));
+  }
+  if (verdict.status != BrickStatus::kArrived) {
+    throw VolumeError(url(kBrickManifestFile), verdict.why,
+                      "check the address, the server and the way to it");
+  }
+  manifest = BrickManifest::parse(file.body, url(kBrickManifestFile));
+  thread = std::thread([this] { run(); });
+}
+
+Easy HttpBricks::State::takeEasy() {
+  {
+    const std::lock_guard lock(mutex);
+    if (!idle.empty()) {
+      Easy easy = std::move(idle.back());
+      idle.pop_back();
+      return easy;
+    }
+  }
+  return makeEasy(params);
+}
+
+/// An object, by the caller's own connection.
+Request HttpBricks::State::get(const std::string& object, std::size_t limit) {
+  Request request(limit);
+  Easy easy = takeEasy();
+  aim(easy.get(), url(object), request);
+  conclude(easy.get(), curl_easy_perform(easy.get()), request);
+  giveBack(std::move(easy));
+  return request;
+}
+
+BrickCodec HttpBricks::State::takeCodec() {
+  const std::lock_guard lock(mutex);
+  if (codecs.empty()) return {manifest->format(), manifest->identity()};
+  BrickCodec codec = std::move(codecs.back());
+  codecs.pop_back();
+  return codec;
+}
+
+BrickArrival HttpBricks::State::arrivalOf(const BrickId& id, BrickVerdict verdict) const {
+  BrickArrival arrival{id, verdict.status, ""};
+  if (verdict.status == BrickStatus::kArrived) return arrival;
+  const char* remedy = "copy or write the volume again";
+  if (verdict.status == BrickStatus::kUnknown) remedy = "ask for one that there is";
+  if (verdict.status == BrickStatus::kUnreadable) remedy = "check the server and the way to it";
+  arrival.why = url(brickObject(id, manifest->format())) + ": " + verdict.why + ": " + remedy;
+  return arrival;
+}
+
+BrickArrival HttpBricks::State::decode(const Fetch& fetch, std::span<std::byte> slot) {
+  if (fetch.entry.kind != BrickKind::kStored) {
+    fillBrick(manifest->format(), fetch.entry, slot);
+    return {fetch.id, BrickStatus::kArrived, ""};
+  }
+  BrickVerdict verdict = verdictOf(fetch.request);
+  if (verdict.status == BrickStatus::kArrived) {
+    BrickCodec codec = takeCodec();
+    const std::vector<std::byte>& body = fetch.request.body;
+    if (body.size() <= codec.object().size()) {
+      std::copy(body.begin(), body.end(), codec.object().begin());
+      verdict = codec.decode(fetch.id, body.size(), &fetch.entry, slot);
+    } else {
+      verdict = {BrickStatus::kCut, "it is longer than any brick"};
+    }
+    const std::lock_guard lock(mutex);
+    codecs.push_back(std::move(codec));
+  }
+  return arrivalOf(fetch.id, std::move(verdict));
+}
+
+void HttpBricks::State::come(FetchPtr fetch) {
+  const std::chrono::duration<double> took = Clock::now() - fetch->begun;
+  {
+    const std::lock_guard lock(mutex);
+    if (fetch->entry.kind == BrickKind::kStored) {
+      const bool whole = verdictOf(fetch->request).status == BrickStatus::kArrived;
+      counts.objects += whole ? 1 : 0;
+      counts.failed += whole ? 0 : 1;
+      counts.bytes += whole ? fetch->request.body.size() : 0;
+      if (whole) counts.delay += (took.count() - counts.delay) / kDelays;
+    }
+    here.push_back(std::move(fetch));
+  }
+  arrived.notify_one();
+}
+
+/// As many as there are connections, and no more than are taken.
+void HttpBricks::State::beginFetches() {
+  const auto connections = static_cast<std::size_t>(params.connections);
+  while (away.size() < connections) {
+    BrickId id;
+    {
+      const std::lock_guard lock(mutex);
+      if (wishes.empty() || here.size() >= connections) return;
+      id = wishes.begin();
+    }
+    const bool known = manifest->has(id);
+    const BrickEntry entry = known ? manifest->entry(id) : BrickEntry{};
+    auto fetch = std::make_unique<Fetch>(entry.bytes);
+    fetch->id = id;
+    fetch->entry = entry;
+    fetch->begun = Clock::now();
+    if (entry.kind != BrickKind::kStored) {
+      come(std::move(fetch));
+      continue;
+    }
+    fetch->easy = takeEasy();
+    aim(fetch->easy.get(), url(brickObject(id, manifest->format())), fetch->request);
+    curl_easy_setopt(fetch->easy.get(), CURLOPT_PRIVATE, fetch.get());
+    curl_multi_add_handle(multi.get(), fetch->easy.get());
+    away.push_back(std::move(fetch));
+  }
+}
+
+void HttpBricks::State::endFetches() {
+  int left = 0;
+  while (const CURLMsg* message = curl_multi_info_read(multi.get(), &left)) {
+    if (message->msg != CURLMSG_DONE) continue;
+    CURL* const easy = message->easy_handle;
+    const CURLcode how = message->data.result;
+    Fetch* which = nullptr;
+    curl_easy_getinfo(easy, CURLINFO_PRIVATE, &which);
+    conclude(easy, how, which->request);
+    curl_multi_remove_handle(multi.get(), easy);
+    giveBack(std::move(which->easy));
+    if (asked && asked.get() == which) {
+      const Request& answer = asked->request;
+      const std::string text(reinterpret_cast<const char*>(answer.body.data()), answer.body.size());
+      there = verdictOf(answer).status == BrickStatus::kArrived &&
+              BrickFacts::identityIn(text) == manifest->identity();
+      asked.reset();
+      continue;
+    }
+    const auto found = std::find_if(away.begin(), away.end(),
+                                    [&](const FetchPtr& one) { return one.get() == which; });
+    FetchPtr fetch = std::move(*found);
+    away.erase(found);
+    come(std::move(fetch));
+  }
+}
+
+/// Asks once at a time whether the volume is there; who does not answer is not.
+void HttpBricks::State::probe() {
+  if (asked) {
+    if (Clock::now() - asked_at > params.silent) there = false;
+    return;
+  }
+  if (!ask.exchange(false)) return;
+  asked = std::make_unique<Fetch>(kLongestAttributes);
+  asked_at = Clock::now();
+  asked->easy = takeEasy();
+  aim(asked->easy.get(), url(kBrickAttributesFile), asked->request);
+  curl_easy_setopt(asked->easy.get(), CURLOPT_PRIVATE, asked.get());
+  curl_multi_add_handle(multi.get(), asked->easy.get());
+}
+
+void HttpBricks::State::run() {
+  while (!stop) {
+    probe();
+    beginFetches();
+    int running = 0;
+    curl_multi_perform(multi.get(), &running);
+    endFetches();
+    curl_multi_poll(multi.get(), nullptr, 0, kTurnMs, nullptr);
+  }
+  for (const FetchPtr& fetch : away) curl_multi_remove_handle(multi.get(), fetch->easy.get());
+  if (asked) curl_multi_remove_handle(multi.get(), asked->easy.get());
+}
+
+HttpBricks::HttpBricks(const std::string& address, const HttpParams& params)
+    : state_(std::make_unique<State>(address, params)) {}
+
+HttpBricks::~HttpBricks() = default;
+
+const BrickManifest& HttpBricks::manifest() const noexcept {
+  return *state_->manifest;
+}
+
+void HttpBricks::want(std::vector<BrickWish> wishes) {
+  {
+    const std::lock_guard lock(state_->mutex);
+    state_->wishes.set(std::move(wishes));
+  }
+  state_->wakeThread();
+}
+
+std::optional<BrickArrival> HttpBricks::next(std::span<std::byte> slot,
+                                             std::chrono::milliseconds patience) {
+  assert(slot.size() == manifest().format().bytes());
+  State::FetchPtr fetch;
+  {
+    std::unique_lock lock(state_->mutex);
+    if (!state_->arrived.wait_for(lock, patience, [&] { return !state_->here.empty(); })) {
+      return std::nullopt;
+    }
+    fetch = std::move(state_->here.front());
+    state_->here.pop_front();
+  }
+  state_->wakeThread();  // there is room for another one
+  BrickArrival arrival =
+      manifest().has(fetch->id)
+          ? state_->decode(*fetch, slot)
+          : state_->arrivalOf(fetch->id,
+                              {BrickStatus::kUnknown, "there is no such place in its pyramid"});
+  const std::lock_guard lock(state_->mutex);
+  state_->wishes.end(fetch->id);
+  return arrival;
+}
+
+bool HttpBricks::isThere() {
+  state_->ask = true;
+  state_->wakeThread();
+  return state_->there;
+}
+
+BrickArrival HttpBricks::read(const BrickId& id, std::span<std::byte> slot) {
+  assert(slot.size() == manifest().format().bytes());
+  if (!manifest().has(id)) {
+    return state_->arrivalOf(id, {BrickStatus::kUnknown, "there is no such place in its pyramid"});
+  }
+  State::Fetch fetch(0);
+  fetch.id = id;
+  fetch.entry = manifest().entry(id);
+  if (fetch.entry.kind == BrickKind::kStored) {
+    fetch.request = state_->get(brickObject(id, manifest().format()), fetch.entry.bytes);
+  }
+  return state_->decode(fetch, slot);
+}
+
+std::chrono::duration<double> HttpBricks::delay() const {
+  const std::lock_guard lock(state_->mutex);
+  return std::chrono::duration<double>(state_->counts.delay);
+}
+
+HttpState HttpBricks::state() const {
+  const std::lock_guard lock(state_->mutex);
+  return state_->counts;
+}
+
+bool isAddress(std::string_view name) noexcept {
+  for (const std::string_view scheme : {"http://", "https://"}) {
+    if (name.starts_with(scheme) && name.size() > scheme.size()) return true;
+  }
+  return false;
+}
+
+}  // namespace palpate

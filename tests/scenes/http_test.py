@@ -1,0 +1,278 @@
+#!/usr/bin/env python3
+"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR.
+
+nginx serves what is right; a server of Python's, what is not. All on this machine's loopback.
+"""
+import csv
+import functools
+import http.server
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from refusals import refusal  # noqa: E402
+
+PALPATE = str(Path(sys.argv[1]) / "palpate")
+NGINX = shutil.which("nginx", path=os.environ.get("PATH", "") + ":/usr/sbin")
+PATIENCE = 60  # s
+
+
+def run(*words, status=0, **more):
+    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
+                          **more)
+    if status is not None and done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+class Bad(http.server.SimpleHTTPRequestHandler):
+    """Serves a folder, but for what `wrong` says of a path: a function of this handler."""
+
+    def __init__(self, *args, wrong, **more):
+        self.wrong = wrong
+        super().__init__(*args, **more)
+
+    def do_GET(self):
+        answer = self.wrong(self.path)
+        if answer is None:
+            super().do_GET()
+        else:
+            answer(self)
+
+    def log_message(self, format, *args):  # pylint: disable=redefined-builtin
+        pass
+
+    def give(self, body, code=200, more=()):
+        self.send_response(code)
+        for name, value in more:
+            self.send_header(name, value)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(holder.cleanup)
+        cls.dir = Path(holder.name)
+        run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.25)
+        run("brick", cls.dir / "bodies.vdb", cls.dir / "bowl", "--grid", "bowl")
+        facts = json.loads((cls.dir / "bowl/.zattrs").read_text())["palpate"]
+        cls.levels = len(facts["levels"])
+        (cls.dir / "hand.csv").write_text(
+            "t,x,y,z\n" + "".join(f"{t / 10},{0.02 * (t % 7) / 7},{0.01},{0.08 - 0.002 * t}\n"
+                                  for t in range(40)))
+
+    def scene(self, place):
+        file = self.dir / "scene.json"
+        file.write_text(json.dumps({
+            "palpate": 1, "coupling": {"stiffness": 500},
+            "volumes": {"bowl": {"file": place, "place": {"unit": "mm"},
+                                 "window": {"budget_mb": 80}}},
+            "modes": [{"name": "skin", "mode": "isosurface", "of": "bowl", "value": 0,
+                       "solid": "below", "strength": 6}]}))
+        return file
+
+    def feel(self, place, *words, status=0):
+        """The trace's rows, and the summary."""
+        trace, summary = self.dir / "t.csv", self.dir / "s.json"
+        done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
+                   "--summary", summary, *words, status=status)
+        with open(trace, encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        return rows, json.loads(summary.read_text()), done.stderr
+
+    def served_badly(self, wrong):
+        """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
+        server = http.server.ThreadingHTTPServer(
+            ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        self.addCleanup(thread.join)
+        self.addCleanup(server.server_close)
+        self.addCleanup(server.shutdown)
+        return f"http://127.0.0.1:{server.server_address[1]}/bowl"
+
+    def refused(self, place, says):
+        _, line = refusal(self, self.dir, lambda: run("feel", place, "--seconds", 1, status=2))
+        self.assertIn(says, line)
+
+
+class Nginx(Case):
+    def setUp(self):
+        self.port = free_port()
+        home = self.dir / f"nginx{self.port}"
+        home.mkdir()
+        (home / "nginx.conf").write_text(f"""
+            daemon off; pid {home}/pid; error_log {home}/error.log; worker_processes 1;
+            events {{ worker_connections 64; }}
+            http {{ access_log {home}/access.log; root {self.dir}; sendfile on;
+                    client_body_temp_path {home}/a; proxy_temp_path {home}/b; fastcgi_temp_path {home}/c;
+                    uwsgi_temp_path {home}/d; scgi_temp_path {home}/e;
+                    server {{ listen 127.0.0.1:{self.port}; }} }}""")
+        self.log = home / "access.log"
+        self.serve(home)
+        self.address = f"http://127.0.0.1:{self.port}/bowl"
+
+    def serve(self, home):
+        self.server = subprocess.Popen([NGINX, "-c", str(home / "nginx.conf"), "-p", str(home)],
+                                       start_new_session=True, stderr=subprocess.DEVNULL)
+        self.addCleanup(self.server.wait)
+        self.addCleanup(self.kill, signal.SIGKILL)
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            with socket.socket() as one:
+                if one.connect_ex(("127.0.0.1", self.port)) == 0:
+                    return
+            time.sleep(0.05)
+        self.fail("nginx does not serve")
+
+    def kill(self, how):
+        try:
+            os.killpg(self.server.pid, how)
+        except ProcessLookupError:
+            pass
+
+    def test_what_is_served_is_felt_as_the_folder_is(self):
+        here, told, _ = self.feel(str(self.dir / "bowl"))
+        there, told_there, _ = self.feel(self.address)
+        self.assertEqual(here, there)
+        self.assertGreater(max(float(row["fz"]) for row in here), 0.1)
+        self.assertEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"])
+        self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
+
+    def test_an_address_is_a_scene_and_is_looked_at(self):
+        words = [json.loads(run("info", place, "--json").stdout)["grids"]
+                 for place in (self.dir / "bowl", self.address)]
+        self.assertEqual(*words)
+        done = run("feel", self.address + "/", "--seconds", 0.2)
+        self.assertIn("bricks", done.stdout)
+        check = json.loads(run("check", self.scene(self.address), "--json").stdout)
+        self.assertEqual(check["volumes"]["bowl"]["bricks"]["levels"], self.levels)
+
+    def on_time(self, seconds):
+        """A hand that stays in the wall, on time; its summary when it has ended."""
+        (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0.06\n1,0.01,0.01,0.02\n"
+                                           f"{seconds},0.01,0.01,0.02\n")
+        summary = self.dir / "held.json"
+        self.running = subprocess.Popen(
+            [PALPATE, "feel", self.scene(self.address), "--device", f"path:{self.dir / 'held.csv'}",
+             "--realtime", "--summary", summary], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(self.running.stderr.close)
+        self.addCleanup(self.running.wait)
+        self.addCleanup(self.running.kill)
+        return summary
+
+    def ends(self, summary):
+        said = self.running.communicate(timeout=PATIENCE)[1]
+        return json.loads(summary.read_text()), said
+
+    def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
+        summary = self.on_time(9)
+        time.sleep(2.5)
+        killed = time.monotonic()
+        self.kill(signal.SIGKILL)
+        told, said = self.ends(summary)
+        self.assertEqual(told["fault"], "volume", said)
+        self.assertLess(time.monotonic() - killed, 9)
+        self.assertIn("the volume is not there any more", said)
+
+    def test_a_server_that_stops_answering_does_too(self):
+        summary = self.on_time(12)
+        time.sleep(2.5)
+        self.kill(signal.SIGSTOP)
+        told, said = self.ends(summary)
+        self.kill(signal.SIGCONT)
+        self.assertEqual(told["fault"], "volume", said)
+
+    def test_one_that_hesitates_does_not(self):
+        summary = self.on_time(8)
+        time.sleep(2.5)
+        self.kill(signal.SIGSTOP)
+        time.sleep(1.0)
+        self.kill(signal.SIGCONT)
+        told, said = self.ends(summary)
+        self.assertNotIn("fault", {key for key, value in told.items() if value not in (None, "none")}, said)
+
+
+class Wrong(Case):
+    """What comes over a wire may be anything."""
+
+    def test_what_is_no_volume_is_refused_in_a_line(self):
+        self.refused("http://127.0.0.1:1/bowl", "does not come")
+        self.refused("http://", "it is no address")
+        self.refused(self.served_badly(lambda path: None).replace("/bowl", "/nothing"), "no volume in bricks")
+        self.refused(self.served_badly(lambda path: lambda of: of.give(b"", 503)), "answers 503")
+        self.refused(self.served_badly(
+            lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers 302")
+        self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
+
+    def of_brick(self, answer, says):
+        """Each of the finest level's bricks is answered so: felt coarsely, and told."""
+        address = self.served_badly(lambda path: answer if path.startswith("/bowl/0/") else None)
+        rows, told, said = self.feel(address)
+        self.assertGreater(told["coarse_share"], 0.1)
+        self.assertGreater(told["bricks"]["bowl"]["failed"], 0)
+        self.assertIn(says, said)
+        self.assertGreater(max(float(row["fz"]) for row in rows), 0.1)
+
+    def test_a_brick_that_is_wrong_is_felt_coarsely(self):
+        self.of_brick(lambda of: of.give(b"", 404), "it is missing")
+        self.of_brick(lambda of: of.give(b"", 500), "the server answers 500")
+        self.of_brick(lambda of: of.give(b"y" * 10), "shorter")
+        self.of_brick(lambda of: of.give(b"y" * 50_000_000), "longer than its manifest says")
+
+        def changed(of):
+            body = bytearray((self.dir / of.path[1:]).read_bytes())
+            body[len(body) // 2] ^= 1
+            of.give(bytes(body))
+        self.of_brick(changed, "checksum")
+
+        def hangs_up(of):
+            of.send_response(200)
+            of.send_header("Content-Length", "100000")
+            of.end_headers()
+            of.wfile.write(b"z" * 10)
+        self.of_brick(hangs_up, "does not come")
+
+    def test_a_brick_that_was_wrong_once_is_fetched_anew(self):
+        seen = set()
+
+        def once(path):
+            if not path.startswith("/bowl/0/") or path in seen:
+                return None
+            seen.add(path)
+            return lambda of: of.give(b"y" * 10)
+        (self.dir / "long.csv").write_text("t,x,y,z\n0,0.01,0.01,0.06\n1,0.01,0.01,0.02\n5,0.01,0.01,0.02\n")
+        summary = self.dir / "again.json"
+        run("feel", self.scene(self.served_badly(once)), "--device", f"path:{self.dir / 'long.csv'}",
+            "--realtime", "--summary", summary, status=None)
+        told = json.loads(summary.read_text())
+        self.assertGreater(len(seen), 0)
+        self.assertEqual(told["bricks"]["bowl"]["failed"], 0)
+
+
+if __name__ == "__main__":
+    if NGINX is None:
+        print("http_test: skipped: needs nginx")
+        sys.exit(77)
+    unittest.main(argv=sys.argv[:1] + sys.argv[2:], verbosity=2)
