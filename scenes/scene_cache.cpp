@@ -129,7 +129,7 @@ std::size_t SceneCache::hashOf(const Derived& key) {
 }
 
 std::size_t SceneCache::hashOf(const Opened& key) {
-  return std::hash<std::string>()(key.folder.native());
+  return std::hash<std::string>()(key.place.native());
 }
 
 std::size_t SceneCache::hashOf(const Windowed& key) {

@@ -117,7 +117,7 @@ std::filesystem::path withoutSlash(const std::filesystem::path& folder) {
 
 /// A first scene for a volume in bricks.
 SceneSpec sceneFromBricks(const std::filesystem::path& place) {
-  const std::filesystem::path path = withoutSlash(place);
+  const std::filesystem::path path = isRemote(place) ? place : withoutSlash(place);
   const std::filesystem::path name = isRemote(path) ? path : path.filename();
   const Guess guess = guessScene({name.string(), "", ""}, {coarselyOf(path)});
   SceneSpec spec = parseScene(guess.scene, path.string(), path.parent_path());
