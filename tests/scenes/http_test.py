@@ -101,6 +101,8 @@ class Case(unittest.TestCase):
                    "--summary", summary, *words, status=status)
         with open(trace, encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
+        for row in rows:
+            del row["tick_ns"]
         return rows, json.loads(summary.read_text()), done.stderr
 
     def served_badly(self, wrong):
@@ -108,6 +110,7 @@ class Case(unittest.TestCase):
         server = http.server.ThreadingHTTPServer(
             ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
         server.daemon_threads = True
+        server.handle_error = lambda request, address: None  # a client that hangs up
         thread = threading.Thread(target=server.serve_forever)
         thread.start()
         self.addCleanup(thread.join)
@@ -123,7 +126,7 @@ class Case(unittest.TestCase):
 class Served(Case):
     def setUp(self):
         self.port = free_port()
-        home = self.dir / f"apache{self.port}"
+        self.home = home = self.dir / f"apache{self.port}"
         home.mkdir()
         (home / "conf").write_text(f"""
             LoadModule mpm_event_module {MODULES}/mod_mpm_event.so
@@ -135,6 +138,7 @@ class Served(Case):
             DefaultRuntimeDir {home}
             Mutex file:{home} default
             ErrorLog {home}/error.log
+            CustomLog {home}/access.log "%r"
             {"User www-data" if os.getuid() == 0 else ""}
             {"Group www-data" if os.getuid() == 0 else ""}
             DocumentRoot {self.dir}
@@ -142,11 +146,13 @@ class Served(Case):
             <Directory {self.dir}>
                 Require all granted
             </Directory>""")
-        self.serve(home)
+        self.log = home / "access.log"
+        self.serve()
         self.address = f"http://127.0.0.1:{self.port}/bowl"
 
-    def serve(self, home):
-        self.server = subprocess.Popen([APACHE, "-D", "FOREGROUND", "-f", str(home / "conf")],
+    def serve(self):
+        self.log.write_text("")
+        self.server = subprocess.Popen([APACHE, "-D", "FOREGROUND", "-f", str(self.home / "conf")],
                                        start_new_session=True, stderr=subprocess.DEVNULL)
         self.addCleanup(self.server.wait)
         self.addCleanup(self.kill, signal.SIGKILL)
@@ -156,7 +162,7 @@ class Served(Case):
                 if one.connect_ex(("127.0.0.1", self.port)) == 0:
                     return
             time.sleep(0.05)
-        self.fail("Apache does not serve: " + (home / "error.log").read_text())
+        self.fail("Apache does not serve: " + (self.home / "error.log").read_text())
 
     def kill(self, how):
         try:
@@ -168,8 +174,9 @@ class Served(Case):
         here, told, _ = self.feel(str(self.dir / "bowl"))
         there, told_there, _ = self.feel(self.address)
         self.assertEqual(here, there)
-        self.assertGreater(max(float(row["fz"]) for row in here), 0.1)
-        self.assertEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"])
+        self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
+        # Several at a time: what is not wanted any more when it comes counts as well.
+        self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
         self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
 
     def test_an_address_is_a_scene_and_is_looked_at(self):
@@ -192,38 +199,47 @@ class Served(Case):
         self.addCleanup(self.running.stderr.close)
         self.addCleanup(self.running.wait)
         self.addCleanup(self.running.kill)
+        # It asks each second whether the volume is there, from when its window is.
+        end = time.monotonic() + PATIENCE
+        while ".zattrs" not in self.log.read_text() and time.monotonic() < end:
+            time.sleep(0.05)
+        time.sleep(2.0)
         return summary
 
-    def ends(self, summary):
-        said = self.running.communicate(timeout=PATIENCE)[1]
-        return json.loads(summary.read_text()), said
+    def ends(self, how, seconds, told_within=None):
+        """Its faults where the server meets with `how` while it is felt; once more where the machine kept the
+        loop from its core."""
+        for _ in range(5):
+            summary = self.on_time(seconds)
+            how()
+            begin = time.monotonic()
+            told_after = None
+            for line in self.running.stderr:
+                if "the volume is not there any more" in line and told_after is None:
+                    told_after = time.monotonic() - begin
+            self.running.wait(timeout=PATIENCE)
+            self.kill(signal.SIGKILL)
+            self.server.wait()
+            faults = json.loads(summary.read_text())["faults"]
+            if "late" not in faults:
+                break
+            self.serve()
+        if told_within is not None:
+            self.assertLess(told_after, told_within)
+        return faults
 
     def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
-        summary = self.on_time(9)
-        time.sleep(2.5)
-        killed = time.monotonic()
-        self.kill(signal.SIGKILL)
-        told, said = self.ends(summary)
-        self.assertEqual(told["fault"], "volume", said)
-        self.assertLess(time.monotonic() - killed, 9)
-        self.assertIn("the volume is not there any more", said)
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
 
     def test_a_server_that_stops_answering_does_too(self):
-        summary = self.on_time(12)
-        time.sleep(2.5)
-        self.kill(signal.SIGSTOP)
-        told, said = self.ends(summary)
-        self.kill(signal.SIGCONT)
-        self.assertEqual(told["fault"], "volume", said)
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
 
     def test_one_that_hesitates_does_not(self):
-        summary = self.on_time(8)
-        time.sleep(2.5)
-        self.kill(signal.SIGSTOP)
-        time.sleep(1.0)
-        self.kill(signal.SIGCONT)
-        told, said = self.ends(summary)
-        self.assertNotIn("fault", {key for key, value in told.items() if value not in (None, "none")}, said)
+        def hesitate():
+            self.kill(signal.SIGSTOP)
+            time.sleep(1.0)
+            self.kill(signal.SIGCONT)
+        self.assertEqual(self.ends(hesitate, 8), {})
 
 
 class Wrong(Case):
@@ -245,12 +261,12 @@ class Wrong(Case):
         self.assertGreater(told["coarse_share"], 0.1)
         self.assertGreater(told["bricks"]["bowl"]["failed"], 0)
         self.assertIn(says, said)
-        self.assertGreater(max(float(row["fz"]) for row in rows), 0.1)
+        self.assertGreater(max(float(row["force_z"]) for row in rows), 0.1)
 
     def test_a_brick_that_is_wrong_is_felt_coarsely(self):
         self.of_brick(lambda of: of.give(b"", 404), "it is missing")
         self.of_brick(lambda of: of.give(b"", 500), "the server answers 500")
-        self.of_brick(lambda of: of.give(b"y" * 10), "shorter")
+        self.of_brick(lambda of: of.give(b"y" * 10), "it has 10 bytes, not the ")
         self.of_brick(lambda of: of.give(b"y" * 50_000_000), "longer than its manifest says")
 
         def changed(of):
