@@ -255,8 +255,8 @@ class BrickSource {
   /// One brick, now, beside all that is wanted.
   [[nodiscard]] virtual BrickArrival read(const BrickId& id, std::span<std::byte> slot) = 0;
 
-  /// How long a brick takes from the begin of its fetch on, lately: who looks ahead looks so much
-  /// farther. 0: no time that counts.
+  /// How long a brick takes from the begin of its fetch on, lately: who looks ahead looks farther
+  /// by some of these. 0: no time that counts.
   [[nodiscard]] virtual std::chrono::duration<double> delay() const { return {}; }
 };
 

@@ -485,6 +485,58 @@ TEST_CASE("all of the box about a brick is there, and what is far from the rest 
   CHECK(held > 1000);
 }
 
+namespace {
+
+/// Bricks of a folder that are said to take a second, and what is wanted of them.
+class FarBricks final : public BrickSource {
+ public:
+  explicit FarBricks(const std::filesystem::path& folder, double delay)
+      : of_(folder), delay_(delay) {}
+  [[nodiscard]] const BrickManifest& manifest() const noexcept override { return of_.manifest(); }
+  void want(std::vector<BrickWish> wishes) override {
+    for (const BrickWish& wish : wishes) {
+      if (wish.id.level == 0) farthest_ = std::max<int>(farthest_, wish.id.at[0]);
+    }
+    of_.want(std::move(wishes));
+  }
+  [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
+                                                 std::chrono::milliseconds patience) override {
+    return of_.next(slot, patience);
+  }
+  [[nodiscard]] bool isThere() override { return of_.isThere(); }
+  [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override {
+    return of_.read(id, slot);
+  }
+  [[nodiscard]] std::chrono::duration<double> delay() const override {
+    return std::chrono::duration<double>(delay_);
+  }
+  [[nodiscard]] int farthest() const { return farthest_; }
+
+ private:
+  PosixBricks of_;
+  double delay_;
+  std::atomic<int> farthest_{0};
+};
+
+}  // namespace
+
+TEST_CASE("where bricks take long to come a hand's way is looked ahead farther", "[bricks]") {
+  const TemporaryFolder folder;
+  (void)writeBricks(folder / "bricks",
+                    formulaBricks("ramp", {639, 63, 63}, [](const VoxelAt& at) { return at[0]; }));
+  const auto farthest = [&](double delay) {
+    auto source = std::make_unique<FarBricks>(folder / "bricks", delay);
+    const FarBricks& of = *source;
+    const BrickWindow window(std::move(source), {budgetOf(60), 0.1, false});
+    // A brick a second.
+    window.aim(0, {Vec3(32.0, 32.0, 32.0), Vec3(32.0, 32.0, 32.0), Vec3(64.0, 0.0, 0.0)});
+    REQUIRE(window.settle(20.0));
+    return of.farthest();
+  };
+  CHECK(farthest(0.0) == 2);
+  CHECK(farthest(1.0) == 5);
+}
+
 TEST_CASE("what cannot be had is tried again ever more rarely", "[bricks]") {
   using std::chrono::seconds;
   detail::Retries<int> of;

@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR.
+"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR RELAY.
 
-Apache serves what is right; a server of Python's, what is not. All on this machine's loopback.
+Apache serves what is right; a server of Python's, what is not. All on this machine's loopback, or in
+networks of their own with a relay between them.
 """
 import csv
 import functools
 import http.server
 import json
+import math
 import os
 import shutil
 import signal
@@ -23,6 +25,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from refusals import refusal  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]) / "palpate")
+RELAY = str(Path(sys.argv[2]).resolve())
 APACHE = shutil.which("apache2", path=os.environ.get("PATH", "") + ":/usr/sbin")
 MODULES = "/usr/lib/apache2/modules"
 PATIENCE = 60  # s
@@ -123,37 +126,42 @@ class Case(unittest.TestCase):
         self.assertIn(says, line)
 
 
+def apache(home, folder, address):
+    """What serves a folder, in the foreground."""
+    home.mkdir()
+    user = "User www-data\nGroup www-data" if os.getuid() == 0 else ""
+    (home / "conf").write_text(f"""
+        LoadModule mpm_event_module {MODULES}/mod_mpm_event.so
+        LoadModule authz_core_module {MODULES}/mod_authz_core.so
+        ServerRoot {home}
+        ServerName palpate
+        Listen {address}
+        PidFile {home}/pid
+        DefaultRuntimeDir {home}
+        Mutex file:{home} default
+        ErrorLog {home}/error.log
+        CustomLog {home}/access.log "%r"
+        {user}
+        DocumentRoot {folder}
+        StartServers 1
+        <Directory {folder}>
+            Require all granted
+        </Directory>""")
+    return [APACHE, "-D", "FOREGROUND", "-f", str(home / "conf")]
+
+
 class Served(Case):
     def setUp(self):
         self.port = free_port()
-        self.home = home = self.dir / f"apache{self.port}"
-        home.mkdir()
-        (home / "conf").write_text(f"""
-            LoadModule mpm_event_module {MODULES}/mod_mpm_event.so
-            LoadModule authz_core_module {MODULES}/mod_authz_core.so
-            ServerRoot {home}
-            ServerName 127.0.0.1
-            Listen 127.0.0.1:{self.port}
-            PidFile {home}/pid
-            DefaultRuntimeDir {home}
-            Mutex file:{home} default
-            ErrorLog {home}/error.log
-            CustomLog {home}/access.log "%r"
-            {"User www-data" if os.getuid() == 0 else ""}
-            {"Group www-data" if os.getuid() == 0 else ""}
-            DocumentRoot {self.dir}
-            StartServers 1
-            <Directory {self.dir}>
-                Require all granted
-            </Directory>""")
-        self.log = home / "access.log"
+        self.home = self.dir / f"apache{self.port}"
+        self.log = self.home / "access.log"
+        self.command = apache(self.home, self.dir, f"127.0.0.1:{self.port}")
         self.serve()
         self.address = f"http://127.0.0.1:{self.port}/bowl"
 
     def serve(self):
         self.log.write_text("")
-        self.server = subprocess.Popen([APACHE, "-D", "FOREGROUND", "-f", str(self.home / "conf")],
-                                       start_new_session=True, stderr=subprocess.DEVNULL)
+        self.server = subprocess.Popen(self.command, start_new_session=True, stderr=subprocess.DEVNULL)
         self.addCleanup(self.server.wait)
         self.addCleanup(self.kill, signal.SIGKILL)
         end = time.monotonic() + PATIENCE
@@ -242,6 +250,68 @@ class Served(Case):
         self.assertEqual(self.ends(hesitate, 8), {})
 
 
+class Far(Case):
+    """Server and hand in networks of their own, and between them a way of 5 ms that loses one packet in a hundred."""
+
+    def felt(self, seed, *relay, during=None):
+        """The summary of a hand that goes round in the bowl, on time; its recording is far.rec."""
+        home = self.dir / f"far{seed}"
+        rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
+        for i in range(1, 60):
+            way = 2 * math.pi * i / 60 + math.pi / 4
+            rows.append((1 + i / 10, 0.014 * math.cos(way), 0.014 * math.sin(way), -0.02))
+        (self.dir / "round.csv").write_text(
+            "t,x,y,z\n" + "".join(",".join(f"{number:.6f}" for number in row) + "\n" for row in rows))
+        feel = [PALPATE, "feel", str(self.scene("http://10.77.0.1:8080/bowl")), "--device",
+                f"path:{self.dir / 'round.csv'}", "--realtime", "--summary", str(self.dir / "far.json"), "--record",
+                str(self.dir / "far.rec")]
+        serve = apache(home, self.dir, "10.77.0.1:8080")
+        running = subprocess.Popen(
+            [RELAY, "--delay-ms", "5", "--seed", str(seed), "--seconds", "60", *relay, "--", *serve, "--",
+             "sh", "-c", "sleep 1; exec \"$@\"", "sh", *feel], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(running.stderr.close)
+        self.addCleanup(running.wait)
+        self.addCleanup(running.kill)
+        if during is not None:
+            during(running, home / "access.log")
+        said = running.communicate(timeout=2 * PATIENCE)[1]
+        if running.returncode == 77:
+            self.skipTest(said)
+        self.assertTrue((self.dir / "far.json").exists(), said)
+        told = json.loads((self.dir / "far.json").read_text())
+        (self.dir / "far.json").unlink()
+        return told, json.loads(said.splitlines()[-1])
+
+    def test_what_comes_from_afar_is_felt_to_the_last_bit(self):
+        for seed in range(5):
+            told, way = self.felt(seed, "--loss", "0.01")
+            if "late" not in told["faults"]:
+                break
+        self.assertEqual(told["faults"], {})
+        self.assertGreater(way["from_one"]["lost"], 10)
+        self.assertGreater(told["force_max"], 1)
+        self.assertLess(told["coarse_share"], 0.05)
+        here = self.dir / "here.rec"
+        (self.dir / "far.scene").write_text(self.scene(str(self.dir / "bowl")).read_text())
+        run("feel", self.dir / "far.scene", "--device", f"replay:{self.dir / 'far.rec'}", "--record", here)
+        # 1: they differ, in what was walked of levels that had not come.
+        said = run("compare", self.dir / "far.rec", here, status=None).stdout
+        self.assertIn("force     by 0 N at most, proxy by 0 mm", said)
+
+    def test_a_way_that_parts_cuts_the_force(self):
+        def part(running, log):
+            end = time.monotonic() + PATIENCE
+            while not (log.exists() and ".zattrs" in log.read_text()) and time.monotonic() < end:
+                time.sleep(0.05)
+            running.send_signal(signal.SIGUSR1)
+        for seed in range(10, 15):
+            told, way = self.felt(seed, during=part)
+            if "late" not in told["faults"]:
+                break
+        self.assertEqual(told["faults"], {"volume": 1})
+        self.assertGreater(way["from_other"]["lost"], 0)
+
+
 class Wrong(Case):
     """What comes over a wire may be anything."""
 
@@ -303,4 +373,4 @@ if __name__ == "__main__":
     if APACHE is None:
         print("http_test: skipped: needs apache2-bin")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1] + sys.argv[2:], verbosity=2)
+    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)
