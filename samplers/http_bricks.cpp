@@ -7,8 +7,8 @@
 #include <cstddef>
 #include <cstring>
 #include <curl/curl.h>
-#include <deque>
 #include <mutex>
+#include <new>
 #include <thread>
 #include <utility>
 
@@ -31,27 +31,41 @@ constexpr double kDelays = 8.0;
 /// How long the thread sleeps where nothing wakes it.
 constexpr int kTurnMs = 100;
 
+constexpr const char* kNoMemory = "there is no memory for it";
+
 /// A request: where its answer goes, and how it went.
 struct Request {
-  explicit Request(std::size_t at_most) : limit(at_most) {}
-
   std::vector<std::byte> body;
-  std::size_t limit;      ///< Longer answers are cut off.
-  bool too_long = false;  ///< It was.
-  long code = 0;          ///< Of HTTP; 0: there was no answer.
-  std::string error;      ///< Why there was none, or not all of it.
+  std::size_t limit = 0;        ///< Longer answers are cut off.
+  bool too_long = false;        ///< It was.
+  long code = 0;                ///< Of HTTP; 0: there was no answer.
+  const char* error = nullptr;  ///< Why there was none, or not all of it.
+
+  void begin(std::size_t at_most) noexcept {
+    body.clear();
+    limit = at_most;
+    too_long = false;
+    code = 0;
+    error = nullptr;
+  }
 };
 
-std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void* to) {
+/// libcurl's: nothing is thrown through it.
+std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void* to) noexcept {
   auto& request = *static_cast<Request*>(to);
   const std::size_t more = size * count;
   if (more > request.limit - request.body.size()) {
     request.too_long = true;
     return 0;
   }
-  const auto* first = reinterpret_cast<const std::byte*>(bytes);
-  request.body.insert(request.body.end(), first, first + more);
-  return more;
+  try {
+    const auto* first = reinterpret_cast<const std::byte*>(bytes);
+    request.body.insert(request.body.end(), first, first + more);
+    return more;
+  } catch (const std::bad_alloc&) {
+    request.error = kNoMemory;
+    return 0;
+  }
 }
 
 struct EndsEasy {
@@ -94,13 +108,16 @@ void aim(CURL* easy, const std::string& url, Request& request) {
 
 void conclude(CURL* easy, CURLcode how, Request& request) {
   curl_easy_getinfo(easy, CURLINFO_RESPONSE_CODE, &request.code);
-  if (how != CURLE_OK && !request.too_long) request.error = curl_easy_strerror(how);
+  if (how == CURLE_OK || request.too_long || request.error != nullptr) return;
+  request.error = curl_easy_strerror(how);  // lasts
 }
 
 /// What an answer is worth as a brick's object.
 BrickVerdict verdictOf(const Request& of) {
   if (of.too_long) return {BrickStatus::kCut, "it is longer than its manifest says"};
-  if (!of.error.empty()) return {BrickStatus::kUnreadable, "it does not come (" + of.error + ")"};
+  if (of.error != nullptr) {
+    return {BrickStatus::kUnreadable, std::string("it does not come (") + of.error + ")"};
+  }
   if (of.code == 404 || of.code == 410) return {BrickStatus::kMissing, "it is missing"};
   if (of.code != 200) {
     return {BrickStatus::kUnreadable, "the server answers " + std::to_string(of.code)};
@@ -118,9 +135,8 @@ struct HttpBricks::State {
     if (thread.joinable()) thread.join();
   }
 
-  /// A brick on its way, or come.
+  /// A brick on its way, or come; used over and over.
   struct Fetch {
-    explicit Fetch(std::size_t limit) : request(limit) {}
     BrickId id;
     BrickEntry entry;
     Request request;
@@ -131,17 +147,14 @@ struct HttpBricks::State {
 
   [[nodiscard]] std::string url(const std::string& object) const { return address + "/" + object; }
   void wakeThread() { curl_multi_wakeup(multi.get()); }
-  [[nodiscard]] Request get(const std::string& object, std::size_t limit);
+  [[nodiscard]] Request get(const std::string& object, std::size_t limit) const;
   void run();
   void beginFetches();
+  void send(Fetch& fetch, const std::string& object, std::size_t limit);
   void endFetches();
   void probe();
+  void answer();
   void come(FetchPtr fetch);
-  [[nodiscard]] Easy takeEasy();
-  void giveBack(Easy easy) {
-    const std::lock_guard lock(mutex);
-    idle.push_back(std::move(easy));
-  }
   [[nodiscard]] BrickCodec takeCodec();
   [[nodiscard]] BrickArrival arrivalOf(const BrickId& id, BrickVerdict verdict) const;
   [[nodiscard]] BrickArrival decode(const Fetch& fetch, std::span<std::byte> slot);
@@ -151,18 +164,19 @@ struct HttpBricks::State {
   Multi multi;
   std::optional<BrickManifest> manifest;
 
-  mutable std::mutex
-      mutex;  ///< Guards all down to the thread's own; not held while anything waits.
+  mutable std::mutex mutex;  ///< Guards all down to the thread's own; not held while a brick is
+                             ///< fetched or decoded.
   std::condition_variable arrived;
   Wishes wishes;
-  std::deque<FetchPtr> here;       ///< Come, and not yet taken.
+  std::vector<FetchPtr> free;      ///< As many as connections in all, here and there.
+  std::vector<FetchPtr> here;      ///< Come, and not yet taken.
   std::vector<BrickCodec> codecs;  ///< Of threads that are not in here now.
-  std::vector<Easy> idle;
   HttpState counts;
 
   // The thread's own.
   std::vector<FetchPtr> away;
-  FetchPtr asked;  ///< Whether the volume is there.
+  Fetch asker;  ///< Whether the volume is there.
+  bool asking = false;
   Clock::time_point asked_at;
 
   std::atomic<bool> there{true};
@@ -193,28 +207,24 @@ HttpBricks::State::State(const std::string& to, const HttpParams& how) : address
                       "check the address, the server and the way to it");
   }
   manifest = BrickManifest::parse(file.body, url(kBrickManifestFile));
+  // The thread is to need no memory but libcurl's, which says so.
+  for (int i = 0; i < params.connections; ++i) {
+    free.push_back(std::make_unique<Fetch>());
+    free.back()->easy = makeEasy(params);
+  }
+  away.reserve(free.size());
+  here.reserve(free.size());
+  asker.easy = makeEasy(params);
   thread = std::thread([this] { run(); });
 }
 
-Easy HttpBricks::State::takeEasy() {
-  {
-    const std::lock_guard lock(mutex);
-    if (!idle.empty()) {
-      Easy easy = std::move(idle.back());
-      idle.pop_back();
-      return easy;
-    }
-  }
-  return makeEasy(params);
-}
-
-/// An object, by the caller's own connection.
-Request HttpBricks::State::get(const std::string& object, std::size_t limit) {
-  Request request(limit);
-  Easy easy = takeEasy();
+/// An object, by a connection of the caller's.
+Request HttpBricks::State::get(const std::string& object, std::size_t limit) const {
+  Request request;
+  request.begin(limit);
+  const Easy easy = makeEasy(params);
   aim(easy.get(), url(object), request);
   conclude(easy.get(), curl_easy_perform(easy.get()), request);
-  giveBack(std::move(easy));
   return request;
 }
 
@@ -266,38 +276,52 @@ void HttpBricks::State::come(FetchPtr fetch) {
       counts.objects += whole ? 1 : 0;
       counts.failed += whole ? 0 : 1;
       counts.bytes += whole ? fetch->request.body.size() : 0;
-      if (whole) counts.delay += (took.count() - counts.delay) / kDelays;
+      const double share = counts.objects == 1 ? 1.0 : 1.0 / kDelays;
+      if (whole) counts.delay += share * (took.count() - counts.delay);
     }
     here.push_back(std::move(fetch));
   }
   arrived.notify_one();
 }
 
+/// Asks for an object; where that fails at once request.error says so.
+void HttpBricks::State::send(Fetch& fetch, const std::string& object, std::size_t limit) {
+  CURL* const easy = fetch.easy.get();
+  fetch.request.begin(limit);
+  aim(easy, url(object), fetch.request);
+  curl_easy_setopt(easy, CURLOPT_PRIVATE, &fetch);
+  const CURLMcode how = curl_multi_add_handle(multi.get(), easy);
+  if (how != CURLM_OK) fetch.request.error = curl_multi_strerror(how);
+}
+
 /// As many as there are connections, and no more than are taken.
 void HttpBricks::State::beginFetches() {
-  const auto connections = static_cast<std::size_t>(params.connections);
-  while (away.size() < connections) {
-    BrickId id;
+  while (true) {
+    FetchPtr fetch;
     {
       const std::lock_guard lock(mutex);
-      if (wishes.empty() || here.size() >= connections) return;
-      id = wishes.begin();
+      if (wishes.empty() || free.empty()) return;
+      fetch = std::move(free.back());
+      free.pop_back();
+      fetch->id = wishes.begin();
     }
-    const bool known = manifest->has(id);
-    const BrickEntry entry = known ? manifest->entry(id) : BrickEntry{};
-    auto fetch = std::make_unique<Fetch>(entry.bytes);
-    fetch->id = id;
-    fetch->entry = entry;
+    const bool known = manifest->has(fetch->id);
+    fetch->entry = known ? manifest->entry(fetch->id) : BrickEntry{};
     fetch->begun = Clock::now();
-    if (entry.kind != BrickKind::kStored) {
+    if (fetch->entry.kind != BrickKind::kStored) {
       come(std::move(fetch));
       continue;
     }
-    fetch->easy = takeEasy();
-    aim(fetch->easy.get(), url(brickObject(id, manifest->format())), fetch->request);
-    curl_easy_setopt(fetch->easy.get(), CURLOPT_PRIVATE, fetch.get());
-    curl_multi_add_handle(multi.get(), fetch->easy.get());
-    away.push_back(std::move(fetch));
+    try {
+      send(*fetch, brickObject(fetch->id, manifest->format()), fetch->entry.bytes);
+    } catch (const std::bad_alloc&) {
+      fetch->request.error = kNoMemory;
+    }
+    if (fetch->request.error != nullptr) {
+      come(std::move(fetch));
+    } else {
+      away.push_back(std::move(fetch));
+    }
   }
 }
 
@@ -311,13 +335,9 @@ void HttpBricks::State::endFetches() {
     curl_easy_getinfo(easy, CURLINFO_PRIVATE, &which);
     conclude(easy, how, which->request);
     curl_multi_remove_handle(multi.get(), easy);
-    giveBack(std::move(which->easy));
-    if (asked && asked.get() == which) {
-      const Request& answer = asked->request;
-      const std::string text(reinterpret_cast<const char*>(answer.body.data()), answer.body.size());
-      there = verdictOf(answer).status == BrickStatus::kArrived &&
-              BrickFacts::identityIn(text) == manifest->identity();
-      asked.reset();
+    if (which == &asker) {
+      asking = false;
+      answer();
       continue;
     }
     const auto found = std::find_if(away.begin(), away.end(),
@@ -328,19 +348,33 @@ void HttpBricks::State::endFetches() {
   }
 }
 
+/// Whether what answers is this volume.
+void HttpBricks::State::answer() {
+  const Request& of = asker.request;
+  if (of.error == kNoMemory) return;  // nothing is known
+  try {
+    const std::string text(reinterpret_cast<const char*>(of.body.data()), of.body.size());
+    there = verdictOf(of).status == BrickStatus::kArrived &&
+            BrickFacts::identityIn(text) == manifest->identity();
+  } catch (const std::bad_alloc&) {
+    return;
+  }
+}
+
 /// Asks once at a time whether the volume is there; who does not answer is not.
 void HttpBricks::State::probe() {
-  if (asked) {
+  if (asking) {
     if (Clock::now() - asked_at > params.silent) there = false;
     return;
   }
   if (!ask.exchange(false)) return;
-  asked = std::make_unique<Fetch>(kLongestAttributes);
   asked_at = Clock::now();
-  asked->easy = takeEasy();
-  aim(asked->easy.get(), url(kBrickAttributesFile), asked->request);
-  curl_easy_setopt(asked->easy.get(), CURLOPT_PRIVATE, asked.get());
-  curl_multi_add_handle(multi.get(), asked->easy.get());
+  try {
+    send(asker, kBrickAttributesFile, kLongestAttributes);
+    asking = asker.request.error == nullptr;
+  } catch (const std::bad_alloc&) {
+    return;
+  }
 }
 
 void HttpBricks::State::run() {
@@ -353,7 +387,7 @@ void HttpBricks::State::run() {
     curl_multi_poll(multi.get(), nullptr, 0, kTurnMs, nullptr);
   }
   for (const FetchPtr& fetch : away) curl_multi_remove_handle(multi.get(), fetch->easy.get());
-  if (asked) curl_multi_remove_handle(multi.get(), asked->easy.get());
+  if (asking) curl_multi_remove_handle(multi.get(), asker.easy.get());
 }
 
 HttpBricks::HttpBricks(const std::string& address, const HttpParams& params)
@@ -383,17 +417,21 @@ std::optional<BrickArrival> HttpBricks::next(std::span<std::byte> slot,
       return std::nullopt;
     }
     fetch = std::move(state_->here.front());
-    state_->here.pop_front();
+    state_->here.erase(state_->here.begin());
   }
-  state_->wakeThread();  // there is room for another one
-  BrickArrival arrival =
-      manifest().has(fetch->id)
-          ? state_->decode(*fetch, slot)
-          : state_->arrivalOf(fetch->id,
-                              {BrickStatus::kUnknown, "there is no such place in its pyramid"});
-  const std::lock_guard lock(state_->mutex);
-  state_->wishes.end(fetch->id);
-  return arrival;
+  // Whatever becomes of it, there is room for another one.
+  const auto end = [&](State* state) {
+    {
+      const std::lock_guard lock(state->mutex);
+      state->wishes.end(fetch->id);
+      state->free.push_back(std::move(fetch));
+    }
+    state->wakeThread();
+  };
+  const std::unique_ptr<State, decltype(end)> ended(state_.get(), end);
+  if (manifest().has(fetch->id)) return state_->decode(*fetch, slot);
+  return state_->arrivalOf(fetch->id,
+                           {BrickStatus::kUnknown, "there is no such place in its pyramid"});
 }
 
 bool HttpBricks::isThere() {
@@ -407,7 +445,7 @@ BrickArrival HttpBricks::read(const BrickId& id, std::span<std::byte> slot) {
   if (!manifest().has(id)) {
     return state_->arrivalOf(id, {BrickStatus::kUnknown, "there is no such place in its pyramid"});
   }
-  State::Fetch fetch(0);
+  State::Fetch fetch;
   fetch.id = id;
   fetch.entry = manifest().entry(id);
   if (fetch.entry.kind == BrickKind::kStored) {

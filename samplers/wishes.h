@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
 #include <set>
@@ -18,6 +19,9 @@ namespace palpate {
 /// at once.
 class Wishes {
  public:
+  /// begin() takes no memory for so many at a time.
+  explicit Wishes(std::size_t at_once = 64) { begun_.reserve(at_once); }
+
   /// In place of the list before; less what has been begun.
   void set(std::vector<BrickWish> wishes) {
     // What is no number is the least urgent, and in an order all the same.
