@@ -312,9 +312,31 @@ std::vector<std::byte> BrickFacts::file() const {
   return bytes;
 }
 
+namespace {
+
+/// JSON of others: none is so deep that what walks it runs out of stack.
+template <class... Text>
+Json parseText(Text... text) {
+  constexpr int kDeepest = 64;
+  return Json::parse(text..., [](int depth, Json::parse_event_t /*event*/, Json& /*parsed*/) {
+    if (depth > kDeepest) throw std::range_error("it is too deep");
+    return true;
+  });
+}
+
+}  // namespace
+
+std::size_t BrickFacts::headOf(std::span<const std::byte> manifest) noexcept {
+  std::uint32_t size = 0;
+  constexpr std::size_t kBefore = kMagic.size() + sizeof size;
+  if (manifest.size() < kBefore) return manifest.size();
+  std::memcpy(&size, manifest.data() + kMagic.size(), sizeof size);
+  return kBefore + size;
+}
+
 std::uint64_t BrickFacts::identityIn(const std::string& attributes) noexcept {
   try {
-    return Reading::hexadecimal(Json::parse(attributes).at("palpate").at("identity"));
+    return Reading::hexadecimal(parseText(attributes).at("palpate").at("identity"));
   } catch (const std::exception&) {
     return 0;
   }
@@ -352,7 +374,7 @@ BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::str
   GridInfo& info = manifest.info_;
   try {
     const auto* begin = reinterpret_cast<const char*>(text.data());  // NOLINT: text
-    const Json json = Json::parse(begin, begin + text.size());
+    const Json json = parseText(begin, begin + text.size());
     const Reading facts(json);
     if (Reading::whole(facts.at("bricks")) != kVersion) {
       throw std::range_error("it is of another version");

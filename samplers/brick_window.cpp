@@ -183,7 +183,7 @@ BrickWindow::Pool::Pool(const BrickManifest& manifest, const WindowParams& param
   slots = params.budget > besides ? (params.budget - besides) / brick : 0;
   slots = std::min<std::uint64_t>(slots, stored);
   const std::uint64_t least = std::min(stored, levels.back().bricks() + kLeastSlots);
-  if (slots < least) {
+  if (slots < least || params.budget < besides) {
     throw VolumeError(
         manifest.info().name,
         "a window of " + std::to_string(params.budget >> 20U) + " MB holds " +

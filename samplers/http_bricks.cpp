@@ -5,6 +5,7 @@
 #include <cassert>
 #include <condition_variable>
 #include <cstddef>
+#include <cstdint>
 #include <cstring>
 #include <curl/curl.h>
 #include <mutex>
@@ -22,10 +23,12 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-/// No manifest is longer: 36 bytes a brick, of 2^28 bricks.
-constexpr std::size_t kLongestManifest = std::size_t{36} << 28U;
-/// Nor are its attributes.
-constexpr std::size_t kLongestAttributes = 1U << 20U;
+/// No manifest is longer [bytes]: 36 bytes a brick, of 30 million.
+constexpr std::size_t kLongestManifest = std::size_t{1} << 30U;
+/// By so much of its manifest a volume is known again [bytes]: what it says of itself.
+constexpr std::size_t kLongestHead = std::size_t{64} << 10U;
+/// What cannot be compressed is longer by no more than this [bytes].
+constexpr std::size_t kMostAround = std::size_t{64} << 10U;
 /// A delay is smoothed over so many bricks.
 constexpr double kDelays = 8.0;
 /// How long the thread sleeps where nothing wakes it.
@@ -40,6 +43,7 @@ struct Request {
   bool too_long = false;        ///< It was.
   long code = 0;                ///< Of HTTP; 0: there was no answer.
   const char* error = nullptr;  ///< Why there was none, or not all of it.
+  Clock::time_point last;       ///< When something came, or it was asked for.
 
   void begin(std::size_t at_most) noexcept {
     body.clear();
@@ -47,6 +51,10 @@ struct Request {
     too_long = false;
     code = 0;
     error = nullptr;
+    last = Clock::now();
+  }
+  [[nodiscard]] bool isWhole() const noexcept {
+    return code == 200 && !too_long && error == nullptr;
   }
 };
 
@@ -54,14 +62,13 @@ struct Request {
 std::size_t receive(const char* bytes, std::size_t size, std::size_t count, void* to) noexcept {
   auto& request = *static_cast<Request*>(to);
   const std::size_t more = size * count;
-  if (more > request.limit - request.body.size()) {
-    request.too_long = true;
-    return 0;
-  }
+  const std::size_t kept = std::min(more, request.limit - request.body.size());
+  request.last = Clock::now();
+  request.too_long = kept < more;
   try {
     const auto* first = reinterpret_cast<const std::byte*>(bytes);
-    request.body.insert(request.body.end(), first, first + more);
-    return more;
+    request.body.insert(request.body.end(), first, first + kept);
+    return kept;
   } catch (const std::bad_alloc&) {
     request.error = kNoMemory;
     return 0;
@@ -89,15 +96,17 @@ Easy makeEasy(const HttpParams& params) {
   CURL* const of = easy.get();
   curl_easy_setopt(of, CURLOPT_PROTOCOLS_STR, "http,https");
   curl_easy_setopt(of, CURLOPT_FOLLOWLOCATION, 0L);
+  curl_easy_setopt(of, CURLOPT_DISALLOW_USERNAME_IN_URL, 1L);
+  // By HTTP/2 all would go by one connection, also after it has died.
+  curl_easy_setopt(of, CURLOPT_HTTP_VERSION, static_cast<long>(CURL_HTTP_VERSION_1_1));
   curl_easy_setopt(of, CURLOPT_NOSIGNAL, 1L);
   curl_easy_setopt(of, CURLOPT_USERAGENT, "palpate");
   curl_easy_setopt(of, CURLOPT_WRITEFUNCTION, &receive);
   curl_easy_setopt(of, CURLOPT_CONNECTTIMEOUT_MS, static_cast<long>(params.connect.count()));
   curl_easy_setopt(of, CURLOPT_TIMEOUT_MS, static_cast<long>(params.longest.count()));
-  // A byte a second is none.
-  const auto seconds = std::chrono::ceil<std::chrono::seconds>(params.stalled).count();
-  curl_easy_setopt(of, CURLOPT_LOW_SPEED_LIMIT, 1'000L);
-  curl_easy_setopt(of, CURLOPT_LOW_SPEED_TIME, static_cast<long>(std::max<long>(seconds, 1)));
+#if LIBCURL_VERSION_NUM >= 0x075700
+  curl_easy_setopt(of, CURLOPT_QUICK_EXIT, 1L);  // also while a name is looked up
+#endif
   return easy;
 }
 
@@ -114,15 +123,13 @@ void conclude(CURL* easy, CURLcode how, Request& request) {
 
 /// What an answer is worth as a brick's object.
 BrickVerdict verdictOf(const Request& of) {
-  if (of.too_long) return {BrickStatus::kCut, "it is longer than its manifest says"};
-  if (of.error != nullptr) {
-    return {BrickStatus::kUnreadable, std::string("it does not come (") + of.error + ")"};
-  }
+  if (of.isWhole()) return {};
   if (of.code == 404 || of.code == 410) return {BrickStatus::kMissing, "it is missing"};
-  if (of.code != 200) {
+  if (of.code != 0 && of.code != 200) {
     return {BrickStatus::kUnreadable, "the server answers " + std::to_string(of.code)};
   }
-  return {};
+  if (of.too_long) return {BrickStatus::kCut, "it is longer than its manifest says"};
+  return {BrickStatus::kUnreadable, std::string("it does not come (") + of.error + ")"};
 }
 
 }  // namespace
@@ -145,6 +152,10 @@ struct HttpBricks::State {
   };
   using FetchPtr = std::unique_ptr<Fetch>;
 
+  /// How long a brick's object may be, whatever its manifest says [bytes].
+  [[nodiscard]] std::size_t longest(const BrickEntry& entry) const {
+    return std::min<std::size_t>(entry.bytes, manifest->format().bytes() + kMostAround);
+  }
   [[nodiscard]] std::string url(const std::string& object) const { return address + "/" + object; }
   void wakeThread() { curl_multi_wakeup(multi.get()); }
   [[nodiscard]] Request get(const std::string& object, std::size_t limit) const;
@@ -152,6 +163,7 @@ struct HttpBricks::State {
   void beginFetches();
   void send(Fetch& fetch, const std::string& object, std::size_t limit);
   void endFetches();
+  void endStalled();
   void probe();
   void answer();
   void come(FetchPtr fetch);
@@ -163,6 +175,8 @@ struct HttpBricks::State {
   HttpParams params;
   Multi multi;
   std::optional<BrickManifest> manifest;
+  std::vector<std::byte> head;  ///< Of the manifest, as it was.
+  std::string range;            ///< Of it.
 
   mutable std::mutex mutex;  ///< Guards all down to the thread's own; not held while a brick is
                              ///< fetched or decoded.
@@ -176,11 +190,10 @@ struct HttpBricks::State {
   // The thread's own.
   std::vector<FetchPtr> away;
   Fetch asker;  ///< Whether the volume is there.
-  bool asking = false;
-  Clock::time_point asked_at;
 
   std::atomic<bool> there{true};
   std::atomic<bool> ask{false};
+  std::atomic<std::int64_t> asked{0};  ///< Since when it has not answered [ns]; 0: it is not asked.
   std::atomic<bool> stop{false};
   std::thread thread;
 };
@@ -207,6 +220,9 @@ HttpBricks::State::State(const std::string& to, const HttpParams& how) : address
                       "check the address, the server and the way to it");
   }
   manifest = BrickManifest::parse(file.body, url(kBrickManifestFile));
+  const auto known = std::min({file.body.size(), BrickFacts::headOf(file.body), kLongestHead});
+  head.assign(file.body.begin(), file.body.begin() + static_cast<std::ptrdiff_t>(known));
+  range = "0-" + std::to_string(known - 1);
   // The thread is to need no memory but libcurl's, which says so.
   for (int i = 0; i < params.connections; ++i) {
     free.push_back(std::make_unique<Fetch>());
@@ -215,6 +231,8 @@ HttpBricks::State::State(const std::string& to, const HttpParams& how) : address
   away.reserve(free.size());
   here.reserve(free.size());
   asker.easy = makeEasy(params);
+  asker.request.body.reserve(head.size());
+  curl_easy_setopt(asker.easy.get(), CURLOPT_RANGE, range.c_str());
   thread = std::thread([this] { run(); });
 }
 
@@ -223,6 +241,12 @@ Request HttpBricks::State::get(const std::string& object, std::size_t limit) con
   Request request;
   request.begin(limit);
   const Easy easy = makeEasy(params);
+  // What is long may take long, while it goes on.
+  curl_easy_setopt(easy.get(), CURLOPT_TIMEOUT_MS, 0L);
+  const auto seconds = std::chrono::ceil<std::chrono::seconds>(params.stalled).count();
+  curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_LIMIT, 1'000L);
+  curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_TIME, std::max(1L, static_cast<long>(seconds)));
+  curl_easy_setopt(easy.get(), CURLOPT_MAXFILESIZE_LARGE, static_cast<curl_off_t>(limit));
   aim(easy.get(), url(object), request);
   conclude(easy.get(), curl_easy_perform(easy.get()), request);
   return request;
@@ -272,7 +296,7 @@ void HttpBricks::State::come(FetchPtr fetch) {
   {
     const std::lock_guard lock(mutex);
     if (fetch->entry.kind == BrickKind::kStored) {
-      const bool whole = verdictOf(fetch->request).status == BrickStatus::kArrived;
+      const bool whole = fetch->request.isWhole();
       counts.objects += whole ? 1 : 0;
       counts.failed += whole ? 0 : 1;
       counts.bytes += whole ? fetch->request.body.size() : 0;
@@ -313,7 +337,7 @@ void HttpBricks::State::beginFetches() {
       continue;
     }
     try {
-      send(*fetch, brickObject(fetch->id, manifest->format()), fetch->entry.bytes);
+      send(*fetch, brickObject(fetch->id, manifest->format()), longest(fetch->entry));
     } catch (const std::bad_alloc&) {
       fetch->request.error = kNoMemory;
     }
@@ -336,8 +360,8 @@ void HttpBricks::State::endFetches() {
     conclude(easy, how, which->request);
     curl_multi_remove_handle(multi.get(), easy);
     if (which == &asker) {
-      asking = false;
       answer();
+      asked = 0;
       continue;
     }
     const auto found = std::find_if(away.begin(), away.end(),
@@ -348,30 +372,41 @@ void HttpBricks::State::endFetches() {
   }
 }
 
-/// Whether what answers is this volume.
-void HttpBricks::State::answer() {
-  const Request& of = asker.request;
-  if (of.error == kNoMemory) return;  // nothing is known
-  try {
-    const std::string text(reinterpret_cast<const char*>(of.body.data()), of.body.size());
-    there = verdictOf(of).status == BrickStatus::kArrived &&
-            BrickFacts::identityIn(text) == manifest->identity();
-  } catch (const std::bad_alloc&) {
-    return;
+/// What stands still makes room.
+void HttpBricks::State::endStalled() {
+  const Clock::time_point now = Clock::now();
+  for (std::size_t i = away.size(); i-- > 0;) {
+    Request& request = away[i]->request;
+    if (now - request.last <= params.stalled) continue;
+    curl_multi_remove_handle(multi.get(), away[i]->easy.get());
+    request.error = "nothing more comes";
+    FetchPtr fetch = std::move(away[i]);
+    away.erase(away.begin() + static_cast<std::ptrdiff_t>(i));
+    come(std::move(fetch));
   }
 }
 
-/// Asks once at a time whether the volume is there; who does not answer is not.
+/// Whether what answers is this volume, as it was. A server that knows no ranges gives all of the
+/// manifest, of which no more is taken.
+void HttpBricks::State::answer() {
+  const Request& of = asker.request;
+  if (of.error == kNoMemory) return;  // nothing is known
+  there = (of.code == 200 || of.code == 206) && of.body == head;
+}
+
+/// Asks once at a time whether the volume is there.
 void HttpBricks::State::probe() {
-  if (asking) {
-    if (Clock::now() - asked_at > params.silent) there = false;
+  if (asked != 0) {
+    if (Clock::now() - asker.request.last <= params.silent) return;
+    curl_multi_remove_handle(multi.get(), asker.easy.get());
+    there = false;
+    asked = 0;
     return;
   }
   if (!ask.exchange(false)) return;
-  asked_at = Clock::now();
   try {
-    send(asker, kBrickAttributesFile, kLongestAttributes);
-    asking = asker.request.error == nullptr;
+    send(asker, kBrickManifestFile, head.size());
+    if (asker.request.error == nullptr) asked = asker.request.last.time_since_epoch().count();
   } catch (const std::bad_alloc&) {
     return;
   }
@@ -384,10 +419,11 @@ void HttpBricks::State::run() {
     int running = 0;
     curl_multi_perform(multi.get(), &running);
     endFetches();
+    endStalled();
     curl_multi_poll(multi.get(), nullptr, 0, kTurnMs, nullptr);
   }
   for (const FetchPtr& fetch : away) curl_multi_remove_handle(multi.get(), fetch->easy.get());
-  if (asking) curl_multi_remove_handle(multi.get(), asker.easy.get());
+  if (asked != 0) curl_multi_remove_handle(multi.get(), asker.easy.get());
 }
 
 HttpBricks::HttpBricks(const std::string& address, const HttpParams& params)
@@ -437,7 +473,11 @@ std::optional<BrickArrival> HttpBricks::next(std::span<std::byte> slot,
 bool HttpBricks::isThere() {
   state_->ask = true;
   state_->wakeThread();
-  return state_->there;
+  // Also where the thread itself waits, as for a name.
+  const Clock::duration since(state_->asked);
+  const bool silent =
+      since.count() != 0 && Clock::now().time_since_epoch() - since > state_->params.silent;
+  return state_->there && !silent;
 }
 
 BrickArrival HttpBricks::read(const BrickId& id, std::span<std::byte> slot) {
@@ -449,7 +489,7 @@ BrickArrival HttpBricks::read(const BrickId& id, std::span<std::byte> slot) {
   fetch.id = id;
   fetch.entry = manifest().entry(id);
   if (fetch.entry.kind == BrickKind::kStored) {
-    fetch.request = state_->get(brickObject(id, manifest().format()), fetch.entry.bytes);
+    fetch.request = state_->get(brickObject(id, manifest().format()), state_->longest(fetch.entry));
   }
   return state_->decode(fetch, slot);
 }
@@ -466,7 +506,11 @@ HttpState HttpBricks::state() const {
 
 bool isAddress(std::string_view name) noexcept {
   for (const std::string_view scheme : {"http://", "https://"}) {
-    if (name.starts_with(scheme) && name.size() > scheme.size()) return true;
+    if (!name.starts_with(scheme)) continue;
+    const std::string_view rest = name.substr(scheme.size());
+    // Of objects in a folder: what a question or a name adds would stand before theirs.
+    return !rest.empty() && rest.front() != '/' &&
+           rest.find_first_of("?#@") == std::string_view::npos;
   }
   return false;
 }

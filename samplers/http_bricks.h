@@ -35,7 +35,7 @@ struct HttpState {
 /// decompresses and checks.
 ///
 /// Of the protocol it takes HTTP GET and HEAD alone: it follows no redirection, keeps no cookie,
-/// reads no password file, and no object longer than the manifest says. Whoever answers can give
+/// reads no password file, and no object longer than the manifest says or a brick can be. Whoever answers can give
 /// bricks that do not arrive, not ones that are wrong: they are checked as files are.
 class HttpBricks final : public BrickSource {
  public:
@@ -61,7 +61,7 @@ class HttpBricks final : public BrickSource {
   std::unique_ptr<State> state_;
 };
 
-/// True for what HttpBricks takes as an address.
+/// True for what HttpBricks takes as an address: a host, no user, no question.
 [[nodiscard]] bool isAddress(std::string_view name) noexcept;
 
 }  // namespace palpate

@@ -12,6 +12,10 @@ bool isRemote(const std::filesystem::path& place) noexcept {
   return name.starts_with("http://") || name.starts_with("https://");
 }
 
+std::filesystem::path absolutePlace(const std::filesystem::path& place) {
+  return isRemote(place) ? place : std::filesystem::absolute(place);
+}
+
 bool isBrickPlace(const std::filesystem::path& place) noexcept {
   return isRemote(place) || isBricks(place);
 }

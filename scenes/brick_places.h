@@ -12,6 +12,9 @@ namespace palpate {
 /// scene.
 [[nodiscard]] bool isRemote(const std::filesystem::path& place) noexcept;
 
+/// A path from the root; an address as it is.
+[[nodiscard]] std::filesystem::path absolutePlace(const std::filesystem::path& place);
+
 /// True for a folder that bricks have been written into, and for an address.
 [[nodiscard]] bool isBrickPlace(const std::filesystem::path& place) noexcept;
 

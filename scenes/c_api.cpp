@@ -12,6 +12,7 @@
 #include "palpate/devices/servo.h"
 #include "palpate/engine/error.h"
 #include "palpate/engine/version.h"
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/cli/explain_tick.h"
 #include "palpate/scenes/scene_file.h"
 
@@ -64,7 +65,7 @@ palpate::SceneSpec specFor(const palpate_hand& hand, const std::filesystem::path
 /// The scene is whole before the hand hears of it.
 void load(palpate_hand& hand, const std::filesystem::path& path) {
   auto scene = palpate::buildScene(specFor(hand, path)).scene;
-  hand.path = std::filesystem::absolute(path);
+  hand.path = palpate::absolutePlace(path);
   hand.servo.publish(std::move(scene));
 }
 

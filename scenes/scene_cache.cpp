@@ -70,8 +70,7 @@ WarpPtr SceneCache::warp(const std::vector<std::shared_ptr<const Volume>>& frame
 SceneCache::Bricks SceneCache::bricks(const std::filesystem::path& place,
                                       const WindowParams& params) {
   std::unique_ptr<BrickSource> source = openBricks(place);
-  const Opened key{isRemote(place) ? place : std::filesystem::absolute(place),
-                   source->manifest().identity(), params};
+  const Opened key{absolutePlace(place), source->manifest().identity(), params};
   if (const auto* known = bricks_.find(key)) return *known;
   const auto window = std::make_shared<const BrickWindow>(std::move(source), params);
   return bricks_.keep(key, {window, window->coarsest()});

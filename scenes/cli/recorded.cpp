@@ -14,6 +14,7 @@
 
 #include "palpate/devices/crc32c.h"
 #include "palpate/engine/error.h"
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/dials.h"
 #include "palpate/scenes/frames.h"
@@ -168,7 +169,7 @@ std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id) 
 std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,
                           const std::vector<LiveDial>& dials) {
   OrderedJson json;
-  json["file"] = fs::absolute(fs::path(file)).string();
+  json["file"] = absolutePlace(file).string();
   json["text"] = text.empty() ? OrderedJson() : OrderedJson(text);
   json["dials"] = OrderedJson::array();
   for (const LiveDial& dial : dials) json["dials"].push_back({dial.mode, dial.factor});

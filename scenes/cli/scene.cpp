@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "palpate/scenes/brick_places.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/scene_file.h"
 
@@ -33,7 +34,7 @@ void addScene(CLI::App& app, std::function<int()>& body) {
     body = [=] {
       // A scene's files are found from where it lies, which nobody knows yet.
       std::filesystem::path place(*file);
-      if (place.has_parent_path()) place = std::filesystem::absolute(place);
+      if (place.has_parent_path()) place = absolutePlace(place);
       const Guess guess = guessVdb(place, *what, showProgress("loading"));
       for (const std::string& line : guess.seen) complain("saw: " + line);
       for (const std::string& line : guess.made) complain("made: " + line);

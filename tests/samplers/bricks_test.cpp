@@ -978,6 +978,10 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
       crc32_z(0, reinterpret_cast<const Bytef*>(nested.data()), nested.size() - 4));
   std::memcpy(nested.data() + nested.size() - 4, &sum, 4);
   CHECK_THAT(refusal(nested), Contains("m: it is damaged"));
+  Json within;
+  for (int depth = 0; depth < 100; ++depth) within = Json::array({within});
+  CHECK_THAT(refusal(forged(whole, [&](Json& json) { json["metadata"] = within; })),
+             Contains("m: it is damaged"));
 
   // As a folder.
   const auto folderSays = [&] { return errorOf([&] { (void)PosixBricks(folder / "b"); }); };

@@ -324,6 +324,11 @@ TEST_CASE("a brick that cannot be had is a line, and felt coarsely", "[bricks]")
   CHECK(both.ofWindow(kVoxel * Vec3::Constant(96.0)).coarse);
   CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(20.0)).coarse);
   CHECK_THROWS_WITH(windowOf(folder / "bricks", 3), Contains("a window of") && Contains("give it"));
+  // Nor where nothing is stored: its tables need what they need.
+  (void)writeBricks(folder / "empty",
+                    formulaBricks("empty", {63, 63, 63}, [](const VoxelAt&) { return 0; }));
+  CHECK_THROWS_WITH(BrickWindow(std::make_unique<PosixBricks>(folder / "empty"), {1000}),
+                    Contains("a window of") && Contains("give it"));
 }
 
 TEST_CASE("who waits has what it asks for from the first tick on", "[bricks]") {

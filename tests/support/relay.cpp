@@ -60,15 +60,16 @@ void write(const char* file, const std::string& text) {
   if (!done) fail(file);
 }
 
-/// A network of this process alone, in which it may do what it likes.
+/// A network of this process alone, in which it may do what it likes; what it starts ends with the
+/// first of its children.
 void leaveNetworks() {
   const std::string user = "0 " + std::to_string(getuid()) + " 1";
   const std::string group = "0 " + std::to_string(getgid()) + " 1";
   if (getuid() == 0) {
-    if (unshare(CLONE_NEWNET) != 0) fail("a network of its own");
+    if (unshare(CLONE_NEWNET | CLONE_NEWPID) != 0) fail("a network of its own");
     return;
   }
-  if (unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) fail("a network of its own");
+  if (unshare(CLONE_NEWUSER | CLONE_NEWNET | CLONE_NEWPID) != 0) fail("a network of its own");
   write("/proc/self/setgroups", "deny");
   write("/proc/self/uid_map", user);
   write("/proc/self/gid_map", group);
@@ -150,6 +151,10 @@ struct End {
   int go = -1;  ///< A byte into it starts the program.
 };
 
+int statusOf(int how) {
+  return WIFEXITED(how) ? WEXITSTATUS(how) : 128 + WTERMSIG(how);
+}
+
 End begin(const std::vector<std::string>& words, const std::string& address) {
   std::array<int, 2> pair{};
   if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair.data()) != 0) fail("a pair");
@@ -167,6 +172,13 @@ End begin(const std::vector<std::string>& words, const std::string& address) {
     }
     char byte = 0;
     if (read(pair[1], &byte, 1) != 1) _exit(77);
+    // The first process of its kind takes all others along.
+    const pid_t first = fork();
+    if (first != 0) {
+      int how = 0;
+      _exit(first > 0 && waitpid(first, &how, 0) == first ? statusOf(how) : 77);
+    }
+    prctl(PR_SET_PDEATHSIG, SIGKILL);
     std::vector<char*> argv;
     for (const std::string& word : words) argv.push_back(const_cast<char*>(word.c_str()));
     argv.push_back(nullptr);
@@ -262,10 +274,6 @@ void drain(int tun, Way& way, Clock::time_point now) {
     if (got <= 0) return;
     way.take(std::string(packet.data(), static_cast<std::size_t>(got)), now);
   }
-}
-
-int statusOf(int how) {
-  return WIFEXITED(how) ? WEXITSTATUS(how) : 128 + WTERMSIG(how);
 }
 
 int relay(const Badness& of, double seconds, const std::vector<std::string>& one,
