@@ -49,6 +49,8 @@ class BrickFacts {
 
   /// The identity that attributes say; 0 where there is none.
   [[nodiscard]] static std::uint64_t identityIn(const std::string& attributes) noexcept;
+  /// How much of a manifest's begin is what it says of the volume, before its table [bytes].
+  [[nodiscard]] static std::size_t headOf(std::span<const std::byte> manifest) noexcept;
   /// As BrickManifest::parse.
   [[nodiscard]] static BrickManifest parse(std::span<const std::byte> bytes,
                                            const std::string& called);

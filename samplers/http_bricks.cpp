@@ -158,7 +158,7 @@ struct HttpBricks::State {
   }
   [[nodiscard]] std::string url(const std::string& object) const { return address + "/" + object; }
   void wakeThread() { curl_multi_wakeup(multi.get()); }
-  [[nodiscard]] Request get(const std::string& object, std::size_t limit) const;
+  [[nodiscard]] Request get(const std::string& object, std::size_t limit);
   void run();
   void beginFetches();
   void send(Fetch& fetch, const std::string& object, std::size_t limit);
@@ -185,6 +185,7 @@ struct HttpBricks::State {
   std::vector<FetchPtr> free;      ///< As many as connections in all, here and there.
   std::vector<FetchPtr> here;      ///< Come, and not yet taken.
   std::vector<BrickCodec> codecs;  ///< Of threads that are not in here now.
+  std::vector<Easy> idle;          ///< Likewise.
   HttpState counts;
 
   // The thread's own.
@@ -236,19 +237,34 @@ HttpBricks::State::State(const std::string& to, const HttpParams& how) : address
   thread = std::thread([this] { run(); });
 }
 
-/// An object, by a connection of the caller's.
-Request HttpBricks::State::get(const std::string& object, std::size_t limit) const {
+/// An object, by a connection of the caller's; tried again where nothing comes of it.
+Request HttpBricks::State::get(const std::string& object, std::size_t limit) {
+  constexpr int kTries = 3;
+  Easy easy;
+  {
+    const std::lock_guard lock(mutex);
+    if (!idle.empty()) {
+      easy = std::move(idle.back());
+      idle.pop_back();
+    }
+  }
+  if (!easy) {
+    easy = makeEasy(params);
+    // What is long may take long, while it goes on.
+    curl_easy_setopt(easy.get(), CURLOPT_TIMEOUT_MS, 0L);
+    const auto seconds = std::chrono::ceil<std::chrono::seconds>(params.stalled).count();
+    curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_LIMIT, 1'000L);
+    curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_TIME, std::max(1L, static_cast<long>(seconds)));
+  }
   Request request;
-  request.begin(limit);
-  const Easy easy = makeEasy(params);
-  // What is long may take long, while it goes on.
-  curl_easy_setopt(easy.get(), CURLOPT_TIMEOUT_MS, 0L);
-  const auto seconds = std::chrono::ceil<std::chrono::seconds>(params.stalled).count();
-  curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_LIMIT, 1'000L);
-  curl_easy_setopt(easy.get(), CURLOPT_LOW_SPEED_TIME, std::max(1L, static_cast<long>(seconds)));
-  curl_easy_setopt(easy.get(), CURLOPT_MAXFILESIZE_LARGE, static_cast<curl_off_t>(limit));
-  aim(easy.get(), url(object), request);
-  conclude(easy.get(), curl_easy_perform(easy.get()), request);
+  for (int i = 0; i < kTries && request.code == 0; ++i) {
+    request.begin(limit);
+    curl_easy_setopt(easy.get(), CURLOPT_MAXFILESIZE_LARGE, static_cast<curl_off_t>(limit));
+    aim(easy.get(), url(object), request);
+    conclude(easy.get(), curl_easy_perform(easy.get()), request);
+  }
+  const std::lock_guard lock(mutex);
+  idle.push_back(std::move(easy));
   return request;
 }
 
