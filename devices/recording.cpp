@@ -28,7 +28,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 static_assert(std::endian::native == std::endian::little, "records are kept as they are in memory");
 
-constexpr int kVersion = 3;
+constexpr int kVersion = 4;
 constexpr std::int64_t kChunk = -1;  // RecordedTick::tick of a chunk's mark,
 constexpr std::int64_t kText = -2;   // and of a piece of text.
 constexpr std::array<char, 8> kMagic{'p', 'a', 'l', 'p', 'a', 't', 'e', '\n'};
@@ -89,6 +89,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(dt, input.dt, "s", false)                       \
   FIELD(play, input.play, "s", false)                   \
   FIELD(play_rate, input.play_rate, "s/s", false)       \
+  FIELD(pull, input.pull, "N", false)                   \
   FIELD(hand, input.hand.position, "m", false)          \
   FIELD(velocity, input.hand.velocity, "m/s", false)    \
   FIELD(drives, input.hand.drives, "", false)           \
@@ -111,6 +112,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(moving, report.moving, "", true)                \
   FIELD(share, report.share, "", true)                  \
   FIELD(energy, report.energy, "J", true)               \
+  FIELD(left, report.left, "", true)                    \
   FIELD(iterations, report.iterations, "", true)        \
   FIELD(substeps, report.substeps, "", true)            \
   FIELD(samples, report.samples, "", true)              \

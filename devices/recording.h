@@ -32,6 +32,7 @@ struct RecordedTick {
   double dt;                                ///< TickInput::dt [s].
   double play;                              ///< TickInput::play [s].
   double play_rate;                         ///< TickInput::play_rate [s/s].
+  std::array<double, 3> pull;               ///< TickInput::pull [N].
   std::array<double, 3> hand;               ///< HandState::position [m].
   std::array<double, 3> velocity;           ///< HandState::velocity [m/s].
   std::array<double, 9> drives;             ///< HandState::drives, by columns.
@@ -54,6 +55,7 @@ struct RecordedTick {
   double moving;                            ///< StepReport::moving.
   double share;                             ///< StepReport::share.
   double energy;                            ///< StepReport::energy [J].
+  double left;                              ///< StepReport::left.
   std::int32_t iterations;                  ///< StepReport's, as all of the next seven.
   std::int32_t substeps;                    ///< Readings.
   std::int32_t samples;                     ///< Field reads.

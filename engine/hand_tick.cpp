@@ -10,6 +10,7 @@ StepReport HandTick::step(const Scene* scene, const TickInput& in) noexcept {
   if (in.hand.ready && !ready_) state_.engage();
   ready_ = in.hand.ready;
   state_.playAt(in.play, in.play_rate);
+  state_.pullBy(in.pull);
   if (scene != nullptr) return hapticStep(*scene, reader_, in.hand, state_, in.dt);
   state_.release();
   return {};
@@ -20,6 +21,7 @@ void HandTick::withhold(const TickInput& in, StepReport& report) noexcept {
   state_.cut(in.order);
   state_.release();
   report.force.setZero();
+  report.left = 0.0;
   report.status = StepStatus::kFault;
 }
 

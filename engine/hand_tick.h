@@ -19,6 +19,7 @@ struct TickInput {
   Fault order = Fault::kNone;   ///< Why the force that the tick computed was not sent.
   double play = 0.0;            ///< Where sequences are in their play [s],
   double play_rate = 0.0;       ///< and how fast it has gone on, but for jumps [s/s].
+  Vec3 pull = Vec3::Zero();     ///< Of hands elsewhere on this one [N], beside the spring's.
   double given = 1.0;           ///< The share of the force that the motors' limits left.
   Fault unsent = Fault::kNone;  ///< Why the force is cut after the write.
 };

@@ -170,6 +170,13 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
           hand.fault == Fault::kMiscounted;
   in.wrong = whatIsWrong(hand, time);
+  if (links_ != nullptr) {
+    const bool there = scene != nullptr && hand.ready && in.wrong == Fault::kNone &&
+                       !hand_.state().faulted();
+    // A proxy that is not placed yet begins at the hand.
+    const Vec3& proxy = told_.tick > 0 && hand_.mayPull() ? hand_.state().proxy() : hand.position;
+    in.pull = links_->pull(proxy, hand, there, time.dt);
+  }
 
   const auto start = std::chrono::steady_clock::now();
   told_.report = hand_.step(scene, in);
@@ -179,6 +186,9 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   hand_.withhold(in, told_.report);
   send(told_.report.force, time.real, in);
   hand_.sent(in);
+  if (links_ != nullptr) {
+    links_->pulled(told_.report.left, hand, hand_.state().proxy(), told_.report.force);
+  }
 
   ++told_.tick;
   told_.time = time.now;

@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "palpate/engine/device.h"
+#include "palpate/engine/hand_links.h"
 #include "palpate/engine/hand_tick.h"
 #include "palpate/engine/mailbox.h"
 #include "palpate/engine/play_clock.h"
@@ -113,6 +114,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Nobody: they stand at 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
+  /// Before the first tick: the hands elsewhere that this one feels. It must outlive the loop.
+  void linkBy(HandLinks* links) noexcept { links_ = links; }
+
   // For the haptic thread.
   /// One tick: newest scene, hand, checks, hapticStep, force to the device, telemetry.
   /// RT: no allocation, no lock, no system call but the device's own.
@@ -150,6 +154,7 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   const PlayClock* clock_ = nullptr;
   PlayHead head_;
+  HandLinks* links_ = nullptr;
 
   HandWatch watch_;
   HandTick hand_;

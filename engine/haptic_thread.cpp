@@ -35,6 +35,7 @@ HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* s
       params_(params),
       loop_(device, checked(params), sink, params.heartbeat, params.watch) {
   loop_.playBy(params.clock);
+  loop_.linkBy(params.links);
   try {
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {

@@ -26,6 +26,7 @@ struct LoopParams {
   RealtimeRequest realtime;          ///< Asked for by the thread itself, before its first tick.
   LoopWatch watch;                   ///< Words shared with a guardian (devices/guardian.h).
   const PlayClock* clock = nullptr;  ///< As HapticLoop::playBy.
+  HandLinks* links = nullptr;        ///< As HapticLoop::linkBy.
 };
 
 /// Renders scenes on one device, in a thread of its own, until destroyed. The smallest use:

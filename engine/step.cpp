@@ -100,7 +100,8 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
       // What the hand's own motion can do, and what the limiter lets grow, is none of the data's.
       const double own = state.gate_.limits.slew * dt + 2.0 * k * (last - before).norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();
-      report.wanted = hand.drives * state.gate_.data.pass(spring, changed ? own : kAll, dt);
+      const Vec3 felt = state.gate_.data.pass(spring, changed ? own : kAll, dt);
+      report.wanted = hand.drives * (felt + state.pull_);
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =
@@ -117,6 +118,7 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
 /// The last gate: turns the wanted force into the force that leaves.
 void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport& report) noexcept {
   LimiterState& limiter = gate_.limiter;
+  const Vec3 asked = report.wanted;
   if (!good) {
     report.wanted.setConstant(std::numeric_limits<double>::quiet_NaN());
   } else {
@@ -141,6 +143,9 @@ void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport
   report.limited = out.limited();
   report.force = out.force;
   report.share = out.share;
+  if (out.force.squaredNorm() > 0.0) {
+    report.left = std::clamp(out.force.dot(asked) / asked.squaredNorm(), 0.0, 1.0);
+  }
   report.energy = limiter.tank.energy();
 }
 

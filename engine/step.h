@@ -59,6 +59,8 @@ class ProxyState {
     play_ = play;
     play_rate_ = rate;
   }
+  /// Such a force [N] acts on the hand beside the spring's, from the next tick on (hand_links.h).
+  void pullBy(const Vec3& force) noexcept { pull_ = force; }
   [[nodiscard]] double play() const noexcept { return play_; }           ///< As told last.
   [[nodiscard]] double playRate() const noexcept { return play_rate_; }  ///< As told last.
   /// True from a fault on until clearFault(): every tick sends zero.
@@ -126,6 +128,7 @@ class ProxyState {
   Met met_;
   double play_ = 0.0;
   double play_rate_ = 0.0;
+  Vec3 pull_ = Vec3::Zero();
   Proxy proxy_;
   Surroundings around_;
   BalanceMemory balance_;

@@ -212,6 +212,14 @@ void checkOptions(const FeelOptions& options) {
     throw Error("--speed", fmt::format("{} is not 0.001 to {}", *options.speed, kFastest),
                 "1 is as it was");
   }
+  if (!options.site.empty()) {
+    (void)siteFrom(options.site, options.with);
+    if (!options.realtime) {
+      throw Error("--site", "hands elsewhere feel on time", "add --realtime");
+    }
+  } else if (!options.with.empty()) {
+    throw Error("--with", "it says where other sites are, and this is none", "add --site NAME");
+  }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
@@ -388,7 +396,9 @@ int feel(FeelOptions options) {
   for (const auto& hand : hands) {
     if (hand->recorder) hand->recorder->begin();
   }
+  WithSites sites(options, hands[0]->device->info());
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
+  run.sites = &sites;
   run.fetched.now(built);
   run.play = built.play;
   if (window) run.window = &*window;
@@ -421,6 +431,7 @@ int feel(FeelOptions options) {
   if (!search.is_null()) summary["search"] = search;
   if (felt.size() > 1) summary["hands"] = felt;
   run.fetched.addTo(summary);
+  sites.addTo(summary);
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
@@ -437,6 +448,7 @@ int feel(FeelOptions options) {
     }
     for (std::size_t h = 0; h < hands.size(); ++h) tell(options, *hands[h], felt[h], to_feel.file);
     run.fetched.sayThem();
+    sites.sayThem();
   }
   try {
     if (picture) picture->draw(spec, built, hands[0]->log.felt);
@@ -468,6 +480,14 @@ int feel(FeelOptions options) {
   return status;
 }
 
+void addSite(CLI::App& verb, FeelOptions& options) {
+  verb.add_option("--site", options.site,
+                  "NAME[@DOMAIN]: feel the hands of other sites of this machine, and be felt by "
+                  "them (docs/cluster.md)");
+  verb.add_option("--with", options.with,
+                  "With --site: the address of another machine with sites; again for more");
+}
+
 }  // namespace
 
 void addFeel(CLI::App& app, std::function<int()>& body) {
@@ -491,6 +511,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "goes)");
   verb->add_flag("--realtime", options->realtime,
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
+  addSite(*verb, *options);
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");
   verb->add_option("--refill", options->refill,
@@ -530,6 +551,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--seconds", options->seconds,
                    "How long (default: until the window is closed; with --picture 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  addSite(*verb, *options);
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");
   verb->add_flag("--watch", options->watch,

@@ -22,6 +22,7 @@ class OnTime {
     LoopParams params;
     params.rate = run.options.rate;
     params.clock = &clock;
+    if (run.sites != nullptr && number == 0) params.links = run.sites->links();
     if (run.window != nullptr && number == 0) params.realtime.core = loopsCore();
     const ZeroForce zero = hand_.device->zeroForce();
     if (zero.descriptor >= 0) params.watch = guardian.watch(zero);
@@ -194,6 +195,44 @@ void Fetched::sayThem() const {
   }
 }
 
+WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device) {
+  if (options.site.empty()) return;
+  const SiteParams params = siteFrom(options.site, options.with);
+  // The time of day: a program that is started again is a later life.
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+  LinkParams link;
+  // Beside the scene's own coupling.
+  link.stiffness = std::min(link.stiffness, 0.25 * device.max_stiffness);
+  link.peak = std::min(link.peak, 0.5 * device.limits.peak);
+  links_.emplace(static_cast<std::uint64_t>(life), link);
+  site_.emplace(params, *links_);
+}
+
+void WithSites::tellNews() {
+  if (!site_) return;
+  for (const std::string& line : site_->takeNews()) complain("feel: " + line);
+}
+
+void WithSites::addTo(OrderedJson& summary) const {
+  if (!site_) return;
+  OrderedJson& sites = summary["sites"] = OrderedJson::object();
+  for (const auto& [name, other] : site_->others()) {
+    sites[name] = {{"here", other.here},     {"lives", other.lives},
+                   {"heard", other.heard},   {"missed", other.missed},
+                   {"presence", other.presence}, {"paid", other.paid},
+                   {"energy", other.energy}};
+  }
+}
+
+void WithSites::sayThem() const {
+  if (!site_) return;
+  for (const auto& [name, other] : site_->others()) {
+    say("site      {}: {} messages heard, {} missed{}\n", name, other.heard, other.missed,
+        other.here ? "" : "; gone");
+  }
+}
+
 void runInVirtualTime(const Run& run) {
   const PlayClock clock(run.play);
   std::vector<std::unique_ptr<HapticLoop>> loops;
@@ -298,6 +337,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     std::this_thread::sleep_for(kLook);
     feeling = false;
     for (const auto& hand : hands) feeling = hand->look() || feeling;
+    if (run.sites != nullptr) run.sites->tellNews();
     if (run.window != nullptr) {
       const Asked asked = run.window->look(threads);
       if (asked.closed || run.window->lost()) break;

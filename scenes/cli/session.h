@@ -30,6 +30,7 @@
 #include "palpate/scenes/cli/window.h"
 #include "palpate/scenes/live.h"
 #include "palpate/scenes/scene_cache.h"
+#include "palpate/scenes/site/site.h"
 
 namespace palpate::cli {
 
@@ -43,6 +44,8 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
+  std::string site;                ///< As siteFrom has it; empty: none.
+  std::vector<std::string> with;   ///< Machines of other sites.
   bool window = false;
   std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.
   std::string still;            ///< A picture by the window's program.
@@ -160,6 +163,24 @@ class Fetched {
   std::map<std::string, std::shared_ptr<const FrameSequence>> sequences_;
 };
 
+/// The first hand in one scene with hands elsewhere.
+class WithSites {
+ public:
+  /// None where the options name no site. Throws Error.
+  WithSites(const FeelOptions& options, const DeviceInfo& device);
+  /// For the first hand's loop; null: it is alone.
+  [[nodiscard]] HandLinks* links() noexcept { return links_ ? &*links_ : nullptr; }
+  /// Says what has happened since the last call.
+  void tellNews();
+  /// Adds "sites", by their names.
+  void addTo(OrderedJson& summary) const;
+  void sayThem() const;
+
+ private:
+  std::optional<HandLinks> links_;
+  std::optional<Site> site_;
+};
+
 /// What a run asks for, once it is known to be good.
 struct Run {
   const FeelOptions& options;
@@ -172,6 +193,7 @@ struct Run {
   std::int64_t ticks = 0;  ///< At most.
   bool whole_path = false;
   Window* window = nullptr;
+  WithSites* sites = nullptr;
   Fetched fetched{};
   PlayParams play{};  ///< Of `scene`.
 

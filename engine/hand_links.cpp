@@ -1,0 +1,60 @@
+#include "palpate/engine/hand_links.h"
+
+#include <utility>
+
+namespace palpate {
+namespace {
+
+template <std::size_t... I>
+std::array<Link, sizeof...(I)> linksOf(std::uint64_t life, const LinkParams& params,
+                                       std::index_sequence<I...> /*each*/) {
+  return {((void)I, Link(life, params))...};
+}
+
+}  // namespace
+
+HandLinks::HandLinks(std::uint64_t life, const LinkParams& params)
+    : links_(linksOf(life, params, std::make_index_sequence<kMostLinks>())) {}
+
+void HandLinks::hear(const LinksHeard& heard) noexcept {
+  heard_.draft() = heard;
+  heard_.publish();
+}
+
+Vec3 HandLinks::pull(const Vec3& proxy, const HandState& hand, bool there, double dt) noexcept {
+  if (heard_.refresh()) {
+    const LinksHeard& heard = heard_.current();
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      if (who_[i] != heard.who[i]) links_[i].forgetOther();
+      who_[i] = heard.who[i];
+      if (who_[i] != 0) links_[i].hear(heard.words[i]);
+    }
+  }
+  Vec3 all = Vec3::Zero();
+  for (Link& link : links_) {
+    if (there) {
+      all += link.pull(proxy, hand.position, hand.fresh, dt);
+    } else {
+      link.rest();
+    }
+  }
+  return all;
+}
+
+void HandLinks::pulled(double share, const HandState& hand, const Vec3& proxy,
+                       const Vec3& force) noexcept {
+  LinksTold& told = told_.draft();
+  told.hand = hand.position;
+  told.proxy = proxy;
+  told.force = force;
+  for (std::size_t i = 0; i < kMostLinks; ++i) {
+    links_[i].pulled(share, hand.drives);
+    told.words[i] = links_[i].word(proxy);
+    told.presence[i] = links_[i].presence();
+    told.paid[i] = links_[i].paid();
+    told.energy[i] = links_[i].energy();
+  }
+  told_.publish();
+}
+
+}  // namespace palpate

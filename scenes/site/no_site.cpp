@@ -1,0 +1,23 @@
+/// In the place of site.cpp, where the library is not there.
+#include "palpate/engine/error.h"
+#include "palpate/scenes/site/site.h"
+
+namespace palpate {
+
+class Site::Carrier {};
+
+Site::Site(const SiteParams& /*params*/, HandLinks& /*links*/) {
+  throw Error("--site", "this palpate was built without Cyclone DDS",
+              "install cyclonedds-dev and build again");
+}
+Site::~Site() = default;
+
+std::vector<std::string> Site::takeNews() {
+  return {};
+}
+
+std::map<std::string, SiteState> Site::others() const {
+  return {};
+}
+
+}  // namespace palpate

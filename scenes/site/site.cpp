@@ -1,0 +1,356 @@
+#include "palpate/scenes/site/site.h"
+
+#include <algorithm>
+#include <arpa/inet.h>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <condition_variable>
+#include <cstring>
+#include <mutex>
+#include <netdb.h>
+#include <optional>
+#include <sys/socket.h>
+#include <thread>
+#include <unistd.h>
+#include <utility>
+
+#include <dds/dds.h>
+#include <fmt/format.h>
+
+#include "site_topics.h"
+#include "palpate/engine/error.h"
+
+namespace palpate {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr auto kEvery = std::chrono::milliseconds(4);   ///< Between two looks.
+constexpr auto kRest = std::chrono::milliseconds(50);   ///< Between two messages of a hand at rest.
+constexpr double kSmallWay = 1e-4;                      ///< [m]: no news of a proxy.
+constexpr double kSmallGift = 1e-5;                     ///< [J]: no news of a sum.
+constexpr std::uint32_t kMostAtOnce = 64;               ///< Messages a look.
+
+/// A number for a name, the same everywhere; not 0. FNV-1a.
+std::uint64_t numberOf(const std::string& name) noexcept {
+  std::uint64_t hash = 0xcbf29ce484222325U;
+  for (const char c : name) {
+    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+  }
+  return hash | 1U;
+}
+
+/// Of this machine, where it would go from here to that address. Throws Error.
+std::string addressTowards(const std::string& address) {
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_DGRAM;
+  hints.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV;
+  addrinfo* found = nullptr;
+  if (getaddrinfo(address.c_str(), "7400", &hints, &found) != 0) {
+    throw Error("--with", fmt::format("\"{}\" is no address", address), "give a numeric one");
+  }
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> freed(found, &freeaddrinfo);
+  const int s = socket(found->ai_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_storage own{};
+  socklen_t size = sizeof own;
+  std::array<char, NI_MAXHOST> text{};
+  // No packet is sent by this.
+  const bool known =
+      s >= 0 && connect(s, found->ai_addr, found->ai_addrlen) == 0 &&
+      getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
+      getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(), nullptr, 0,
+                  NI_NUMERICHOST) == 0;
+  if (s >= 0) close(s);
+  if (!known) {
+    throw Error("--with", fmt::format("there is no way to {}", address), "look at the network");
+  }
+  return text.data();
+}
+
+/// Nobody is told of this site but the machines that are named; nothing is sent to all.
+std::string configOf(const SiteParams& params) {
+  std::vector<std::string> peers = params.with;
+  if (peers.empty()) peers.emplace_back("127.0.0.1");
+  std::string text;
+  for (const std::string& peer : peers) text += fmt::format("<Peer address=\"{}\"/>", peer);
+  return fmt::format(
+      "<CycloneDDS><Domain Id=\"any\"><General><Interfaces><NetworkInterface address=\"{}\"/>"
+      "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>"
+      "auto</ParticipantIndex><MaxAutoParticipantIndex>{}</MaxAutoParticipantIndex><Peers>{}"
+      "</Peers><LeaseDuration>2s</LeaseDuration></Discovery><Tracing><Verbosity>none</Verbosity>"
+      "</Tracing></Domain></CycloneDDS>",
+      addressTowards(peers.front()), 2 * kMostLinks, text);
+}
+
+/// An entity of DDS, or why there is none.
+dds_entity_t need(dds_entity_t entity, const char* what) {
+  if (entity >= 0) return entity;
+  throw Error("--site", fmt::format("{} could not be had ({})", what, dds_strretcode(-entity)),
+              "look at the network, and whether too many sites are on this machine");
+}
+
+std::array<double, 3> numbers(const Vec3& v) noexcept {
+  return {v.x(), v.y(), v.z()};
+}
+
+}  // namespace
+
+/// The thread, and what it shares.
+class Site::Carrier {
+ public:
+  Carrier(const SiteParams& params, HandLinks& links)
+      : name_(params.name), number_(numberOf(name_)), links_(links) {
+    open(params);
+    thread_ = std::thread([this] { run(); });
+  }
+  Carrier(const Carrier&) = delete;
+  Carrier& operator=(const Carrier&) = delete;
+  ~Carrier() {
+    {
+      const std::lock_guard lock(mutex_);
+      quit_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+    dds_delete(domain_);
+  }
+
+  std::vector<std::string> takeNews() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(news_, {});
+  }
+  std::map<std::string, SiteState> others() const {
+    const std::lock_guard lock(mutex_);
+    std::map<std::string, SiteState> all;
+    for (const auto& [name, other] : others_) all.emplace(name, other.state);
+    return all;
+  }
+
+ private:
+  struct Other {
+    SiteState state;
+    std::size_t slot = kMostLinks;  ///< kMostLinks: there was none for it.
+    std::uint64_t life = 0;
+    std::uint64_t first = 0;  ///< Of this life, the number heard first
+    std::uint64_t newest = 0;  ///< and the newest.
+    std::uint64_t count = 0;
+    Clock::time_point last;
+  };
+
+  void open(const SiteParams& params) {
+    const auto domain = static_cast<dds_domainid_t>(params.domain);
+    domain_ = need(dds_create_domain(domain, configOf(params).c_str()), "DDS's domain");
+    try {
+      const dds_entity_t participant =
+          need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
+      const dds_entity_t topic =
+          need(dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr,
+                                nullptr),
+               "the topic of hands");
+      dds_qos_t* qos = dds_create_qos();
+      dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+      dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
+      dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
+      dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
+      // What reaches this site is bound, whoever sends it.
+      dds_qset_resource_limits(qos, 256, 64, 1);
+      const dds_entity_t reader = dds_create_reader(participant, topic, qos, nullptr);
+      const dds_entity_t writer = dds_create_writer(participant, topic, qos, nullptr);
+      dds_delete_qos(qos);
+      reader_ = need(reader, "what hears hands");
+      writer_ = need(writer, "what tells of the hand");
+    } catch (...) {
+      dds_delete(domain_);
+      throw;
+    }
+  }
+
+  void run() {
+    std::unique_lock lock(mutex_);
+    auto due = Clock::now();
+    while (!quit_) {
+      hear();
+      tell();
+      due = std::max(due + kEvery, Clock::now());
+      wake_.wait_until(lock, due, [this] { return quit_; });
+    }
+  }
+
+  void hear() {
+    std::array<void*, kMostAtOnce> samples{};
+    std::array<dds_sample_info_t, kMostAtOnce> infos{};
+    const auto now = Clock::now();
+    const dds_return_t count =
+        dds_take(reader_, samples.data(), infos.data(), kMostAtOnce, kMostAtOnce);
+    for (dds_return_t i = 0; i < count; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      const auto& hand = *static_cast<const palpate_site_Hand*>(samples[n]);
+      if (infos[n].valid_data) {
+        take(hand, now);
+      } else if (infos[n].instance_state != DDS_IST_ALIVE) {
+        leave(hand.site);
+      }
+    }
+    if (count > 0) dds_return_loan(reader_, samples.data(), count);
+    for (auto& [name, other] : others_) {
+      const std::chrono::duration<double> since(now - other.last);
+      if (!other.state.here || since.count() < kLinkSilence) continue;
+      other.state.here = false;
+      news_.push_back(fmt::format(
+          "site {}: nothing is heard of it: its hand lets go until it is heard again", name));
+    }
+    if (count > 0) links_.hear(heard_);
+  }
+
+  void take(const palpate_site_Hand& hand, Clock::time_point now) {
+    const std::string name(hand.site, strnlen(hand.site, sizeof hand.site));
+    if (name == name_) {
+      if (!std::exchange(told_same_, true)) {
+        news_.push_back(fmt::format("site {}: another one has the same name: give each its own",
+                                    name));
+      }
+      return;
+    }
+    if (others_.size() >= 4 * kMostLinks && others_.find(name) == others_.end()) return;
+    Other& other = others_[name];
+    if (other.slot == kMostLinks && !seat(name, other)) return;
+    SiteState& state = other.state;
+    if (hand.life < other.life) return;
+    if (hand.life > other.life) {
+      other.life = hand.life;
+      other.first = other.newest = hand.number;
+      other.count = 0;
+      ++state.lives;
+    }
+    ++state.heard;
+    ++other.count;
+    if (hand.number < other.newest) return;
+    other.newest = hand.number;
+    const std::uint64_t sent = other.newest - other.first + 1;
+    state.missed = sent > other.count ? sent - other.count : 0;
+    other.last = now;
+    if (!state.here) {
+      state.here = true;
+      news_.push_back(fmt::format("site {}: its hand is felt", name));
+    }
+    LinkWord word;
+    word.from = hand.life;
+    word.number = hand.number;
+    word.proxy = {hand.proxy[0], hand.proxy[1], hand.proxy[2]};
+    for (std::uint32_t w = 0; w < hand.words._length; ++w) {
+      const palpate_site_Word& one = hand.words._buffer[w];
+      if (one.to_site != number_) continue;
+      word.to = one.to_life;
+      word.given = one.given;
+    }
+    heard_.words[other.slot] = word;
+  }
+
+  /// Finds a free place among the links: one that nobody has, or whose site has been silent
+  /// longest.
+  bool seat(const std::string& name, Other& other) {
+    std::size_t slot = 0;
+    while (slot < kMostLinks && heard_.who[slot] != 0) ++slot;
+    if (slot == kMostLinks) {
+      auto longest = others_.end();
+      for (auto one = others_.begin(); one != others_.end(); ++one) {
+        if (one->second.slot == kMostLinks || one->second.state.here) continue;
+        if (longest == others_.end() || one->second.last < longest->second.last) longest = one;
+      }
+      if (longest == others_.end()) {
+        if (!std::exchange(told_full_, true)) {
+          news_.push_back(fmt::format("site {}: {} hands are felt already: it is not", name,
+                                      kMostLinks));
+        }
+        return false;
+      }
+      slot = std::exchange(longest->second.slot, kMostLinks);
+      longest->second.life = 0;
+    }
+    other.slot = slot;
+    heard_.who[slot] = numberOf(name);
+    heard_.words[slot] = {};
+    return true;
+  }
+
+  void leave(const char* site) {
+    const auto found = others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
+    if (found == others_.end() || !found->second.state.here) return;
+    found->second.state.here = false;
+    news_.push_back(fmt::format("site {}: it has gone", found->first));
+  }
+
+  void tell() {
+    const LinksTold& told = links_.told();
+    for (auto& [name, other] : others_) {
+      if (other.slot == kMostLinks) continue;
+      other.state.presence = told.presence[other.slot];
+      other.state.paid = told.paid[other.slot];
+      other.state.energy = told.energy[other.slot];
+    }
+    if (told.words[0].number == 0) return;  // no tick yet
+    const auto now = Clock::now();
+    double gift = 0.0;
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      gift = std::max(gift, std::abs(told.words[i].given - sent_[i]));
+    }
+    const bool news = (told.proxy - sent_proxy_).norm() > kSmallWay || gift > kSmallGift;
+    if (!news && now - sent_at_ < kRest) return;
+    std::array<palpate_site_Word, kMostLinks> words{};
+    std::uint32_t count = 0;
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      sent_[i] = told.words[i].given;
+      if (heard_.who[i] == 0) continue;
+      words[count++] = {heard_.who[i], told.words[i].to, told.words[i].given};
+    }
+    palpate_site_Hand hand{};
+    name_.copy(hand.site, sizeof hand.site - 1);
+    hand.life = told.words[0].from;
+    hand.number = ++messages_;
+    std::copy_n(numbers(told.hand).begin(), 3, hand.probe);
+    std::copy_n(numbers(told.proxy).begin(), 3, hand.proxy);
+    std::copy_n(numbers(told.force).begin(), 3, hand.force);
+    hand.words = {count, count, words.data(), false};
+    (void)dds_write(writer_, &hand);
+    sent_at_ = now;
+    sent_proxy_ = told.proxy;
+  }
+
+  std::string name_;
+  std::uint64_t number_;
+  HandLinks& links_;
+  dds_entity_t domain_ = 0;
+  dds_entity_t reader_ = 0;
+  dds_entity_t writer_ = 0;
+
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  bool quit_ = false;
+  std::vector<std::string> news_;
+  std::map<std::string, Other> others_;
+
+  // The thread's.
+  LinksHeard heard_;
+  bool told_same_ = false;
+  bool told_full_ = false;
+  std::uint64_t messages_ = 0;
+  Clock::time_point sent_at_;
+  Vec3 sent_proxy_ = Vec3::Zero();
+  std::array<double, kMostLinks> sent_{};
+  std::thread thread_;
+};
+
+Site::Site(const SiteParams& params, HandLinks& links)
+    : carrier_(std::make_unique<Carrier>(params, links)) {}
+Site::~Site() = default;
+
+std::vector<std::string> Site::takeNews() {
+  return carrier_->takeNews();
+}
+
+std::map<std::string, SiteState> Site::others() const {
+  return carrier_->others();
+}
+
+}  // namespace palpate

@@ -1,0 +1,57 @@
+/// A site: this program's hand in one scene with hands elsewhere, by DDS (docs/cluster.md).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "palpate/engine/hand_links.h"
+
+namespace palpate {
+
+/// Who one is, and with whom.
+struct SiteParams {
+  std::string name;               ///< Letters, digits, - and _, at most 31; each site has its own.
+  int domain = 0;                 ///< DDS's, 0 to 230: sites of other ones do not meet.
+  std::vector<std::string> with;  ///< Addresses of machines, numeric; none: this machine alone.
+};
+
+/// NAME or NAME@DOMAIN. Throws Error.
+[[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
+
+/// What is known of a site elsewhere.
+struct SiteState {
+  bool here = false;          ///< It is heard.
+  std::uint64_t heard = 0;    ///< Messages,
+  std::uint64_t missed = 0;   ///< and so many more that were sent.
+  std::uint64_t lives = 0;    ///< How often it has come.
+  double presence = 0.0;      ///< Link::presence
+  double paid = 1.0;          ///< Link::paid
+  double energy = 0.0;        ///< Link::energy [J]
+};
+
+/// Carries a loop's links, on a thread of its own: up to 250 messages a second of some 250 bytes,
+/// fewer where the hand rests.
+class Site {
+ public:
+  /// Throws Error: built without DDS, no such address, no such network.
+  /// @param links  Must outlive the site.
+  Site(const SiteParams& params, HandLinks& links);
+  Site(const Site&) = delete;
+  Site& operator=(const Site&) = delete;
+  /// Takes leave: others know at once.
+  ~Site();
+
+  /// What has happened since the last call, a line each.
+  [[nodiscard]] std::vector<std::string> takeNews();
+  /// Each site that was heard, by its name.
+  [[nodiscard]] std::map<std::string, SiteState> others() const;
+
+ private:
+  class Carrier;
+  std::unique_ptr<Carrier> carrier_;
+};
+
+}  // namespace palpate
