@@ -9,6 +9,7 @@ namespace palpate {
 namespace {
 
 constexpr double kFarthest = 1e6;  ///< As of hands [m].
+constexpr double kPeriods = 16.0;  ///< So many are in their mean.
 
 bool isPlace(const Vec3& p) noexcept {
   return p.allFinite() && p.cwiseAbs().maxCoeff() < kFarthest;
@@ -77,7 +78,9 @@ Vec3 Link::pull(const Vec3& proxy, const Vec3& hand, bool fresh, double dt) noex
   const Vec3 way = known_ ? Vec3(hand - last_) : Vec3::Zero();
   const double work = driven_.dot(way);
   energy_ -= (work > 0.0 ? greatest_ : least_) * work;
-  const double span = span_;
+  // The next one is as long as they are in the mean: after a late tick comes a short one.
+  period_ = period_ > 0.0 ? period_ + (span_ - period_) / kPeriods : span_;
+  const double speeds = period_ / span_;
   last_ = hand;
   known_ = true;
   span_ = 0.0;
@@ -99,7 +102,8 @@ Vec3 Link::pull(const Vec3& proxy, const Vec3& hand, bool fresh, double dt) noex
   const double size = presence_ * std::min(params_.stiffness, params_.peak / length);
   const Vec3 wanted = size * offset;
   // The most that it does until the next reading: the hand goes on as it went, but for a turn.
-  const double worst = wanted.dot(way) + wanted.norm() * kLinkNimble * span * span;
+  const double turn = wanted.norm() * kLinkNimble * period_ * period_;
+  const double worst = speeds * wanted.dot(way) + turn;
   paid_ = worst > 0.0 ? std::clamp(energy_ / worst, 0.0, 1.0) : 1.0;
   force_ = paid_ * wanted;
   return force_;

@@ -13,7 +13,9 @@
 ///     w_1 + w_2  =  2 start - e_1 - e_2 + (r_1 - g_2) + (r_2 - g_1)  <=  2 start - e_1 - e_2,
 ///
 /// and as neither tank is let below zero the two hands together never get more than `start` each,
-/// which is less than it takes to lift 100 g by 2 mm. There is no model of the network in this.
+/// which is what it takes to lift 100 g by 1 mm. There is no model of the network in this. A tick
+/// that is late lets the last force do more than was reserved for it: what it overdraws is paid
+/// back before there is another force.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +33,8 @@ struct LinkParams {
 
 inline constexpr double kLinkSilence = 0.2;  ///< Of whom so long nothing is heard, he is away [s].
 inline constexpr double kLinkRamp = 0.5;     ///< The spring comes and goes in so long [s].
-/// More than a hand is accelerated by [m/s^2]: what a tank lasts for is its way until the next tick.
+/// More than a hand is accelerated by [m/s^2]: what a tank lasts for is its way until the next
+/// tick.
 inline constexpr double kLinkNimble = 200.0;
 
 /// What an end tells the other.
@@ -40,11 +43,11 @@ inline constexpr double kLinkNimble = 200.0;
 /// another one, and a later life has a greater number. A sum is one life's to one life, and begins
 /// at 0; who hears of a later life begins a new one.
 struct LinkWord {
-  std::uint64_t from = 0;      ///< The teller's life; 0: nobody.
-  std::uint64_t to = 0;        ///< The life of the other that the sum is for; 0: it knows of none.
-  std::uint64_t number = 0;    ///< The greatest is the newest of this life.
-  Vec3 proxy = Vec3::Zero();   ///< The teller's [m], in the scene.
-  double given = 0.0;          ///< All that it has given to that life [J].
+  std::uint64_t from = 0;     ///< The teller's life; 0: nobody.
+  std::uint64_t to = 0;       ///< The life of the other that the sum is for; 0: it knows of none.
+  std::uint64_t number = 0;   ///< The greatest is the newest of this life.
+  Vec3 proxy = Vec3::Zero();  ///< The teller's [m], in the scene.
+  double given = 0.0;         ///< All that it has given to that life [J].
 };
 
 /// One end of the spring.
@@ -99,12 +102,14 @@ class Link {
   double taken_ = 0.0;    ///< Of what it gave [J].
 
   double energy_;
-  double held_ = 0.0;  ///< What the whole spring holds [J]: there is no use for more from elsewhere.
+  double held_ =
+      0.0;  ///< What the whole spring holds [J]: there is no use for more from elsewhere.
   double presence_ = 0.0;
   double paid_ = 1.0;
-  bool known_ = false;  ///< There is a last position.
+  bool known_ = false;          ///< There is a last position.
   Vec3 last_ = Vec3::Zero();    ///< The last position [m].
   double span_ = 0.0;           ///< Time since then [s].
+  double period_ = 0.0;         ///< Time between readings, their mean [s].
   Vec3 force_ = Vec3::Zero();   ///< As it was asked for since then [N],
   Vec3 driven_ = Vec3::Zero();  ///< as motors have directions for it,
   double least_ = 0.0;          ///< and of that the least and the greatest share that has left.

@@ -108,6 +108,8 @@ void Felt::add(const Telemetry& tick, const ProxyState& state) noexcept {
   substeps_ += r.substeps;
   primitives_ += r.primitives;
   iterations_ += r.iterations;
+  constexpr double kPulled = 1e-3;  // [N]: less is not felt
+  pulled_ += static_cast<std::int64_t>(r.left * tick.input.pull.norm() > kPulled);
   force_max_ = std::max(force_max_, r.force.norm());
   strong_ += static_cast<std::int64_t>(r.force.norm() > kStrong);
   bound_max_ = std::max(bound_max_, r.error_bound);
@@ -205,6 +207,7 @@ void Felt::addMode(ModeFelt& mode, double held, const Vec3& proxy, const ModeMem
 }
 
 bool Felt::anything() const {
+  if (pulled_ > 0) return true;
   return std::any_of(scenes_.begin(), scenes_.end(), [](const auto& felt) {
     return std::any_of(felt->modes.begin(), felt->modes.end(),
                        [](const ModeFelt& m) { return m.active > 0; });

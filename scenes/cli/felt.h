@@ -177,6 +177,7 @@ class Felt {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::array<Contacts, kMaxNearParts> slots_;
   Moment most_;
   std::int64_t strong_ = 0;  ///< Ticks of more than kStrong.
+  std::int64_t pulled_ = 0;  ///< By hands elsewhere.
   Vec3 last_probe_ = Vec3::Zero();
   Vec3 last_force_ = Vec3::Zero();
 };

@@ -218,9 +218,8 @@ void WithSites::addTo(OrderedJson& summary) const {
   if (!site_) return;
   OrderedJson& sites = summary["sites"] = OrderedJson::object();
   for (const auto& [name, other] : site_->others()) {
-    sites[name] = {{"here", other.here},     {"lives", other.lives},
-                   {"heard", other.heard},   {"missed", other.missed},
-                   {"presence", other.presence}, {"paid", other.paid},
+    sites[name] = {{"here", other.here},     {"lives", other.lives},       {"heard", other.heard},
+                   {"missed", other.missed}, {"presence", other.presence}, {"paid", other.paid},
                    {"energy", other.energy}};
   }
 }

@@ -44,8 +44,8 @@ struct FeelOptions {
   bool watch = false;
   bool passive = false;
   double refill = 0.0;
-  std::string site;                ///< As siteFrom has it; empty: none.
-  std::vector<std::string> with;   ///< Machines of other sites.
+  std::string site;               ///< As siteFrom has it; empty: none.
+  std::vector<std::string> with;  ///< Machines of other sites.
   bool window = false;
   std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.
   std::string still;            ///< A picture by the window's program.

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <condition_variable>
 #include <cstring>
+#include <dds/dds.h>
 #include <mutex>
 #include <netdb.h>
 #include <optional>
@@ -15,22 +16,21 @@
 #include <unistd.h>
 #include <utility>
 
-#include <dds/dds.h>
 #include <fmt/format.h>
 
-#include "site_topics.h"
 #include "palpate/engine/error.h"
+#include "site_topics.h"
 
 namespace palpate {
 namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr auto kEvery = std::chrono::milliseconds(4);   ///< Between two looks.
-constexpr auto kRest = std::chrono::milliseconds(50);   ///< Between two messages of a hand at rest.
-constexpr double kSmallWay = 1e-4;                      ///< [m]: no news of a proxy.
-constexpr double kSmallGift = 1e-5;                     ///< [J]: no news of a sum.
-constexpr std::uint32_t kMostAtOnce = 64;               ///< Messages a look.
+constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Between two looks.
+constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages of a hand at rest.
+constexpr double kSmallWay = 1e-4;                     ///< [m]: no news of a proxy.
+constexpr double kSmallGift = 1e-5;                    ///< [J]: no news of a sum.
+constexpr std::uint32_t kMostAtOnce = 64;              ///< Messages a look.
 
 /// A number for a name, the same everywhere; not 0. FNV-1a.
 std::uint64_t numberOf(const std::string& name) noexcept {
@@ -56,11 +56,10 @@ std::string addressTowards(const std::string& address) {
   socklen_t size = sizeof own;
   std::array<char, NI_MAXHOST> text{};
   // No packet is sent by this.
-  const bool known =
-      s >= 0 && connect(s, found->ai_addr, found->ai_addrlen) == 0 &&
-      getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
-      getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(), nullptr, 0,
-                  NI_NUMERICHOST) == 0;
+  const bool known = s >= 0 && connect(s, found->ai_addr, found->ai_addrlen) == 0 &&
+                     getsockname(s, reinterpret_cast<sockaddr*>(&own), &size) == 0 &&
+                     getnameinfo(reinterpret_cast<sockaddr*>(&own), size, text.data(), text.size(),
+                                 nullptr, 0, NI_NUMERICHOST) == 0;
   if (s >= 0) close(s);
   if (!known) {
     throw Error("--with", fmt::format("there is no way to {}", address), "look at the network");
@@ -78,7 +77,8 @@ std::string configOf(const SiteParams& params) {
       "<CycloneDDS><Domain Id=\"any\"><General><Interfaces><NetworkInterface address=\"{}\"/>"
       "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>"
       "auto</ParticipantIndex><MaxAutoParticipantIndex>{}</MaxAutoParticipantIndex><Peers>{}"
-      "</Peers><LeaseDuration>2s</LeaseDuration></Discovery><Tracing><Verbosity>none</Verbosity>"
+      "</Peers><LeaseDuration>2s</LeaseDuration><SPDPInterval>500ms</SPDPInterval></"
+      "Discovery><Tracing><Verbosity>none</Verbosity>"
       "</Tracing></Domain></CycloneDDS>",
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
@@ -132,10 +132,11 @@ class Site::Carrier {
     SiteState state;
     std::size_t slot = kMostLinks;  ///< kMostLinks: there was none for it.
     std::uint64_t life = 0;
-    std::uint64_t first = 0;  ///< Of this life, the number heard first
+    std::uint64_t first = 0;   ///< Of this life, the number heard first
     std::uint64_t newest = 0;  ///< and the newest.
     std::uint64_t count = 0;
     Clock::time_point last;
+    bool gone = true;  ///< And that was told.
   };
 
   void open(const SiteParams& params) {
@@ -144,10 +145,9 @@ class Site::Carrier {
     try {
       const dds_entity_t participant =
           need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
-      const dds_entity_t topic =
-          need(dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr,
-                                nullptr),
-               "the topic of hands");
+      const dds_entity_t topic = need(
+          dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr, nullptr),
+          "the topic of hands");
       dds_qos_t* qos = dds_create_qos();
       dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
       dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
@@ -207,8 +207,8 @@ class Site::Carrier {
     const std::string name(hand.site, strnlen(hand.site, sizeof hand.site));
     if (name == name_) {
       if (!std::exchange(told_same_, true)) {
-        news_.push_back(fmt::format("site {}: another one has the same name: give each its own",
-                                    name));
+        news_.push_back(
+            fmt::format("site {}: another one has the same name: give each its own", name));
       }
       return;
     }
@@ -230,6 +230,7 @@ class Site::Carrier {
     const std::uint64_t sent = other.newest - other.first + 1;
     state.missed = sent > other.count ? sent - other.count : 0;
     other.last = now;
+    other.gone = false;
     if (!state.here) {
       state.here = true;
       news_.push_back(fmt::format("site {}: its hand is felt", name));
@@ -260,8 +261,8 @@ class Site::Carrier {
       }
       if (longest == others_.end()) {
         if (!std::exchange(told_full_, true)) {
-          news_.push_back(fmt::format("site {}: {} hands are felt already: it is not", name,
-                                      kMostLinks));
+          news_.push_back(
+              fmt::format("site {}: {} hands are felt already: it is not", name, kMostLinks));
         }
         return false;
       }
@@ -275,8 +276,9 @@ class Site::Carrier {
   }
 
   void leave(const char* site) {
-    const auto found = others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
-    if (found == others_.end() || !found->second.state.here) return;
+    const auto found =
+        others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
+    if (found == others_.end() || std::exchange(found->second.gone, true)) return;
     found->second.state.here = false;
     news_.push_back(fmt::format("site {}: it has gone", found->first));
   }

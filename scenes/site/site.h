@@ -23,13 +23,13 @@ struct SiteParams {
 
 /// What is known of a site elsewhere.
 struct SiteState {
-  bool here = false;          ///< It is heard.
-  std::uint64_t heard = 0;    ///< Messages,
-  std::uint64_t missed = 0;   ///< and so many more that were sent.
-  std::uint64_t lives = 0;    ///< How often it has come.
-  double presence = 0.0;      ///< Link::presence
-  double paid = 1.0;          ///< Link::paid
-  double energy = 0.0;        ///< Link::energy [J]
+  bool here = false;         ///< It is heard.
+  std::uint64_t heard = 0;   ///< Messages,
+  std::uint64_t missed = 0;  ///< and so many more that were sent.
+  std::uint64_t lives = 0;   ///< How often it has come.
+  double presence = 0.0;     ///< Link::presence
+  double paid = 1.0;         ///< Link::paid
+  double energy = 0.0;       ///< Link::energy [J]
 };
 
 /// Carries a loop's links, on a thread of its own: up to 250 messages a second of some 250 bytes,

@@ -28,8 +28,8 @@ SiteParams siteFrom(const std::string& words, const std::vector<std::string>& wi
   const std::size_t at = words.find('@');
   params.name = words.substr(0, at);
   const auto is_fit = [](unsigned char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-           c == '-' || c == '_';
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' ||
+           c == '_';
   };
   if (params.name.empty() || params.name.size() > kLongestName ||
       !std::all_of(params.name.begin(), params.name.end(), is_fit)) {

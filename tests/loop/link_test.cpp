@@ -1,17 +1,21 @@
 /// Two hands linked by networks that are as bad as they like: the energy at both ends.
+#include "palpate/engine/link.h"
+
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <limits>
 #include <map>
-#include <string>
 #include <vector>
 
 #include <catch2/catch.hpp>
 
-#include "palpate/engine/link.h"
+#include "palpate/engine/hand_links.h"
+#include "palpate/engine/haptic_loop.h"
 #include "tests/support/random.h"
+#include "tests/support/scenes.h"
 
 namespace palpate {
 namespace {
@@ -39,21 +43,21 @@ struct Hand {
   Vec3 velocity = Vec3::Zero();
   double mass = 0.2;
   double damping = 2.0;
-  double grip = 0.0;            ///< [N/m]
-  Vec3 swing = Vec3::Zero();    ///< Amplitude [m]
-  double frequency = 1.0;       ///< [Hz]
+  double grip = 0.0;          ///< [N/m]
+  Vec3 swing = Vec3::Zero();  ///< Amplitude [m]
+  double frequency = 1.0;     ///< [Hz]
   double phase = 0.0;
 
   /// One tick with a force that is held over it.
-  void move(const Vec3& force, double now) {
+  void move(const Vec3& force, double now, double dt) {
     const Vec3 wanted = std::sin(2.0 * M_PI * frequency * now + phase) * swing;
     const Vec3 all = force + grip * (wanted - position) - damping * velocity;
     // No arm and no hand is more nimble.
     Vec3 a = all / mass;
     const double most = 0.49 * kLinkNimble;
     if (a.norm() > most) a *= most / a.norm();
-    velocity += kDt * a;
-    position += kDt * velocity;
+    velocity += dt * a;
+    position += dt * velocity;
   }
 };
 
@@ -63,25 +67,28 @@ struct End {
   Link link;
   Hand hand;
   Vec3 force = Vec3::Zero();
-  double work = 0.0;   ///< On the hand [J].
-  double lowest = 0.0; ///< Of the tank.
+  double work = 0.0;    ///< On the hand [J].
+  double lowest = 0.0;  ///< Of the tank.
   std::uint64_t lives = 1;
-  double next = 0.0;   ///< When it speaks.
+  double next = 0.0;  ///< When it speaks.
 };
 
 struct Session {
   Session(std::uint64_t seed, const LinkParams& p)
       : random(seed), ends{End(1, p), End(1, p)}, params(p) {}
 
-  void tick(double now) {
+  /// @param next  The time until the next one [s].
+  void tick(double now, double next = kDt) {
     for (std::size_t i = 0; i < 2; ++i) {
       End& end = ends[i];
       while (!ways[i].empty() && ways[i].begin()->first <= now) {
         end.link.hear(ways[i].begin()->second);
+        heard[i] = ways[i].begin()->second.proxy;
         ways[i].erase(ways[i].begin());
       }
       const double share = random.uniform() < unsent ? 0.0 : 1.0;
-      end.force = share * end.link.pull(end.hand.position, end.hand.position, true, kDt);
+      end.force = share * end.link.pull(end.hand.position, end.hand.position, true, last);
+      if (!tanks) end.force = params.stiffness * (heard[i] - end.hand.position);
       end.link.pulled(share, Mat3::Identity());
       end.lowest = std::min(end.lowest, end.link.energy());
       if (now >= end.next) {
@@ -91,9 +98,12 @@ struct Session {
     }
     for (End& end : ends) {
       const Vec3 before = end.hand.position;
-      end.hand.move(end.force, now);
-      end.work += end.force.dot(end.hand.position - before);
+      end.hand.move(end.force, now, next);
+      const double done = end.force.dot(end.hand.position - before);
+      end.work += done;
+      greatest = std::max(greatest, done);
     }
+    last = next;
     most = std::max(most, ends[0].work + ends[1].work);
   }
 
@@ -117,8 +127,12 @@ struct Session {
   LinkParams params;
   Network network;
   double every = 0.005;  ///< Between two messages [s].
-  double unsent = 0.0;   ///< Share of forces that somebody cut.
-  double most = 0.0;     ///< That both hands together had got at any time [J].
+  bool tanks = true;     ///< Else each end renders a spring, and nobody counts.
+  std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
+  double unsent = 0.0;    ///< Share of forces that somebody cut.
+  double most = 0.0;      ///< That both hands together had got at any time [J].
+  double last = kDt;      ///< Since the last tick [s].
+  double greatest = 0.0;  ///< The most that was done in one tick [J].
 };
 
 Network anyNetwork(Random& random, double seconds) {
@@ -172,8 +186,8 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
       }
       session.tick(n * kDt);
     }
-    const double bound = params.start * static_cast<double>(session.ends[0].lives +
-                                                            session.ends[1].lives);
+    const double bound =
+        params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
     for (const End& end : session.ends) REQUIRE(end.lowest >= -1e-12);
     REQUIRE(session.most <= bound + 1e-12);
@@ -183,37 +197,171 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
   CHECK(nearest > 0.5);
 }
 
+TEST_CASE("what a late tick overdraws is one tick's work, and is paid back", "[loop][link]") {
+  const long count = test::cases(3000);
+  double deepest = 0.0;
+  for (long seed = 0; seed < count; ++seed) {
+    Random random(static_cast<std::uint64_t>(seed));
+    Session session(static_cast<std::uint64_t>(seed) + 1000000, {});
+    session.network = anyNetwork(random, 0.4);
+    for (End& end : session.ends) end.hand = anyHand(random);
+    double now = 0.0;
+    while (now < 0.4) {
+      const double next = kDt * (random.integer(20) == 0 ? random.uniform(1.0, 10.0) : 1.0);
+      session.tick(now, next);
+      now += next;
+    }
+    INFO("seed " << seed);
+    for (const End& end : session.ends) {
+      REQUIRE(end.lowest >= -session.greatest);
+      deepest = std::min(deepest, end.lowest);
+    }
+    REQUIRE(session.most <= 2.0 * LinkParams().start + 2.0 * session.greatest);
+  }
+  CHECK(deepest < 0.0);
+}
+
+TEST_CASE("a late tick leaves the force as it is", "[loop][link]") {
+  Link link(1);
+  link.hear({2, 1, 1, Vec3(0.01, 0, 0), 0.0});
+  for (std::uint64_t n = 2; n < 1000; ++n) {
+    (void)link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt);
+    link.pulled(1.0, Mat3::Identity());
+    link.hear({2, 1, n, Vec3(0.01, 0, 0), 0.0});
+  }
+  for (const double dt : {kDt, 3 * kDt, 0.1 * kDt, kDt}) {
+    CHECK(link.pull(Vec3::Zero(), Vec3::Zero(), true, dt).x() == Approx(2.0));
+    link.pulled(1.0, Mat3::Identity());
+  }
+}
+
+TEST_CASE("a spring without tanks gives energy over a network that delays", "[loop][link]") {
+  // What the tanks are for, and that the networks of these tests would show it.
+  Session session(1, {});
+  session.network.delay = 0.05;
+  session.tanks = false;
+  for (End& end : session.ends) {
+    end.hand.damping = 0.1;
+    end.hand.position = {0.01, 0.0, 0.0};
+  }
+  session.ends[1].hand.position *= -1.0;
+  for (int n = 0; n < 3000; ++n) session.tick(n * kDt);
+  CHECK(session.most > 100.0 * 2.0 * LinkParams().start);
+
+  Session held(1, {});
+  held.network.delay = 0.05;
+  for (std::size_t i = 0; i < 2; ++i) {
+    held.ends[i].hand.damping = 0.1;
+    held.ends[i].hand.position = {i == 0 ? 0.01 : -0.01, 0.0, 0.0};
+  }
+  for (int n = 0; n < 3000; ++n) held.tick(n * kDt);
+  CHECK(held.most <= 2.0 * LinkParams().start + 1e-12);
+}
+
 TEST_CASE("a hand is led by another one", "[loop][link]") {
-  std::string rows;
+  // One swings by 5 cm at 0.5 Hz, the other is only pulled. docs/cluster.md has the table.
+  std::printf("delay ms, lost %%: rms apart mm\n");
   for (const double delay : {0.0, 0.005, 0.02, 0.05, 0.1}) {
     for (const double lost : {0.0, 0.1, 0.5}) {
       Session session(1, {});
       session.network.delay = delay;
       session.network.lost = lost;
-      Hand& teacher = session.ends[0].hand;
-      teacher.grip = 500.0;
-      teacher.damping = 10.0;
-      teacher.swing = {0.05, 0.0, 0.0};
-      teacher.frequency = 0.5;
+      Hand& first = session.ends[0].hand;
+      first.grip = 500.0;
+      first.damping = 10.0;
+      first.swing = {0.05, 0.0, 0.0};
+      first.frequency = 0.5;
       session.ends[1].hand.damping = 1.0;
-      double off = 0.0;
+      double squares = 0.0;
       int count = 0;
-      double last = 0.0;
       for (int n = 0; n < 10000; ++n) {
         session.tick(n * kDt);
-        if (n < 4000) continue;
+        if (n < 4000) continue;  // it begins
         ++count;
-        const double d = (session.ends[0].hand.position - session.ends[1].hand.position).norm();
-        off += d * d;
-        last = std::max(last, session.ends[1].hand.position.norm());
+        squares += (session.ends[0].hand.position - session.ends[1].hand.position).squaredNorm();
       }
-      rows += std::to_string(delay) + " " + std::to_string(lost) + " rms apart " +
-              std::to_string(1e3 * std::sqrt(off / count)) + " mm, student's way " +
-              std::to_string(1e3 * last) + " mm, work " + std::to_string(session.ends[0].work) +
-              " " + std::to_string(session.ends[1].work) + "\n";
+      const double apart = std::sqrt(squares / count);
+      std::printf("%5.0f %3.0f: %.1f\n", 1e3 * delay, 1e2 * lost, 1e3 * apart);
+      INFO("delay " << delay << " lost " << lost);
+      // Its way in the delay, at 0.16 m/s at most, and what the spring is longer by.
+      CHECK(apart < 2.5e-3 + 0.12 * delay);
     }
   }
-  WARN(rows);
+}
+
+TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
+  Link link(5);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const auto said = [&](LinkWord word) {
+    link.hear(word);
+    const Vec3 force = link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt);
+    link.pulled(1.0, Mat3::Identity());
+    REQUIRE(force.allFinite());
+    REQUIRE(force.norm() <= LinkParams().peak);
+  };
+  for (int n = 0; n < 1000; ++n) said({7, 5, static_cast<std::uint64_t>(n + 1), {0.1, 0, 0}, 0.0});
+  const double before = link.energy();
+  // No life, no number, another's sum.
+  said({0, 5, 2000, {0.1, 0, 0}, 1.0});
+  said({7, 5, 2000, {nan, 0, 0}, 1.0});
+  said({7, 5, 2000, {0.1, 0, 0}, nan});
+  said({7, 5, 2000, {0.1, 0, 0}, std::numeric_limits<double>::infinity()});
+  said({7, 4, 2000, {0.1, 0, 0}, 1.0});
+  said({6, 5, 9999, {-0.1, 0, 0}, 1.0});
+  said({7, 5, 2001, {1e300, 0, 0}, 1.0});
+  CHECK(link.energy() == before);
+  CHECK(link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt).x() > 1.9);
+  link.pulled(1.0, Mat3::Identity());
+  // Whoever lies of a sum gives no more than the spring holds.
+  said({7, 5, 2002, {0.1, 0, 0}, 1e9});
+  CHECK(link.energy() < 0.2);
+}
+
+TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
+  test::TestDevice device;
+  device.about.limits.peak = 0.5;
+  HandLinks links(1);
+  HapticLoop loop(device, 1.0 / kDt);
+  loop.linkBy(&links);
+  loop.publish(test::ballScene(test::ballField()));
+  TickTime time;
+  LinksHeard heard;
+  heard.who[2] = 9;
+  std::uint64_t number = 0;
+  const auto tick = [&](const Vec3& hand) -> const Telemetry& {
+    heard.words[2] = {3, 1, ++number, Vec3(0.2, 0, 0), 0.0};
+    links.hear(heard);
+    device.hand.position = hand;
+    time.now += kDt;
+    loop.tick(time);
+    return loop.latest();
+  };
+  Vec3 hand(0.1, 0, 0);
+  for (int n = 0; n < 3000; ++n) (void)tick(hand);
+  {
+    const Telemetry& now = loop.latest();
+    CHECK(now.input.pull.x() == Approx(2.0));
+    CHECK(now.report.force.x() == Approx(0.5));
+    CHECK(now.report.left == Approx(0.25));
+  }
+  const LinksTold before = links.told();
+  CHECK(before.proxy == hand);
+  // It goes away by 10 mm against half a newton: 5 mJ, not the 20 of what was asked for.
+  for (int n = 0; n < 100; ++n) (void)tick(hand -= Vec3(1e-4, 0, 0));
+  const LinksTold& after = links.told();
+  const double put_in =
+      after.energy[2] + after.words[2].given - before.energy[2] - before.words[2].given;
+  CHECK(put_in == Approx(5e-3).epsilon(0.05));
+  CHECK(after.words[2].from == 1);
+  CHECK(after.words[2].to == 3);
+  // A fault cuts it, and another hand that takes its place begins anew.
+  loop.cut();
+  CHECK(tick(hand).input.pull == Vec3::Zero());
+  CHECK(links.told().presence[2] == 0.0);
+  loop.clear();
+  heard.who[2] = 10;
+  (void)tick(hand);
+  CHECK(links.told().words[2].given == 0.0);
 }
 
 }  // namespace palpate

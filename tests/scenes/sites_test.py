@@ -1,0 +1,334 @@
+#!/usr/bin/env python3
+"""Hands of several sites in one scene, as users meet them: sites_test.py BIN_DIR RELAY [--runs N].
+
+Programs of their own, by real DDS on this machine's loopback, or in networks of their own with a
+relay between them. With --runs N: N networks instead of the few that are tried each time.
+"""
+import json
+import math
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from cases import cases  # noqa: E402
+from refusals import refusal  # noqa: E402
+
+PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
+RELAY = str(Path(sys.argv[2]).resolve())
+RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else cases(3)
+START = 1e-3  # LinkParams::start [J]
+PEAK = 2.0  # LinkParams::peak [N]
+SILENCE, RAMP = 0.2, 0.5  # kLinkSilence, kLinkRamp [s]
+STEEPEST = 1.1 * PEAK / RAMP  # [N/s]
+LATE = "the loop was late"
+TRIES = 5
+
+
+def domain():
+    """One that other tests on this machine hardly have."""
+    return 1 + os.getpid() % 200
+
+
+def rows_of(file):
+    with open(file, "rb") as opened:
+        head = json.loads(opened.readline())
+    rows = np.fromfile(file, [tuple(f) for f in head["dtype"]], offset=head["offset"])
+    return rows[rows["tick"] > 0]
+
+
+def pulled(rows):
+    """Of hands elsewhere, what has left [N]."""
+    return rows["left"][:, None] * rows["pull"]
+
+
+def steepest(rows):
+    """How fast their force changed at most [N/s]."""
+    size = np.linalg.norm(pulled(rows), axis=1)
+    return np.max(np.abs(np.diff(size)) / rows["dt"][1:])
+
+
+def work(rows):
+    """What hands elsewhere have done on this one, up to each tick [J]."""
+    return np.cumsum(np.sum(pulled(rows)[:-1] * np.diff(rows["hand"], axis=0), axis=1))
+
+
+class Case(unittest.TestCase):
+    def setUp(self):
+        holder = tempfile.TemporaryDirectory()
+        self.addCleanup(holder.cleanup)
+        self.dir = Path(holder.name)
+        subprocess.run([PALPATE, "make", "two-bodies", self.dir / "two.vdb"], check=True,
+                       capture_output=True, timeout=60)
+        self.scene = self.dir / "scene.json"
+        self.scene.write_text(json.dumps({
+            "palpate": 1,
+            "volumes": {"bowl": {"file": "two.vdb", "grid": "bowl", "place": {"fit": 0.1}}},
+            "modes": [{"mode": "isosurface", "of": "bowl", "value": 0, "strength": 2,
+                       "solid": "below"}]}))
+
+    def path(self, name, place, seconds=20.0):
+        """A hand's: place(t) [m]; none: it stands 20 cm from the scene."""
+        count = 2 if place is None else int(seconds * 200)
+        rows = []
+        for n in range(count + 1):
+            t = n * seconds / count
+            x, y, z = (0.2, 0.0, 0.0) if place is None else place(t)
+            rows.append(f"{t},{x},{y},{z}")
+        file = self.dir / f"{name}.csv"
+        file.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
+        return file
+
+    def words(self, name, hand, seconds, *more):
+        return [PALPATE, "feel", self.scene, "--realtime", "--site", f"{name}@{domain()}",
+                "--device", f"path:{hand}", "--record", self.dir / f"{name}.rec",
+                "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
+
+    def start(self, name, hand, seconds, *more):
+        # To files: nobody reads meanwhile.
+        said = open(self.dir / f"{name}.err", "w", encoding="utf-8")  # pylint: disable=R1732
+        self.addCleanup(said.close)
+        one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more))),
+                               stdout=subprocess.DEVNULL, stderr=said)
+        self.addCleanup(one.wait)
+        self.addCleanup(one.kill)
+        return one
+
+    def said(self, name):
+        return (self.dir / f"{name}.err").read_text(encoding="utf-8")
+
+    def wait_for(self, name, words, seconds=10.0):
+        """When such words were said."""
+        end = time.monotonic() + seconds
+        while words not in self.said(name):
+            if time.monotonic() > end:
+                self.fail(f"{name} has not said \"{words}\": {self.said(name)}")
+            time.sleep(0.005)
+        return time.monotonic()
+
+    def unless_late(self, attempt):
+        """A machine that others use cuts forces: tried anew."""
+        for n in range(TRIES):
+            if not attempt(n == TRIES - 1):
+                return
+
+    def was_late(self, *names):
+        return any(LATE in self.said(name) for name in names)
+
+
+class OneMachine(Case):
+    def test_two_hands_pull_each_other_and_are_felt_again(self):
+        def attempt(last):
+            hands = {"A": self.path("A", None), "B": self.path("B", lambda t: (0.21, 0, 0))}
+            both = [self.start(name, hand, 3) for name, hand in hands.items()]
+            status = [one.wait(timeout=30) for one in both]
+            if self.was_late("A", "B") and not last:
+                return True
+            self.assertEqual(status, [0, 0], self.said("A") + self.said("B"))
+            return False
+
+        self.unless_late(attempt)
+        for name, other, sign in (("A", "B", 1), ("B", "A", -1)):
+            self.assertIn(f"site {other}: its hand is felt", self.said(name))
+            rows = rows_of(self.dir / f"{name}.rec")
+            # 200 N/m at 10 mm, which is the most there is; a ramp before.
+            force = pulled(rows)[:, 0] * sign
+            self.assertAlmostEqual(force.max(), PEAK, delta=1e-4)
+            self.assertLess(steepest(rows), STEEPEST, "it comes at once")
+            self.assertTrue((pulled(rows)[:, 1:] == 0).all())
+            facts = json.loads((self.dir / f"{name}.json").read_text())["sites"][other]
+            self.assertEqual(facts["lives"], 1)
+            self.assertGreater(facts["heard"], 30)  # a hand at rest: 20 a second
+            self.assertTrue(facts["paid"] == 1)
+            again = self.dir / f"{name}2.rec"
+            subprocess.run([PALPATE, "feel", self.dir / f"{name}.rec", "--device",
+                            f"replay:{self.dir / name}.rec", "--record", again], check=True,
+                           capture_output=True, timeout=60)
+            told = subprocess.run([PALPATE, "compare", self.dir / f"{name}.rec", again], check=True,
+                                  capture_output=True, text=True, timeout=60).stdout
+            self.assertIn("the same to the last bit", told)
+
+    def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
+        def attempt(last):
+            mine = self.path("A", None)
+            his = self.path("B", lambda t: (0.205, 0, 0))
+            alone = self.start("A", mine, 12)
+            killed = self.start("B", his, 12)
+            self.wait_for("A", "site B: its hand is felt")
+            time.sleep(1.0)
+            killed.send_signal(signal.SIGKILL)
+            gone = time.monotonic()
+            heard = self.wait_for("A", "site B: nothing is heard of it")
+            self.assertLess(heard - gone, 1.0)
+            time.sleep(1.0)
+            back = self.start("B", his, 2)
+            back.wait(timeout=30)
+            alone.wait(timeout=30)
+            late = self.was_late("A", "B")
+            self.assertFalse(late and last, "the machine is too busy for a loop")
+            return late
+
+        self.unless_late(attempt)
+        rows = rows_of(self.dir / "A.rec")
+        force = pulled(rows)[:, 0]
+        self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
+        self.assertLess(steepest(rows), STEEPEST)
+        held = np.flatnonzero(force > 0.99)
+        let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
+        self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
+        facts = json.loads((self.dir / "A.json").read_text())["sites"]["B"]
+        self.assertEqual(facts["lives"], 2)
+        self.assertIn("site B: it has gone", self.said("A"))  # the second one took leave
+
+    def test_who_is_in_another_domain_is_not_met(self):
+        mine = self.start("A", self.path("A", None), 2)
+        other = subprocess.run(
+            [PALPATE, "feel", self.scene, "--realtime", "--site", f"B@{domain() + 1}", "--device",
+             f"path:{self.path('B', None)}", "--seconds", "1", "--json"],
+            capture_output=True, text=True, timeout=30)
+        mine.wait(timeout=30)
+        self.assertEqual(json.loads(other.stdout)["sites"], {})
+        self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
+
+    def test_one_name_twice_is_told_and_not_felt(self):
+        first = self.start("A", self.path("A", None), 3)
+        self.dir.joinpath("A.err").replace(self.dir / "first.err")
+        second = subprocess.run(
+            [PALPATE, "feel", self.scene, "--realtime", "--site", f"A@{domain()}", "--device",
+             f"path:{self.path('B', lambda t: (0.21, 0, 0))}", "--seconds", "2", "--json"],
+            capture_output=True, text=True, timeout=30)
+        first.wait(timeout=30)
+        self.assertIn("another one has the same name", second.stderr)
+        self.assertEqual(json.loads(second.stdout)["force_max"], 0)
+
+    def test_packets_of_no_meaning_do_no_harm(self):
+        alone = self.start("A", self.path("A", None), 4)
+        time.sleep(1.0)
+        chance = random.Random(1)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as throws:
+            for _ in range(4000):
+                size = chance.randrange(1, 1400)
+                packet = bytearray(chance.randbytes(size))
+                if chance.random() < 0.8:
+                    packet[:4] = b"RTPS"
+                # The ports of the first participants of the domain, as DDS counts them.
+                port = 7400 + 250 * domain() + chance.choice((0, 1, 10, 11, 12, 13))
+                throws.sendto(packet, ("127.0.0.1", port))
+                if _ % 40 == 0:
+                    time.sleep(0.01)
+        status = alone.wait(timeout=30)
+        self.assertIn(status, (0, 1, 4), self.said("A"))
+        facts = json.loads((self.dir / "A.json").read_text())
+        self.assertEqual(facts["sites"], {})
+        self.assertEqual(facts["force_max"], 0)
+
+    def test_what_is_refused(self):
+        hand = self.path("A", None)
+        for words, says in (
+                (["--site", "A"], "add --realtime"),
+                (["--realtime", "--site", "A B"], "is no name of a site"),
+                (["--realtime", "--site", "A" * 32], "is no name of a site"),
+                (["--realtime", "--site", "A@231"], "is no domain"),
+                (["--realtime", "--with", "10.0.0.1"], "add --site NAME"),
+                (["--realtime", "--site", "A", "--with", "host\"/>"], "is no address")):
+            with self.subTest(words=words):
+                _, line = refusal(self, self.dir, lambda words=words: subprocess.run(
+                    [PALPATE, "feel", str(self.scene), "--device", f"path:{hand}", *words],
+                    capture_output=True, text=True, timeout=60))
+                self.assertIn(says, line)
+
+
+class Far(Case):
+    """Over networks that lose, delay, double and reorder."""
+
+    def sway(self, seed):
+        """Some hand's way, smooth: slower to turn than kLinkNimble."""
+        chance = random.Random(seed)
+        swings = [(chance.uniform(0.005, 0.02), chance.uniform(0.3, 3.0), chance.uniform(0, 7))
+                  for _ in range(3)]
+        return lambda t: tuple(
+            (0.2 if i == 0 else 0) + a * math.sin(2 * math.pi * f * t + p)
+            for i, (a, f, p) in enumerate(swings))
+
+    def through(self, one, other, *network, act=None):
+        """Two commands, a relay between them. What the relay said."""
+        relay = subprocess.Popen(
+            [RELAY, *map(str, network), "--seconds", "60", "--", *map(str, one), "--",
+             *map(str, other)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(relay.kill)
+        if act:
+            act(relay)
+        said = relay.communicate(timeout=100)[1]
+        if relay.returncode == 77:
+            self.skipTest("no networks of one's own: " + said)
+        return said
+
+    def test_no_network_makes_energy(self):
+        worst = -math.inf
+        for seed in range(RUNS):
+            chance = random.Random(seed)
+            hands = [self.path(name, self.sway(2 * seed + n)) for n, name in enumerate("AB")]
+            network = ["--delay-ms", round(chance.choice((0, 1, 5, 20, 80)) * chance.random(), 2),
+                       "--jitter-ms", round(chance.choice((0, 5, 40)) * chance.random(), 2),
+                       "--loss", round(chance.choice((0, 0.1, 0.5)) * chance.random(), 3),
+                       "--twice", round(0.5 * chance.random(), 3),
+                       "--overtaken", round(0.5 * chance.random(), 3), "--seed", seed]
+            # The first is ended by the relay, when the second has ended.
+            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
+                                self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
+            done = {}
+            for name in "AB":
+                rows = rows_of(self.dir / f"{name}.rec")
+                done[name] = work(rows)
+                self.assertLessEqual(np.linalg.norm(rows["pull"], axis=1).max(), PEAK + 1e-9)
+                felt = np.linalg.norm(pulled(rows), axis=1) > 0.01
+                if not (rows["fault"] != 0).any():
+                    self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
+            # In the end; either alone may get what the other has put in.
+            both = done["A"][-1] + done["B"][-1]
+            worst = max(worst, both)
+            self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
+        print(f"{RUNS} networks: both hands together got at most {1e3 * worst:.3g} mJ", flush=True)
+
+    def test_parted_and_joined_again(self):
+        times = {}
+
+        def act(relay):
+            time.sleep(3.5)
+            relay.send_signal(signal.SIGUSR1)
+            times["parted"] = time.monotonic()
+            time.sleep(2.0)
+            relay.send_signal(signal.SIGUSR1)
+
+        hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
+        for n in range(TRIES):
+            self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
+                         self.words("B", hands[1], 9, "--with", "10.77.0.1"),
+                         "--delay-ms", 5, "--loss", 0.01, act=act)
+            rows = rows_of(self.dir / "B.rec")
+            if not (rows["fault"] != 0).any():
+                break
+            self.assertLess(n, TRIES - 1, "the machine is too busy for a loop")
+        force = np.linalg.norm(pulled(rows), axis=1)
+        self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
+        self.assertLess(steepest(rows), STEEPEST)
+        held = np.flatnonzero(force > 0.99)
+        let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
+        # From the last message on: silence, then a ramp.
+        begins = np.flatnonzero(force[:let_go] > 0.99)[-1]
+        self.assertLess(rows["time"][let_go] - rows["time"][begins], RAMP + 0.1)
+        self.assertTrue((force[let_go:] > 0.99).any(), "it did not come back")
+
+
+if __name__ == "__main__":
+    del sys.argv[1:]
+    unittest.main(verbosity=2)
