@@ -171,8 +171,8 @@ void HapticLoop::tick(const TickTime& time) noexcept {
           hand.fault == Fault::kMiscounted;
   in.wrong = whatIsWrong(hand, time);
   if (links_ != nullptr) {
-    const bool there = scene != nullptr && hand.ready && in.wrong == Fault::kNone &&
-                       !hand_.state().faulted();
+    const bool there =
+        scene != nullptr && hand.ready && in.wrong == Fault::kNone && !hand_.state().faulted();
     // A proxy that is not placed yet begins at the hand.
     const Vec3& proxy = told_.tick > 0 && hand_.mayPull() ? hand_.state().proxy() : hand.position;
     in.pull = links_->pull(proxy, hand, there, time.dt);

@@ -25,7 +25,7 @@ from refusals import refusal  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 RELAY = str(Path(sys.argv[2]).resolve())
-RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else cases(3)
+RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
 SILENCE, RAMP = 0.2, 0.5  # kLinkSilence, kLinkRamp [s]
