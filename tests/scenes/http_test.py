@@ -261,7 +261,7 @@ class Served(Case):
 class Far(Case):
     """Server and hand in networks of their own, and between them a way of 5 ms that loses one packet in a hundred."""
 
-    def felt(self, seed, *relay, during=None):
+    def felt(self, seed, *relay, delay=5, during=None):
         """The summary of a hand that goes round in the bowl, on time; its recording is far.rec."""
         home = self.dir / f"far{seed}"
         rows = [(0, 0.01, 0.01, 0), (1, 0.01, 0.01, -0.02)]
@@ -275,7 +275,7 @@ class Far(Case):
                 str(self.dir / "far.rec")]
         serve = apache(home, self.dir, "10.77.0.1:8080")
         running = subprocess.Popen(
-            [RELAY, "--delay-ms", "5", "--seed", str(seed), "--seconds", "60", *relay, "--", *serve, "--",
+            [RELAY, "--delay-ms", str(delay), "--seed", str(seed), "--seconds", "60", *relay, "--", *serve, "--",
              "sh", "-c", "sleep 1; exec \"$@\"", "sh", *feel], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         self.addCleanup(running.stderr.close)
         self.addCleanup(running.wait)
