@@ -14,6 +14,7 @@ namespace palpate {
 /// Another of the crew has given up, and tells why: who catches this has nothing to say.
 class CrewEnded : public std::exception {
  public:
+  /// For nobody.
   [[nodiscard]] const char* what() const noexcept override { return "another rank has given up"; }
 };
 
@@ -21,6 +22,7 @@ class CrewEnded : public std::exception {
 /// they do together, so that one who fails is missed by nobody (workTogether).
 class Crew {
  public:
+  /// What one brings.
   using Bytes = std::vector<std::byte>;
 
   Crew() = default;
@@ -79,11 +81,12 @@ template <class T>
   return all;
 }
 
-/// [first, end) of a row.
+/// Some of a row.
 struct Share {
-  std::int64_t first = 0;
-  std::int64_t end = 0;
+  std::int64_t first = 0;  ///< Where they begin,
+  std::int64_t end = 0;    ///< and the one behind them.
 
+  /// That one is among them.
   [[nodiscard]] bool has(std::int64_t n) const noexcept { return n >= first && n < end; }
 };
 
