@@ -18,7 +18,7 @@ from pathlib import Path
 
 
 def image(file, edge):
-    """Shells about a middle that are cut, with noise: some 60 % of it is not background."""
+    """Shells in a ball, with noise: 41 % of it is not background."""
     noise = random.Random(1)
     squares = [(4.0 * n / edge - 2.0) ** 2 for n in range(edge)]
     with file.open("wb") as out:

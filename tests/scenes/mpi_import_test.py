@@ -139,6 +139,14 @@ class Bytes(Case):
         file.write_bytes(values.tobytes())
         self.check([2], file, *self.layout)
 
+    def test_what_a_float_cannot_hold_at_the_end(self):
+        values = array.array("i", map(int, self.values))
+        values[len(values) - 5] = 2 ** 25 + 1
+        file = self.dir / "large.raw"
+        file.write_bytes(values.tobytes())
+        layout = json.dumps({"size": SIZE, "type": "int32"})
+        self.check([2], file, "--raw", layout)
+
     def test_nrrd_of_the_other_end(self):
         file = self.dir / "blob.nrrd"
         header = ("NRRD0004\ntype: short\ndimension: 3\nsizes: %d %d %d\nendian: big\n"
