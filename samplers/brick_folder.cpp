@@ -38,8 +38,10 @@ class Opened {
 
 }  // namespace
 
-BrickFolder::BrickFolder(std::filesystem::path path)
-    : path_(std::move(path)), folder_(::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+BrickFolder::BrickFolder(std::filesystem::path path, int writer)
+    : path_(std::move(path)),
+      writer_(writer),
+      folder_(::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
   if (folder_ >= 0) return;
   throw VolumeError(path_.string(),
                     std::string("the folder cannot be read (") + std::strerror(errno) + ")",
@@ -114,7 +116,8 @@ void BrickFolder::makeFolder(const std::string& name) const {
 
 void BrickFolder::write(const std::string& name, std::span<const std::byte> bytes) const {
   static std::atomic<unsigned> number{0};
-  const std::string partial = std::string(kPartial) + "/" + std::to_string(number++);
+  const std::string partial =
+      std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
     Opened file(::openat(folder_, partial.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC,

@@ -13,7 +13,8 @@ namespace palpate {
 class BrickFolder {
  public:
   /// Of one that is there. Throws VolumeError.
-  explicit BrickFolder(std::filesystem::path path);
+  /// @param writer  One of several processes that write into it together.
+  explicit BrickFolder(std::filesystem::path path, int writer = 0);
   BrickFolder(const BrickFolder&) = delete;
   BrickFolder& operator=(const BrickFolder&) = delete;
   ~BrickFolder();
@@ -60,6 +61,7 @@ class BrickFolder {
   [[noreturn]] void fail(const std::string& name, int error) const;
 
   std::filesystem::path path_;
+  int writer_;
   int folder_ = -1;
 };
 

@@ -3,6 +3,7 @@
 #include <bit>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <string_view>
 #include <type_traits>
 #include <utility>
@@ -14,6 +15,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/brick_codec.h"
 #include "palpate/samplers/bricks.h"
+#include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/parallel.h"
 #include "palpate/samplers/prepare.h"
 #include "palpate/samplers/volume_grid.h"
@@ -115,6 +117,10 @@ void setMetadata(const std::string& text, openvdb::GridBase& grid) {
     }
   }
 }
+
+/// A voxel's brick is its coordinate by so many bits to the right, also where it is negative.
+constexpr int kBrickShift = 6;
+static_assert(1 << kBrickShift == kBrickSide);
 
 /// Fills boxes out of a grid.
 template <class GridT>
@@ -219,13 +225,33 @@ class Sum {
   std::uint64_t hash_ = 0xCBF29CE484222325U;
 };
 
+/// A leaf's.
+struct LeafSum {
+  VoxelAt origin{};
+  std::uint64_t sum = 0;
+};
+
+/// Puts leaves in the order in which a tree has them: node by node, and in each along x, y and z.
+template <class Tree>
+void sortAsTree(std::vector<LeafSum>& leaves) {
+  using Lower = typename Tree::RootNodeType::ChildNodeType::ChildNodeType;
+  using Upper = typename Tree::RootNodeType::ChildNodeType;
+  const auto key = [](const LeafSum& leaf) {
+    const Coord origin = coordOf(leaf.origin);
+    return std::array{origin & ~(Upper::DIM - 1U), origin & ~(Lower::DIM - 1U), origin};
+  };
+  std::sort(leaves.begin(), leaves.end(),
+            [&](const LeafSum& a, const LeafSum& b) { return key(a) < key(b); });
+}
+
 /// What a grid is, in short, and where it is anything.
+/// @param crew  Who have the parts of it: of each that which is its input's share.
 template <class GridT>
-void lookAt(const typename GridT::ConstPtr& grid, BrickInput& input) {
+void lookAt(const typename GridT::ConstPtr& grid, Crew& crew, BrickInput& input) {
   using Tree = typename GridT::TreeType;
   using Leaf = typename Tree::LeafNodeType;
   const openvdb::tree::LeafManager<const Tree> leaves(grid->tree());
-  std::vector<std::uint64_t> sums(leaves.leafCount());
+  std::vector<LeafSum> sums(leaves.leafCount());
   inParallel(sums.size(), [&](std::size_t n) {
     const Leaf& leaf = leaves.leaf(n);
     const auto values = brickChecksum(std::as_bytes(std::span(leaf.buffer().data(), Leaf::SIZE)));
@@ -233,14 +259,23 @@ void lookAt(const typename GridT::ConstPtr& grid, BrickInput& input) {
     for (openvdb::Index w = 0; w < words.size(); ++w) {
       words[w] = leaf.valueMask().template getWord<openvdb::Index64>(w);
     }
-    sums[n] = (std::uint64_t{values} << 32U) | brickChecksum(std::as_bytes(std::span(words)));
+    sums[n] = {voxelOf(leaf.origin()),
+               (std::uint64_t{values} << 32U) | brickChecksum(std::as_bytes(std::span(words)))};
   });
+  if (input.share) {
+    std::erase_if(sums, [&](const LeafSum& leaf) {
+      return !input.share->has(std::int64_t{leaf.origin[2]} >> kBrickShift);
+    });
+    sums = gatherAll(crew, sums);
+    sortAsTree<Tree>(sums);
+  }
   Sum sum;
   CoordBBox extent;
-  for (std::size_t n = 0; n < sums.size(); ++n) {
-    sum.add(leaves.leaf(n).origin());
-    sum.add(sums[n]);
-    extent.expand(leaves.leaf(n).getNodeBoundingBox());
+  for (const LeafSum& leaf : sums) {
+    const Coord origin = coordOf(leaf.origin);
+    sum.add(origin);
+    sum.add(leaf.sum);
+    extent.expand(CoordBBox(origin, origin.offsetBy(Leaf::DIM - 1)));
   }
   auto tile = grid->tree().cbeginValueAll();
   tile.setMaxDepth(Tree::ValueAllCIter::LEAF_DEPTH - 1);
@@ -386,11 +421,9 @@ openvdb::GridClass classOf(GridClass grid_class) {
   return openvdb::GRID_UNKNOWN;
 }
 
-}  // namespace
-
-BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
-  const GridInfo& info = volume->info();
-  const auto& parts = volume->grid().parts;
+/// @param share  As BrickInput's.
+BrickInput inputOf(const GridInfo& info, const std::vector<Volume::Grid::Part>& parts, bool half,
+                   Crew& crew, const std::optional<Share>& share) {
   if (parts.size() != 1) {
     throw VolumeError(
         "\"" + info.name + "\"", "its components stand at different places",
@@ -403,15 +436,35 @@ BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
   input.linear = parts[0].linear;
   input.origin = parts[0].origin;
   input.source = info.source;
+  input.share = share;
   std::visit(
       [&](const auto& grid) {
         using GridT = std::remove_const_t<typename std::decay_t<decltype(grid)>::element_type>;
-        lookAt<GridT>(grid, input);
+        lookAt<GridT>(grid, crew, input);
       },
       parts[0].data);
+  return input;
+}
+
+}  // namespace
+
+BrickInput brickInput(const std::shared_ptr<const Volume>& volume, bool half) {
+  CrewOfOne alone;
+  BrickInput input = inputOf(volume->info(), volume->grid().parts, half, alone, std::nullopt);
   // It lives for as long as its boxes are asked for.
   input.fill = [volume, boxes = std::move(input.fill)](const BrickBox& box) { return boxes(box); };
   return input;
+}
+
+BrickInput brickInput(const openvdb::GridBase::Ptr& part, Crew& crew, const Share& share) {
+  const Prepared prepared = prepare(part->getName(), part, {});
+  // A part may be empty, though the whole is not.
+  if (!prepared.info.refusal.empty() && prepared.info.active_voxels > 0) {
+    const auto colon = prepared.info.refusal.find(": ");
+    throw VolumeError("grid \"" + prepared.info.name + "\"", prepared.info.refusal.substr(0, colon),
+                      prepared.info.refusal.substr(colon + 2));
+  }
+  return inputOf(prepared.info, prepared.grid->parts, false, crew, share);
 }
 
 std::shared_ptr<const Volume> loadBricks(const std::filesystem::path& folder, std::int32_t level) {

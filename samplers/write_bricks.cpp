@@ -9,6 +9,7 @@
 #include <iterator>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <system_error>
 #include <utility>
 #include <vector>
@@ -136,38 +137,41 @@ bool isOneValue(const Space& space, std::size_t components) {
 class Writer {
  public:
   Writer(BrickFolder& folder, const BrickInput& input, const BrickOptions& options,
-         BrickFacts& facts, bool resumes)
+         BrickFacts& facts, Crew& crew, bool resumes)
       : folder_(folder),
         input_(input),
         options_(options),
         facts_(facts),
+        crew_(crew),
         resumes_(resumes),
         components_(input.format.components()),
         spaces_([&] { return Space(input.format, facts.manifest().identity()); }) {
     for (const BrickLevel& level : facts.manifest().levels()) {
       all_ += static_cast<double>(level.bricks());
     }
+    bricks_ = static_cast<double>(level(0).bricks());
   }
 
   BrickReport write() {
-    folder_.removePartial();
-    folder_.makeFolder(".partial");
-    folder_.write(".zgroup", std::string("{\n  \"zarr_format\": 2\n}\n"));
-    folder_.write(kBrickAttributesFile, facts_.attributes());
     const auto levels = static_cast<std::int32_t>(facts_.manifest().levels().size());
-    for (std::int32_t l = 0; l < levels; ++l) {
-      folder_.makeFolder(std::to_string(l));
-      folder_.write(std::to_string(l) + "/.zarray", facts_.array(l, options_.compression));
-    }
+    if (crew_.rank() == 0) makeFolders(levels);
+    // The folders are there.
+    (void)crew_.gather({});
     for (std::int32_t l = 0; l < levels; ++l) {
       l == 0 ? writeFinest() : writeCoarser(l);
       finish(l);
     }
-    folder_.write(kBrickAttributesFile, facts_.attributes());
+    // What the manifest names is on the disk before it is, whoever has written it.
+    folder_.sync();
     const std::vector<std::byte> manifest = facts_.file();
-    BrickReport report{BrickFacts::parse(manifest, (folder_.path() / kBrickManifestFile).string()),
-                       written_, kept_};
-    // What it names is on the disk before it is.
+    BrickReport report{BrickFacts::parse(manifest, (folder_.path() / kBrickManifestFile).string())};
+    for (const auto& [written, kept] :
+         gatherOne(crew_, std::array{written_.load(), kept_.load()})) {
+      report.written += written;
+      report.kept += kept;
+    }
+    if (crew_.rank() != 0) return report;
+    folder_.write(kBrickAttributesFile, facts_.attributes());
     folder_.sync();
     folder_.write(kBrickManifestFile, manifest);
     folder_.removePartial();
@@ -182,17 +186,39 @@ class Writer {
     BrickStatistics statistics;
   };
 
+  void makeFolders(std::int32_t levels) {
+    folder_.removePartial();
+    folder_.makeFolder(".partial");
+    folder_.write(".zgroup", std::string("{\n  \"zarr_format\": 2\n}\n"));
+    folder_.write(kBrickAttributesFile, facts_.attributes());
+    for (std::int32_t l = 0; l < levels; ++l) {
+      folder_.makeFolder(std::to_string(l));
+      folder_.write(std::to_string(l) + "/.zarray", facts_.array(l, options_.compression));
+    }
+  }
+
   [[nodiscard]] const BrickLevel& level(std::int32_t l) const {
     return facts_.manifest().levels()[static_cast<std::size_t>(l)];
   }
 
+  /// Slabs along the last axis, in which files of images are slowest.
   void writeFinest() {
+    const auto& first = level(0).first;
     const auto& count = level(0).count;
+    const Share all{first[2], first[2] + count[2]};
+    Share own = input_.share.value_or(all);
+    if (!input_.share) {
+      own = shareOf(crew_, count[2]);
+      own = {own.first + first[2], own.end + first[2]};
+    }
+    const std::int64_t low = std::clamp(own.first, all.first, all.end) - first[2];
     const auto along = [&](std::size_t a) { return static_cast<std::size_t>(count[a]); };
-    inParallel(level(0).bricks(), [&](std::size_t n) {
-      const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * along(2))),
-                       static_cast<std::int32_t>(n / along(2) % along(1)),
-                       static_cast<std::int32_t>(n % along(2))};
+    const auto deep =
+        static_cast<std::size_t>(std::clamp(own.end, all.first, all.end) - first[2] - low);
+    forEach(along(0) * along(1) * deep, [&](std::size_t n) {
+      const VoxelAt at{static_cast<std::int32_t>(n / (along(1) * deep)),
+                       static_cast<std::int32_t>(n / deep % along(1)),
+                       static_cast<std::int32_t>(n % deep) + static_cast<std::int32_t>(low)};
       make({0, at}, [&](Space& space) { return fill(at, space); });
     });
   }
@@ -202,10 +228,21 @@ class Writer {
     HalvedBricks finer(source, l - 1);
     const bool level_set = input_.grid_class == GridClass::kLevelSet && !input_.format.vector;
     const std::vector<VoxelAt> places = coarserPlaces(facts_.manifest(), l - 1);
-    inParallel(places.size(), [&](std::size_t n) {
-      make({l, places[n]}, [&](Space& space) {
-        return coarserBrick(finer, places[n], level_set, space.coarser, space.values, space.active);
+    const Share own = shareOf(crew_, static_cast<std::int64_t>(places.size()));
+    forEach(static_cast<std::size_t>(own.end - own.first), [&](std::size_t n) {
+      const VoxelAt& at = places[static_cast<std::size_t>(own.first) + n];
+      make({l, at}, [&](Space& space) {
+        return coarserBrick(finer, at, level_set, space.coarser, space.values, space.active);
       });
+    });
+  }
+
+  /// Of a level, in parallel, and told of.
+  template <class Body>
+  void forEach(std::size_t count, Body body) {
+    inParallel(count, [&](std::size_t n) {
+      body(n);
+      told(static_cast<double>(++done_) / static_cast<double>(count));
     });
   }
 
@@ -229,7 +266,6 @@ class Writer {
         add(id, entry, space);
       }
     }
-    told(static_cast<double>(++done_));
   }
 
   /// Of one value, is it nothing at all?
@@ -337,6 +373,7 @@ class Writer {
 
   /// A level is whole. In order, so that sums do not depend on the threads.
   void finish(std::int32_t l) {
+    rows_ = gatherAll(crew_, rows_);
     std::sort(rows_.begin(), rows_.end(),
               [](const Row& a, const Row& b) { return a.entry.at < b.entry.at; });
     BrickStatistics sum;
@@ -349,22 +386,27 @@ class Writer {
     rows_.clear();
     facts_.setEntries(l, std::move(entries));
     if (l == 0) facts_.setStatistics(sum);
-    before_ += static_cast<double>(level(l).bricks());
+    before_ += bricks_;
     done_ = 0;
+    bricks_ = l + 1 < static_cast<std::int32_t>(facts_.manifest().levels().size())
+                  ? static_cast<double>(level(l + 1).bricks())
+                  : 0.0;
     told(0.0);
   }
 
   /// Whoever comes while another tells is passed over.
-  void told(double done) {
+  /// @param part  Of the level.
+  void told(double part) {
     if (!options_.progress) return;
     const std::unique_lock lock(telling_, std::try_to_lock);
-    if (lock) options_.progress((before_ + done) / all_);
+    if (lock) options_.progress((before_ + part * bricks_) / all_);
   }
 
   BrickFolder& folder_;
   const BrickInput& input_;
   const BrickOptions& options_;
   BrickFacts& facts_;
+  Crew& crew_;
   bool resumes_;
   std::size_t components_;
   tbb::enumerable_thread_specific<Space> spaces_;
@@ -373,6 +415,7 @@ class Writer {
   std::mutex telling_;
   double all_ = 0.0;
   double before_ = 0.0;  ///< Of the levels that are whole.
+  double bricks_ = 0.0;  ///< Of the level that is being written.
   std::atomic<std::uint64_t> done_{0};
   std::atomic<std::uint64_t> written_{0};
   std::atomic<std::uint64_t> kept_{0};
@@ -382,15 +425,34 @@ class Writer {
 
 BrickReport writeBricks(const fs::path& folder, const BrickInput& input,
                         const BrickOptions& options) {
+  CrewOfOne alone;
+  Crew& crew = options.crew == nullptr ? alone : *options.crew;
   BrickFacts facts(input, options);
-  const Found found = lookInto(folder, facts.manifest().identity());
-  BrickFolder held(folder);
+  const std::uint64_t identity = facts.manifest().identity();
+  // One of them looks, and holds it as long as any writes into it.
+  std::optional<BrickFolder> held;
+  Found found = Found::kNothing;
+  if (crew.rank() == 0) {
+    found = lookInto(folder, identity);
+    held.emplace(folder);
+    if (found != Found::kFinished) held->lock();
+  }
+  struct Begin {
+    std::uint64_t identity;
+    Found found;
+  };
+  const Begin first = gatherOne(crew, Begin{identity, found}).front();
+  found = first.found;
+  if (first.identity != identity) {
+    throw Error(folder.string(), "this rank's input is another than that of rank 0",
+                "give all of them the same file, and the same palpate");
+  }
   if (found == Found::kFinished) {
-    held.removePartial();
+    if (held) held->removePartial();
     return {BrickManifest::read(folder), 0, 0};
   }
-  held.lock();
-  return Writer(held, input, options, facts, found == Found::kUnfinished).write();
+  if (!held) held.emplace(folder, crew.rank());
+  return Writer(*held, input, options, facts, crew, found == Found::kUnfinished).write();
 }
 
 }  // namespace palpate

@@ -6,11 +6,13 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 
 #include "palpate/engine/types.h"
 #include "palpate/samplers/bricks.h"
+#include "palpate/samplers/crew.h"
 #include "palpate/samplers/volume.h"
 
 namespace palpate {
@@ -45,6 +47,9 @@ struct BrickInput {
   /// Called by several threads at a time, for any box, also where it reaches beyond the extent. An
   /// exception from it ends the writing.
   std::function<BoxFilled(const BrickBox& box)> fill;
+  /// Of a crew, what `fill` knows here: the bricks between these along the last axis, counted from
+  /// that of index 0. Each brick is one rank's. Not set: all of them.
+  std::optional<Share> share;
 };
 
 /// How bricks are written.
@@ -52,6 +57,8 @@ struct BrickOptions {
   int compression = 3;  ///< zstd's level, 1 to 19.
   /// Told how far it is, from 0 to 1, one at a time; an exception from it ends the writing.
   std::function<void(double done)> progress;
+  /// Those who write it together, into a folder that all of them see; null: this process alone.
+  Crew* crew = nullptr;
 };
 
 /// What was written.
@@ -67,16 +74,20 @@ struct BrickReport {
 /// more for a larger volume, but for some hundred bytes for each brick that is not the background.
 ///
 /// A run that ends early, however that is, leaves what it has: the same call goes on from there.
-/// The bytes do not depend on that nor on the number of threads. A folder that is finished already
-/// is left as it is.
+/// The bytes do not depend on that, nor on the number of threads or of the crew's ranks. A folder
+/// that is finished already is left as it is.
+///
+/// Of a crew each calls it, with the same input but for `fill` and `share`; what is thrown by one
+/// ends it for the others with CrewEnded, by workTogether(). Rank 0 alone holds the folder and
+/// writes what is not a brick. All are told of what all have written.
 ///
 /// Level l + 1 at I: the mean of the voxels 2 I and 2 I + 1 of level l. Active where one of the
 /// eight is; of a level set also where voxels of both signs are within 3 voxels of it, so that each
 /// cell that its surface passes, and the two next to it, have data at every corner on every level.
 ///
 /// Throws Error: the folder holds something else, another input or other options, another run is
-/// at it, the disk is full; VolumeError: a value that is no number or does not fit the format, an
-/// extent, map or class that cannot be.
+/// at it, the disk is full, the ranks' inputs differ; VolumeError: a value that is no number or
+/// does not fit the format, an extent, map or class that cannot be.
 [[nodiscard]] BrickReport writeBricks(const std::filesystem::path& folder, const BrickInput& input,
                                       const BrickOptions& options = {});
 

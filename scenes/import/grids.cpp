@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <type_traits>
+#include <utility>
 
 #include <Eigen/LU>
 #include <fmt/format.h>
@@ -55,8 +56,10 @@ bool isHidden(const Piece& image, std::size_t point) {
   return !image.hidden.none() && image.hidden.as<std::uint8_t>()[point] != 0;
 }
 
+/// Among those that are held.
 std::size_t pointAt(const Piece& image, int i, int j, int k) {
-  return (static_cast<std::size_t>(k) * static_cast<std::size_t>(image.size[1]) +
+  return (static_cast<std::size_t>(k - image.slices().first) *
+              static_cast<std::size_t>(image.size[1]) +
           static_cast<std::size_t>(j)) *
              static_cast<std::size_t>(image.size[0]) +
          static_cast<std::size_t>(i);
@@ -69,10 +72,11 @@ struct Surroundings {
 };
 
 template <class T>
-Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values) {
+Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values, const Shared& shared) {
   std::vector<float> faces;
   const auto& n = image.size;
-  for (int k = 0; k < n[2]; ++k) {
+  const Slab own = shared.own(n[2]);
+  for (int k = own.first; k < own.end(); ++k) {
     for (int j = 0; j < n[1]; ++j) {
       const bool outer = k == 0 || k == n[2] - 1 || j == 0 || j == n[1] - 1;
       const int step = outer || n[0] == 1 ? 1 : n[0] - 1;
@@ -83,6 +87,7 @@ Surroundings surroundingsOf(const Piece& image, const Native<T, 1>& values) {
       }
     }
   }
+  faces = gatherAll(shared.crew(), faces);
   Surroundings out;
   out.middle = quantile(faces, 0.5);
   for (float& value : faces) value = std::abs(value - out.middle);
@@ -155,6 +160,7 @@ struct Cubes {
 /// What the workers found, put together.
 struct Counts {
   std::uint64_t voxels = 0;
+  std::uint64_t active = 0;
   std::uint64_t holes = 0;
   std::uint64_t loud = 0;  ///< Voxels that differ from the surroundings by more than these do.
   double lowest = std::numeric_limits<double>::infinity();
@@ -162,6 +168,7 @@ struct Counts {
 
   void add(const Counts& other) {
     voxels += other.voxels;
+    active += other.active;
     holes += other.holes;
     loud += other.loud;
     lowest = std::min(lowest, other.lowest);
@@ -169,18 +176,28 @@ struct Counts {
   }
 };
 
+/// What is made of a lattice, along its last axis.
+struct Made {
+  Slab all;      ///< To be made.
+  Slab counted;  ///< Of these.
+};
+
 /// One leaf, null where no voxel of it is active.
 template <class Leaf, class Voxels, class Value>
-std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Value& background,
-                               double tolerance, double spread, Counts& counts) {
+std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const Made& slices,
+                               const Value& background, double tolerance, double spread,
+                               Counts& all) {
   auto leaf = std::make_unique<Leaf>(origin, background);
   Coord end;
   for (int a = 0; a < 3; ++a) {
     end[a] =
         std::min(origin[a] + static_cast<int>(Leaf::DIM), voxels.size[static_cast<std::size_t>(a)]);
   }
+  end.z() = std::min(end.z(), slices.all.end());
   Coord c;
-  for (c.z() = origin.z(); c.z() < end.z(); ++c.z()) {
+  Counts none;
+  for (c.z() = std::max(origin.z(), slices.all.first); c.z() < end.z(); ++c.z()) {
+    Counts& counts = c.z() >= slices.counted.first && c.z() < slices.counted.end() ? all : none;
     for (c.y() = origin.y(); c.y() < end.y(); ++c.y()) {
       for (c.x() = origin.x(); c.x() < end.x(); ++c.x()) {
         Value value;
@@ -193,6 +210,7 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
         }
         if (isNear(value, background, tolerance)) continue;
         leaf->setValueOn(Leaf::coordToOffset(c), value);
+        ++counts.active;
         if (!isNear(value, background, spread)) ++counts.loud;
         counts.lowest = std::min(counts.lowest, lengthOf(value));
         counts.highest = std::max(counts.highest, lengthOf(value));
@@ -204,13 +222,15 @@ std::unique_ptr<Leaf> makeLeaf(const Voxels& voxels, const Coord& origin, const 
 }
 
 template <class GridT, class Voxels, class Value>
-Gridded build(const Voxels& voxels, const Value& background, double tolerance, double spread,
-              const Progress& progress) {
+Gridded build(const Voxels& voxels, const Made& slices, const Value& background, double tolerance,
+              double spread, const Progress& progress, Crew& crew) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
   // A row of leaves along y a task.
   constexpr int kEdge = static_cast<int>(Leaf::DIM);
   std::array<int, 3> leaves{};
   for (std::size_t a = 0; a < 3; ++a) leaves[a] = (voxels.size[a] + kEdge - 1) / kEdge;
+  const int first = slices.all.first / kEdge;
+  leaves[2] = slices.all.count == 0 ? 0 : (slices.all.end() + kEdge - 1) / kEdge - first;
   const int rows = leaves[0] * leaves[2];
   std::vector<std::vector<std::unique_ptr<Leaf>>> made(static_cast<std::size_t>(rows));
   SharedProgress shared(progress, rows);
@@ -219,8 +239,8 @@ Gridded build(const Voxels& voxels, const Value& background, double tolerance, d
   tbb::parallel_for(0, rows, [&](int row) {
     Counts own;
     for (int y = 0; y < leaves[1]; ++y) {
-      const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (row / leaves[0]) * kEdge);
-      auto leaf = makeLeaf<Leaf>(voxels, origin, background, tolerance, spread, own);
+      const Coord origin((row % leaves[0]) * kEdge, y * kEdge, (first + row / leaves[0]) * kEdge);
+      auto leaf = makeLeaf<Leaf>(voxels, origin, slices, background, tolerance, spread, own);
       if (leaf) made[static_cast<std::size_t>(row)].push_back(std::move(leaf));
     }
     {
@@ -235,8 +255,11 @@ Gridded build(const Voxels& voxels, const Value& background, double tolerance, d
     for (auto& leaf : row) grid->tree().addLeaf(leaf.release());
     row.clear();
   }
+  const Counts mine = std::exchange(counts, {});
+  for (const Counts& one : gatherOne(crew, mine)) counts.add(one);
   Gridded out;
   out.voxels = counts.voxels;
+  out.active = counts.active;
   out.holes = counts.holes;
   out.lowest = counts.lowest;
   out.highest = counts.highest;
@@ -244,7 +267,7 @@ Gridded build(const Voxels& voxels, const Value& background, double tolerance, d
   out.tolerance = tolerance;
   const double range = std::max(out.highest, out.background) - std::min(out.lowest, out.background);
   if (spread > tolerance && spread < 0.05 * range &&
-      static_cast<double>(counts.loud) < 0.9 * static_cast<double>(grid->activeVoxelCount())) {
+      static_cast<double>(counts.loud) < 0.9 * static_cast<double>(counts.active)) {
     out.quieter_tolerance = spread;
     out.quieter_share = static_cast<double>(counts.loud) / static_cast<double>(counts.voxels);
   }
@@ -261,37 +284,40 @@ struct Lattice {
 
 template <class T, int C>
 Gridded buildOn(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
-                const Progress& progress) {
+                const Progress& progress, const Shared& shared) {
   using GridT = std::conditional_t<C == 1, openvdb::FloatGrid, openvdb::Vec3SGrid>;
   const Native<T, C> values{array.values.as<T>()};
   typename Native<T, C>::Value background(0.0F);
   Surroundings surroundings;
   if constexpr (C == 1) {
-    surroundings = surroundingsOf(image, values);
+    surroundings = surroundingsOf(image, values, shared);
     background = surroundings.middle;
   }
   if (lattice.cubes) {
+    const Slab all{0, lattice.size[2]};
     return build<GridT>(Cubes<T, C>{image, values, lattice.size, lattice.index_from_cube},
-                        background, tolerance, surroundings.spread, progress);
+                        {all, all}, background, tolerance, surroundings.spread, progress,
+                        shared.crew());
   }
-  return build<GridT>(OwnVoxels<T, C>{image, values}, background, tolerance, surroundings.spread,
-                      progress);
+  const int slices = image.size[2];
+  return build<GridT>(OwnVoxels<T, C>{image, values}, {shared.inBricks(slices), shared.own(slices)},
+                      background, tolerance, surroundings.spread, progress, shared.crew());
 }
 
 template <int C>
 Gridded buildAny(const Lattice& lattice, const Piece& image, const Array& array, double tolerance,
-                 const Progress& progress) {
+                 const Progress& progress, const Shared& shared) {
   return visit(array.values, [&](const auto* data) {
     using T = std::remove_cv_t<std::remove_pointer_t<decltype(data)>>;
-    return buildOn<T, C>(lattice, image, array, tolerance, progress);
+    return buildOn<T, C>(lattice, image, array, tolerance, progress, shared);
   });
 }
 
 Gridded buildOnLattice(const Lattice& lattice, const Piece& image, const Array& array,
-                       double tolerance, const Progress& progress) {
+                       double tolerance, const Progress& progress, const Shared& shared) {
   Gridded out = array.values.components() == 1
-                    ? buildAny<1>(lattice, image, array, tolerance, progress)
-                    : buildAny<3>(lattice, image, array, tolerance, progress);
+                    ? buildAny<1>(lattice, image, array, tolerance, progress, shared)
+                    : buildAny<3>(lattice, image, array, tolerance, progress, shared);
   out.grid->setName(array.name);
   return out;
 }
@@ -338,9 +364,9 @@ openvdb::math::Transform::Ptr cubes(double edge, const openvdb::Vec3d& origin,
 }
 
 Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
-                      const std::string& file, const Progress& progress) {
+                      const std::string& file, const Progress& progress, const Shared& shared) {
   const auto transform = transformOf(image.file_from_index, file);
-  Gridded out = buildOnLattice({}, image, array, tolerance, progress);
+  Gridded out = buildOnLattice({}, image, array, tolerance, progress, shared);
   out.grid->setTransform(transform);
   return out;
 }
@@ -377,7 +403,8 @@ Gridded gridOnCubes(const Piece& image, const Array& array, double voxel, double
   const Mat3 index_from_file = map.linear.inverse();
   lattice.index_from_cube.linear = index_from_file * voxel;
   lattice.index_from_cube.origin = index_from_file * (box.lower - map.origin);
-  Gridded out = buildOnLattice(lattice, image, array, tolerance, progress);
+  CrewOfOne alone;  // each makes all of them
+  Gridded out = buildOnLattice(lattice, image, array, tolerance, progress, Shared(alone));
   out.grid->setTransform(
       cubes(voxel, openvdb::Vec3d(box.lower.x(), box.lower.y(), box.lower.z()), file));
   return out;

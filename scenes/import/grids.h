@@ -6,6 +6,7 @@
 
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/scenes/import/reader.h"
+#include "palpate/scenes/import/shared.h"
 
 namespace palpate::importer {
 
@@ -13,6 +14,7 @@ namespace palpate::importer {
 struct Gridded {
   openvdb::GridBase::Ptr grid;  ///< FloatGrid or Vec3SGrid, named, with its transform.
   std::uint64_t voxels = 0;     ///< Of the image, or inside the mesh.
+  std::uint64_t active = 0;     ///< Of these.
   std::uint64_t holes = 0;      ///< Of these, without data: not finite, or hidden.
   double lowest = 0.0;          ///< Of the active values.
   double highest = 0.0;
@@ -39,8 +41,11 @@ struct Gridded {
 /// object; of a vector zero. Works leaf by leaf in parallel: takes the grid's memory and no more.
 /// Throws VolumeError, with `file`, where the map is singular or the values are no numbers.
 /// @param tolerance  In the array's unit, >= 0.
+/// @param shared     Of several ranks each has the grid of its own bricks with their aprons; all
+///                   else that is told is of the whole.
 [[nodiscard]] Gridded gridFromImage(const Piece& image, const Array& array, double tolerance,
-                                    const std::string& file, const Progress& progress);
+                                    const std::string& file, const Progress& progress,
+                                    const Shared& shared);
 
 /// The same on cubes, trilinear between the image's voxels: the first at the lowest corner of the
 /// box about it. A place beside a hole is a hole.

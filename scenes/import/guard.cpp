@@ -178,7 +178,8 @@ void Teller::file(const std::string& partial, const std::string& file) {
   send('f', partial + '\0' + file);
 }
 
-int runGuarded(const std::string& what, const std::function<int(Teller&)>& work) {
+int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
+               const std::string& silent) {
   std::fflush(nullptr);
   int ends[2];
   if (pipe(ends) != 0) throw Error("import", std::strerror(errno), "close other programs");
@@ -229,7 +230,10 @@ int runGuarded(const std::string& what, const std::function<int(Teller&)>& work)
     }
     cli::complain(what + ": reading it brought the reader down: it is damaged: export it again");
   } else if (!listener.complained()) {
-    cli::complain(what + ": the reader gave up without a word: it is damaged: export it again");
+    cli::complain(silent.empty() ? what +
+                                       ": the reader gave up without a word: it is damaged: "
+                                       "export it again"
+                                 : silent);
   }
   return status;
 }

@@ -32,7 +32,9 @@ class Teller {
 /// (the file is what is wrong), anything else 3. Interrupting or terminating this process ends the
 /// child at once: status 130, unless it had done its work. The files that it announced appear
 /// together at its good end, or not at all.
-/// @param what  Named in the line about a crash: the file that is read.
-[[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work);
+/// @param what    Named in the line about a crash: the file that is read.
+/// @param silent  The line where it gives up without one; empty: that of a damaged file.
+[[nodiscard]] int runGuarded(const std::string& what, const std::function<int(Teller&)>& work,
+                             const std::string& silent = "");
 
 }  // namespace palpate::importer

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <exception>
 #include <malloc.h>
+#include <span>
 #include <string_view>
 #include <utility>
 
@@ -61,6 +62,7 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
   for (std::size_t a = 0; a < all.size(); ++a) {
     Imported imported;
     imported.made = std::move(all[a].made);
+    imported.made.active = imported.made.grid->activeVoxelCount();
     imported.resampling = all[a].error;
     imported.voxel = voxel;
     imported.unit = piece.arrays[a].unit;
@@ -70,19 +72,44 @@ std::vector<Imported> fromMesh(const Options& options, const Piece& piece, const
   return out;
 }
 
-Imported fromImage(const Options& options, const Piece& piece, Array array, const std::string& in,
-                   const Telling& telling, std::vector<std::string>& notes) {
+/// An image is gridded in parts where bricks are its voxels.
+bool isInParts(const Options& options, Crew& crew) {
+  return crew.size() > 1 && options.bricks && !options.iso && !(options.voxel > 0.0);
+}
+
+/// What a rank needs of an image: its own, what its bricks' aprons reach, and the filter from
+/// there.
+Slab neededOf(const Options& options, const Shared& shared, int slices, const Affine& map) {
+  return shared.own(slices, kBrickApron + smoothingReach(map, slices, options.smooth));
+}
+
+Imported fromImage(const Options& options, const Piece& whole, Array array, const std::string& in,
+                   const Telling& telling, std::vector<std::string>& notes, const Shared& shared) {
   telling.stage(array.name);
-  if (const Loss loss = floatLoss(array.values); !loss.empty()) {
+  if (const Loss loss = shared.worst(floatLoss(array.values)); !loss.empty()) {
     notes.push_back(fmt::format("{}: {}", array.name, loss));
   }
   Imported imported;
+  Piece piece;
+  piece.size = whole.size;
+  piece.file_from_index = whole.file_from_index;
+  piece.by_cell = whole.by_cell;
+  piece.held = whole.held;
+  piece.hidden = whole.hidden;
+  if (!shared.isAlone()) {
+    // Of what was read as a whole.
+    imported.share = shared.bricks(whole.size[2]);
+    piece.held = neededOf(options, shared, whole.size[2], whole.file_from_index);
+    piece.hidden = slicesOf(whole, whole.hidden, *piece.held);
+    array.values = slicesOf(whole, array.values, *piece.held);
+  }
   imported.unit = array.unit;
   imported.axial = array.axial;
   double tolerance = options.tolerance.value_or(0.0);
   if (options.smooth > 0.0) {
     telling.stage("smoothing " + array.name);
-    const Smoothed smoothed = smoothImage(piece, array, options.smooth, in, telling.progress);
+    const Smoothed smoothed =
+        smoothImage(piece, array, options.smooth, in, telling.progress, shared);
     telling.stage(array.name);
     imported.smoothing = smoothed.rms_change;
     // The filter leaves tails of next to nothing about everything.
@@ -94,7 +121,7 @@ Imported fromImage(const Options& options, const Piece& piece, Array array, cons
     imported.voxel = options.voxel;
     imported.image = openvdb::CoordBBox();
   } else {
-    imported.made = gridFromImage(piece, array, tolerance, in, telling.progress);
+    imported.made = gridFromImage(piece, array, tolerance, in, telling.progress, shared);
     imported.image =
         openvdb::CoordBBox(0, 0, 0, piece.size[0] - 1, piece.size[1] - 1, piece.size[2] - 1);
   }
@@ -134,6 +161,7 @@ void takeSurface(const Options& options, const std::string& length_unit, const s
   made.lowest = -made.background;
   made.highest = made.background;
   made.voxels = imported.level_set->grid->activeVoxelCount();
+  made.active = made.voxels;
   made.quieter_tolerance = 0.0;
 }
 
@@ -196,7 +224,22 @@ void checkAsked(const Request& request, const Content& content) {
 
 }  // namespace
 
-Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling) {
+std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling, Crew& crew) {
+  Request request = options.request;
+  request.progress = telling.progress;
+  if (isInParts(options, crew)) {
+    request.slices = [&options, shared = Shared(crew)](const std::array<int, 3>& size,
+                                                       const Affine& map) {
+      return neededOf(options, shared, size[2], map);
+    };
+  }
+  return openAny(request);
+}
+
+Step importStep(const Options& options, Reader& reader, std::size_t step, const Telling& telling,
+                Crew& crew) {
+  CrewOfOne alone;
+  const Shared shared(isInParts(options, crew) ? crew : alone);
   const std::string in = options.request.file.string();
   telling.stage("reading");
   Content content = reader.read(step);
@@ -220,9 +263,9 @@ Step importStep(const Options& options, Reader& reader, std::size_t step, const 
     for (Array& array : piece.arrays) {
       // One array at a time is in memory twice.
       Imported imported =
-          fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes);
+          fromImage(options, piece, std::exchange(array, {}), in, telling, out.notes, shared);
       const std::string name = imported.made.grid->getName();
-      if (imported.made.grid->empty()) {
+      if (imported.made.active == 0) {
         out.notes.push_back(fmt::format("{}: left out: {}", name, emptyBecause(imported)));
       } else {
         out.grids.push_back(std::move(imported));
@@ -263,7 +306,8 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
   }
 }
 
-void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress) {
+void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
+                   Crew& crew) {
   if (step.grids.size() != 1) {
     std::vector<std::string> names;
     names.reserve(step.grids.size());
@@ -272,11 +316,22 @@ void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progre
                 fmt::format("it has {} arrays: {}", names.size(), fmt::join(names, ", ")),
                 "choose one with --field");
   }
-  const auto volume = makeVolume(*step.grids.front().made.grid);
-  step.grids.clear();
   BrickOptions options;
   options.progress = progress;
-  (void)writeBricks(folder, brickInput(volume), options);
+  options.crew = &crew;
+  openvdb::GridBase::Ptr grid = step.grids.front().made.grid;
+  const std::optional<Share> share = step.grids.front().share;
+  step.grids.clear();
+  if (share) {
+    (void)writeBricks(folder, brickInput(grid, crew, *share), options);
+    return;
+  }
+  BrickInput input = brickInput(makeVolume(*grid));
+  grid.reset();
+  // What was measured may depend on the machine in its last digit.
+  const Crew::Bytes text = crew.gather(std::as_bytes(std::span(input.metadata))).front();
+  input.metadata.assign(reinterpret_cast<const char*>(text.data()), text.size());
+  (void)writeBricks(folder, input, options);
 }
 
 std::string sceneFor(const std::string& vdb, const Step& step) {

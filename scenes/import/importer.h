@@ -3,10 +3,12 @@
 
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "palpate/samplers/crew.h"
 #include "palpate/scenes/import/grids.h"
 #include "palpate/scenes/import/level_set.h"
 #include "palpate/scenes/import/reader.h"
@@ -40,6 +42,8 @@ struct Imported {
   /// An image's voxels, by which a scene knows where it is cut; empty if it was resampled. Not set
   /// for a mesh, whose inactive voxels are no data.
   std::optional<openvdb::CoordBBox> image;
+  /// Of a crew: the grid is a part alone, that in these bricks (BrickInput::share).
+  std::optional<Share> share;
 };
 
 /// One step of a file, imported.
@@ -56,10 +60,17 @@ struct Telling {
   Progress progress;
 };
 
+/// Opens the file. Of a crew a rank will read what it needs, where the format has it by itself.
+[[nodiscard]] std::unique_ptr<Reader> openFor(const Options& options, const Telling& telling,
+                                              Crew& crew);
+
 /// Reads a step and makes its grids, with their metadata. A step without anything to feel has no
 /// grids, and its notes say why. Throws Error.
+/// @param crew  Whose ranks have parts of an image's grid each, by Imported::share; of what comes
+/// of
+///              a mesh, of cubes and of --iso each has all.
 [[nodiscard]] Step importStep(const Options& options, Reader& reader, std::size_t step,
-                              const Telling& telling);
+                              const Telling& telling, Crew& crew);
 
 /// Writes the grids with Blosc, lets go of them, and reads them back as whoever feels them will.
 /// Throws Error where that refuses one, and leaves what there is of the file.
@@ -67,8 +78,9 @@ struct Telling {
 void writeVdb(const std::filesystem::path& file, Step& step, const std::string& in);
 
 /// Writes the one grid as bricks (samplers/write_bricks.h), and lets go of it. Throws Error where
-/// there are several.
-void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress);
+/// there are several. All of the crew together.
+void writeAsBricks(const std::filesystem::path& folder, Step& step, const Progress& progress,
+                   Crew& crew);
 
 /// A first scene for a .vdb with these grids; `vdb` as the scene shall say it. Throws VolumeError
 /// if nothing in it varies.

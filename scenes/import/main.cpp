@@ -1,11 +1,15 @@
 /// `palpate-import`: what scanners and solvers write becomes a .vdb that can be felt.
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <exception>
 #include <filesystem>
 #include <fstream>
+#include <memory>
+#include <optional>
 #include <string>
 #include <unistd.h>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 #include <fmt/format.h>
@@ -16,6 +20,7 @@
 #include "palpate/scenes/cli/options.h"
 #include "palpate/scenes/import/guard.h"
 #include "palpate/scenes/import/importer.h"
+#include "palpate/scenes/import/mpi_crew.h"
 #include "palpate/scenes/import/report.h"
 
 namespace palpate::importer {
@@ -101,12 +106,14 @@ std::string lastWords(const Options& options, const fs::path& first, const std::
                     .text();
 }
 
-int importAll(const Options& options, Teller& teller) {
-  const Telling telling{[&](const std::string& what) { teller.stage(what); },
-                        [&](double done) { teller.progress(done); }};
-  Options asked = options;
-  asked.request.progress = telling.progress;
-  const std::unique_ptr<Reader> reader = openAny(asked.request);
+int importAll(const Options& options, Teller& teller, Crew& crew) {
+  // One speaks for all.
+  Telling telling{[](const std::string& /*what*/) {}, nullptr};
+  if (crew.rank() == 0) {
+    telling = {[&](const std::string& what) { teller.stage(what); },
+               [&](double done) { teller.progress(done); }};
+  }
+  const std::unique_ptr<Reader> reader = openFor(options, telling, crew);
   const std::size_t count = std::max<std::size_t>(reader->times().size(), 1);
   const std::vector<std::size_t> steps = stepsOf(options.time, count);
   openvdb::initialize();
@@ -116,7 +123,7 @@ int importAll(const Options& options, Teller& teller) {
   fs::path first;
   cli::OrderedJson reports = cli::OrderedJson::array();
   for (const std::size_t number : steps) {
-    Step step = importStep(asked, *reader, number, telling);
+    Step step = importStep(options, *reader, number, telling, crew);
     fs::path out = options.out;
     if (options.time == "all") {
       const fs::path stem = options.bricks ? options.out.filename() : options.out.stem();
@@ -142,18 +149,20 @@ int importAll(const Options& options, Teller& teller) {
     text += textOf(out, step);
     reports.push_back(jsonOf(out, step));
     if (!step.grids.empty()) {
-      teller.stage("writing");
+      telling.stage("writing");
       if (options.bricks) {
         // Whole or not by itself, and to be gone on with.
-        writeAsBricks(out, step, telling.progress);
+        writeAsBricks(out, step, telling.progress, crew);
       } else {
         const fs::path partial = partialOf(out);
         teller.file(partial, out);
         writeVdb(partial, step, options.request.file.string());
       }
     }
-    reports.back()["memory"]["peak"] = peakMemory();
+    const std::vector<std::uint64_t> peaks = gatherOne(crew, peakMemory());
+    reports.back()["memory"]["peak"] = *std::max_element(peaks.begin(), peaks.end());
   }
+  if (crew.rank() != 0) return cli::kDone;
   if (options.scene == "-") {
     teller.out(scene);
   } else if (options.json) {
@@ -162,17 +171,6 @@ int importAll(const Options& options, Teller& teller) {
     teller.out(text + lastWords(options, first, scene));
   }
   return cli::kDone;
-}
-
-/// What OpenVDB refuses is wrong with the file: its maps and places are held to be in order.
-int import(const Options& options, Teller& teller) {
-  try {
-    return importAll(options, teller);
-  } catch (const openvdb::Exception& e) {
-    throw VolumeError(options.request.file.string(),
-                      fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
-                      "look at the sizes, places and spacing in it");
-  }
 }
 
 void check(const Options& options) {
@@ -208,6 +206,55 @@ void check(const Options& options) {
   if (options.iso && !std::isfinite(*options.iso)) {
     throw Error("--iso", "it is no number", "give a value of the data");
   }
+}
+
+/// What OpenVDB refuses is wrong with the file: its maps and places are held to be in order.
+int import(const Options& options, Teller& teller, Crew& crew) {
+  try {
+    return importAll(options, teller, crew);
+  } catch (const openvdb::Exception& e) {
+    throw VolumeError(options.request.file.string(),
+                      fmt::format("OpenVDB cannot hold what it becomes ({})", e.what()),
+                      "look at the sizes, places and spacing in it");
+  }
+}
+
+/// Of what mpirun has started: throws Error where that is not to be.
+void checkTogether(const Options& options) {
+  if (!options.bricks) {
+    throw Error("mpirun", "only --bricks is written by several processes",
+                "give --bricks, or start one without mpirun");
+  }
+  if (!canJoinCrew()) {
+    throw Error("mpirun", "this palpate was built without MPI",
+                "build it where libopenmpi-dev is, or start one process without mpirun");
+  }
+}
+
+/// One of those that mpirun has started. All of them look at what one may see otherwise than
+/// another; one tells.
+int importTogether(const Options& options) {
+  // MPI's way to end is an exit.
+  const Error silent("mpirun", "this rank gave up without a word",
+                     "look at the network among the machines, or import it by one process");
+  return runGuarded(
+      options.request.file.string(),
+      [&](Teller& teller) {
+        const std::unique_ptr<Crew> crew = joinCrew();
+        return workTogether(*crew, [&] {
+          check(options);
+          return import(options, teller, *crew);
+        });
+      },
+      silent.what());
+}
+
+int importAlone(const Options& options) {
+  check(options);
+  return runGuarded(options.request.file.string(), [&](Teller& teller) {
+    CrewOfOne alone;
+    return import(options, teller, alone);
+  });
 }
 
 }  // namespace
@@ -267,17 +314,22 @@ int main(int argc, char** argv) {
       "  palpate import dicom_folder/ ct.vdb --iso 300\n"
       "  palpate import flow.ex2 flow.vdb --field V --field Pres --voxel 0.1\n"
       "  palpate import mri.raw mri.vdb --raw '{\"size\":[128,128,84],\"type\":\"uint8\"}'");
+  // Of several one says what all find.
+  const std::optional<int> rank = importer::rankByEnvironment();
+  bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    importer::check(options);
-    return importer::runGuarded(request.file.string(), [&](importer::Teller& teller) {
-      return importer::import(options, teller);
-    });
+    if (rank) importer::checkTogether(options);
+    quiet = false;
+    return rank ? importer::importTogether(options) : importer::importAlone(options);
   } catch (const CLI::Success& e) {  // also of --help
-    return app.exit(e);
+    return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {
+    // Not with a status: mpirun would end the one that speaks.
+    if (quiet) return cli::kDone;
     cli::complain(fmt::format("usage: {}: see palpate import --help", e.what()));
   } catch (const Error& e) {
+    if (quiet) return cli::kDone;
     cli::complain(e.what());
   } catch (const std::exception& e) {
     cli::complain(fmt::format("internal error: {}: please report it with the command", e.what()));

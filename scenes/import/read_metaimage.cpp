@@ -130,16 +130,53 @@ class Header {
     return count.empty() ? 1 : static_cast<int>(count[0]);
   }
 
-  [[nodiscard]] Values values(const Progress& progress) const {
+  /// Whether slices can be read by themselves.
+  [[nodiscard]] bool isSeekable() const { return !isText() && !isTrue({"CompressedData"}); }
+
+  /// @param slices  All, or some of one that is seekable.
+  [[nodiscard]] Values values(const Slab& slices, const Progress& progress) const {
     Values values;
     const std::vector<double> n = sizes();
+    const std::size_t slice = static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]);
     try {
-      values = Values(type().type, channels(),
-                      static_cast<std::size_t>(n[0]) * static_cast<std::size_t>(n[1]) *
-                          static_cast<std::size_t>(n[2]));
+      values = Values(type().type, channels(), slice * static_cast<std::size_t>(slices.count));
     } catch (const std::bad_alloc&) {
       refuse("it takes more memory than there is", "import a part of it");
     }
+    if (isSeekable()) {
+      readSlices(slices, static_cast<std::size_t>(n[2]), values, progress);
+    } else {
+      readAll(values, progress);
+    }
+    const bool swap = !isText() && std::endian::native == std::endian::little &&
+                      isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
+    if (swap) swapBytes(values.data(), values.size(), values.bytesEach());
+    return values;
+  }
+
+ private:
+  /// Of data files with as many slices each.
+  void readSlices(const Slab& slices, std::size_t count, const Values& values,
+                  const Progress& progress) const {
+    const std::size_t each = count / parts_.size();
+    auto* to = values.as<char>();
+    const auto first = static_cast<std::size_t>(slices.first);
+    const auto end = static_cast<std::size_t>(slices.end());
+    const std::size_t bytes = first == end ? 0 : values.size() * values.bytesEach() / (end - first);
+    for (std::size_t k = first; k < end;) {
+      const Part& part = parts_[k / each];
+      const std::size_t here = std::min(end, (k / each + 1) * each) - k;
+      std::ifstream in(part.file, std::ios::binary);
+      in.seekg(static_cast<std::streamoff>(part.offset + k % each * bytes));
+      in.read(to, static_cast<std::streamsize>(here * bytes));
+      if (!in) refuse("its values end too soon", "copy or export it again");
+      to += here * bytes;
+      k += here;
+      if (progress) progress(static_cast<double>(k - first) / static_cast<double>(end - first));
+    }
+  }
+
+  void readAll(const Values& values, const Progress& progress) const {
     const std::size_t count = values.size();
     const std::size_t size = values.bytesEach();
     const std::size_t share = count * size / parts_.size();
@@ -153,22 +190,12 @@ class Header {
       } else {
         std::ifstream in(part.file, std::ios::binary);
         in.seekg(static_cast<std::streamoff>(part.offset));
-        if (isText()) {
-          parse(in, values, p * share / size, share / size);
-        } else {
-          in.read(to + p * share, static_cast<std::streamsize>(share));
-          if (!in) refuse("its values end too soon", "copy or export it again");
-        }
+        parse(in, values, p * share / size, share / size);
       }
       if (progress) progress(static_cast<double>(p + 1) / static_cast<double>(parts_.size()));
     }
-    const bool swap = !isText() && std::endian::native == std::endian::little &&
-                      isTrue({"BinaryDataByteOrderMSB", "ElementByteOrderMSB"});
-    if (swap) swapBytes(to, count, size);
-    return values;
   }
 
- private:
   [[nodiscard]] bool isText() const {
     return !text({"BinaryData"}).empty() && !isTrue({"BinaryData"});
   }
@@ -306,13 +333,14 @@ class MetaImageReader final : public Reader {
     Piece image;
     const std::vector<double> sizes = header_.sizes();
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(sizes[a]);
-    const Values values = header_.values(request_.progress);
     // ITK's physical space is the patient's, x to the left and y to the back, where it says so.
     const std::string axes = header_.text({"AnatomicalOrientation"});
     const bool patient = !axes.empty() && axes.find('?') == std::string::npos;
     const Mat3 turn = patient ? Mat3(Vec3(-1.0, -1.0, 1.0).asDiagonal()) : Mat3(Mat3::Identity());
     content.patient = patient;
     image.file_from_index = place(turn, content.notes);
+    const Slab slices = header_.isSeekable() ? slicesToRead(request_, image) : image.slices();
+    const Values values = header_.values(slices, request_.progress);
     image.arrays.push_back(named(values, turn, content));
     content.pieces.push_back(std::move(image));
     if (header_.text({"Modality"}) == "MET_MOD_CT") content.modality = Modality::kCt;

@@ -168,7 +168,9 @@ class NiftiReader final : public Reader {
     Piece image;
     for (std::size_t a = 0; a < 3; ++a) image.size[a] = static_cast<int>(header_.size[a + 1]);
     image.file_from_index = place(content.notes);
-    Values values = rescaled(readValues(series_ ? step : 0), header_.slope, header_.intercept);
+    const Slab slices = slicesToRead(request_, image);
+    Values values =
+        rescaled(readValues(series_ ? step : 0, slices), header_.slope, header_.intercept);
     if (meaning_ == Meaning::kTensor) {
       values = picked(values, as_components_ ? kUpperTriangle : kLowerTriangle);
     }
@@ -235,7 +237,8 @@ class NiftiReader final : public Reader {
     if (!series_ || header_.size[4] != 3 || header_.size[5] != 1 || !request_.as.empty()) return;
     if (type_ != Type::kFloat32 && type_ != Type::kFloat64) return;
     as_components_ = true;
-    const Values values = rescaled(readValues(0), header_.slope, header_.intercept);
+    const Slab all{0, static_cast<int>(header_.size[3])};
+    const Values values = rescaled(readValues(0, all), header_.slope, header_.intercept);
     std::size_t there = 0;
     std::size_t unit = 0;
     for (std::size_t i = 0; i < values.tuples(); ++i) {
@@ -331,11 +334,10 @@ class NiftiReader final : public Reader {
   }
 
   /// Of one step. A voxel's components are volumes of their own in the file.
-  [[nodiscard]] Values readValues(std::size_t step) {
+  [[nodiscard]] Values readValues(std::size_t step, const Slab& slices) {
     const auto& size = header_.size;
-    const std::size_t points = static_cast<std::size_t>(size[1]) *
-                               static_cast<std::size_t>(size[2]) *
-                               static_cast<std::size_t>(size[3]);
+    const std::size_t slice = static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(size[2]);
+    const std::size_t points = slice * static_cast<std::size_t>(slices.count);
     const auto steps = static_cast<std::size_t>(size[4]);
     const std::size_t components =
         as_components_ ? steps : static_cast<std::size_t>(std::max<std::int64_t>(size[5], 1));
@@ -349,7 +351,9 @@ class NiftiReader final : public Reader {
       values = Values(type_, static_cast<int>(components), points);
       const std::size_t bytes = points * values.bytesEach();
       const auto read_volume = [&](std::size_t volume, char* to, const Progress& progress) {
-        const auto first = static_cast<std::uint64_t>(header_.offset) + volume * bytes;
+        const std::size_t before = slice * (volume * static_cast<std::size_t>(size[3]) +
+                                            static_cast<std::size_t>(slices.first));
+        const auto first = static_cast<std::uint64_t>(header_.offset) + before * values.bytesEach();
         in.skip(first - at);
         in.read(to, bytes, progress);
         at = first + bytes;

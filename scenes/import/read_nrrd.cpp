@@ -281,10 +281,11 @@ class NrrdReader final : public Reader {
     content.notes = notes_;
     Piece image;
     image.file_from_index = place(content);
-    Values values = readValues(step);
     for (std::size_t a = 0; a < 3; ++a) {
       image.size[a] = static_cast<int>(axisAt(space_[a]).size);
     }
+    const Slab slices = isInOrder() ? slicesToRead(request_, image) : image.slices();
+    Values values = readValues(step, slices);
     if (meaning_ == Meaning::kMaskedTensor) image.hidden = hiddenOf(values);
     values = inSpace(values, content);
     const char* names[] = {"density", "vector", "tensor", "tensor"};
@@ -577,30 +578,36 @@ class NrrdReader final : public Reader {
     if (swap) swapBytes(to, count, size);
   }
 
+  /// The product of the sizes of some axes.
+  [[nodiscard]] std::size_t sizeBetween(int first, int end) const {
+    std::size_t product = 1;
+    for (int a = first; a < end; ++a) product *= axisAt(a).size;
+    return product;
+  }
+
+  /// Nothing comes before the components but stubs, and nothing after the series.
+  [[nodiscard]] bool isInOrder() const {
+    return (component_ < 0 || sizeBetween(0, component_) == 1) &&
+           (series_ < 0 || sizeBetween(series_ + 1, static_cast<int>(nrrd_->dim)) == 1);
+  }
+
   /// One step's values, components fastest.
-  Values readValues(std::size_t step) {
+  /// @param slices  All, but of one that is in order.
+  Values readValues(std::size_t step, const Slab& slices) {
     const std::size_t size = nrrdElementSize(nrrd_.get());
     const std::size_t width = component_ < 0 ? 1 : axisAt(component_).size;
-    std::size_t points = 1;
-    for (const int a : space_) points *= axisAt(a).size;
+    const std::size_t slice = axisAt(space_[0]).size * axisAt(space_[1]).size;
+    const std::size_t points = slice * static_cast<std::size_t>(slices.count);
     Values values;
     try {
       values = Values(*typeOf(nrrd_->type), static_cast<int>(width), points);
       auto* to = values.as<char>();
-
-      // Nothing comes before the components but stubs, and nothing after the series.
-      const auto size_between = [&](int first, int end) {
-        std::size_t product = 1;
-        for (int a = first; a < end; ++a) product *= axisAt(a).size;
-        return product;
-      };
-      const int dim = static_cast<int>(nrrd_->dim);
-      const bool in_order = (component_ < 0 || size_between(0, component_) == 1) &&
-                            (series_ < 0 || size_between(series_ + 1, dim) == 1);
-      if (in_order) {
+      if (isInOrder()) {
         // Teem adds hexadecimal digits up in what it finds.
         if (state_->encoding == nrrdEncodingHex) std::memset(to, 0, points * width * size);
-        readSpan(step * points * width, points * width, to);
+        const std::size_t before =
+            step * axisAt(space_[2]).size + static_cast<std::size_t>(slices.first);
+        readSpan(before * slice * width, points * width, to);
         return values;
       }
       // Else everything is read once, and kept for the other steps.
@@ -608,7 +615,7 @@ class NrrdReader final : public Reader {
         whole_.resize(nrrdElementNumber(nrrd_.get()) * size);
         readSpan(0, nrrdElementNumber(nrrd_.get()), whole_.data());
       }
-      const auto stride = [&](int axis) { return axis < 0 ? 0 : size_between(0, axis) * size; };
+      const auto stride = [&](int axis) { return axis < 0 ? 0 : sizeBetween(0, axis) * size; };
       const char* from = whole_.data() + step * stride(series_);
       const std::size_t along[] = {stride(space_[0]), stride(space_[1]), stride(space_[2])};
       for (std::size_t k = 0; k < axisAt(space_[2]).size; ++k) {

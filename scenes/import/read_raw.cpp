@@ -243,19 +243,21 @@ class RawReader final : public Reader {
                                     needed, offset, have),
                         "check size, type, components and skip, or copy it again");
     }
-    const Values values(layout_.type.type, layout_.components, points);
-    in.clear();
-    in.seekg(static_cast<std::streamoff>(offset));
-    auto* bytes = values.as<char>();
-    readValues(in, bytes, points);
-    if (!in) throw VolumeError(file, "it cannot be read to the end", "copy it again");
-    if (layout_.big_endian != (std::endian::native == std::endian::big)) {
-      swapBytes(bytes, count, layout_.type.bytes);
-    }
-
     Piece image;
     image.size = layout_.size;
     image.file_from_index = layout_.map;
+    const Slab slices = slicesToRead(request_, image);
+    const std::uint64_t slice = points / static_cast<std::uint64_t>(layout_.size[2]);
+    const Values values(layout_.type.type, layout_.components,
+                        slice * static_cast<std::uint64_t>(slices.count));
+    in.clear();
+    auto* bytes = values.as<char>();
+    readValues(in, offset, points, slice * static_cast<std::uint64_t>(slices.first), values);
+    if (!in) throw VolumeError(file, "it cannot be read to the end", "copy it again");
+    if (layout_.big_endian != (std::endian::native == std::endian::big)) {
+      swapBytes(bytes, values.size(), layout_.type.bytes);
+    }
+
     image.arrays.push_back({layout_.name, values, "", "", false});
     Content content;
     content.pieces.push_back(std::move(image));
@@ -269,18 +271,22 @@ class RawReader final : public Reader {
 
  private:
   /// Interleaved values as they are; planar ones plane by plane between each other.
-  void readValues(std::ifstream& in, char* bytes, std::uint64_t points) const {
+  /// @param points  Of the image, of which values are read from the point `first` on.
+  void readValues(std::ifstream& in, std::uint64_t offset, std::uint64_t points,
+                  std::uint64_t first, const Values& values) const {
     const std::size_t width = layout_.type.bytes;
+    const auto components = static_cast<std::size_t>(layout_.components);
+    auto* bytes = values.as<char>();
     if (!layout_.planar || layout_.components == 1) {
-      in.read(bytes, static_cast<std::streamsize>(points * width *
-                                                  static_cast<std::uint64_t>(layout_.components)));
+      in.seekg(static_cast<std::streamoff>(offset + first * width * components));
+      in.read(bytes, static_cast<std::streamsize>(values.size() * width));
       return;
     }
-    std::vector<char> plane(points * width);
-    const auto components = static_cast<std::size_t>(layout_.components);
+    std::vector<char> plane(values.tuples() * width);
     for (std::size_t c = 0; c < components; ++c) {
+      in.seekg(static_cast<std::streamoff>(offset + (c * points + first) * width));
       in.read(plane.data(), static_cast<std::streamsize>(plane.size()));
-      for (std::uint64_t p = 0; p < points; ++p) {
+      for (std::size_t p = 0; p < values.tuples(); ++p) {
         std::memcpy(bytes + (p * components + c) * width, plane.data() + p * width, width);
       }
     }

@@ -19,6 +19,11 @@ class OneStep final : public Reader {
 
 }  // namespace
 
+Slab slicesToRead(const Request& request, Piece& image) {
+  if (request.slices) image.held = request.slices(image.size, image.file_from_index);
+  return image.slices();
+}
+
 std::unique_ptr<Reader> oneStep(const Request& request, Content (*read)(const Request&)) {
   return std::make_unique<OneStep>(request, read);
 }

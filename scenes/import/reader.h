@@ -7,6 +7,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,15 @@ namespace palpate::importer {
 struct Affine {
   Mat3 linear = Mat3::Identity();
   Vec3 origin = Vec3::Zero();
+};
+
+/// Slices of an image that lie on each other: points with neighbouring k.
+struct Slab {
+  int first = 0;
+  int count = 0;
+
+  [[nodiscard]] int end() const { return first + count; }
+  [[nodiscard]] bool operator==(const Slab&) const = default;
 };
 
 /// One value, vector or tensor a point.
@@ -74,12 +84,15 @@ class Mesh {
 struct Piece {
   std::shared_ptr<const Mesh> mesh;  ///< Null for an image.
   std::array<int, 3> size{};         ///< An image's points along i, j and k; i fastest.
+  std::optional<Slab> held;          ///< An image's, of which alone values are here; none: all.
   Affine file_from_index;            ///< An image's: of the point with index 0, 0, 0, and the rest.
   Values hidden;                     ///< An image's points, kUint8: not 0 is no data; or none.
   bool by_cell = false;              ///< An image whose points are the cells of another.
   std::vector<Array> arrays;
 
   [[nodiscard]] bool isImage() const { return mesh == nullptr; }
+  /// Of an image: whose values are here.
+  [[nodiscard]] Slab slices() const { return held.value_or(Slab{0, size[2]}); }
 };
 
 /// One step of a file. The file's own space is kept; where a format names a patient's axes, it is
@@ -105,6 +118,9 @@ struct Request {
   std::string series;               ///< DICOM: number or identity of one of several.
   std::string as;                   ///< "", "vector" or "tensor": what a series of 3 or 6 steps is.
   Progress progress;
+  /// Where not all slices of an image are wanted: which, of one of that size and place. A reader
+  /// that can takes these alone (Piece::held).
+  std::function<Slab(const std::array<int, 3>& size, const Affine& file_from_index)> slices;
 };
 
 /// An open file.
@@ -120,6 +136,10 @@ class Reader {
   /// Throws VolumeError.
   [[nodiscard]] virtual Content read(std::size_t step) = 0;
 };
+
+/// What a reader that can read a part of an image reads of this one: all of it, if nobody asks for
+/// less. Says in `image` what it is, once its size and place are there.
+[[nodiscard]] Slab slicesToRead(const Request& request, Piece& image);
 
 /// A reader of a format that has no series: all its work is `read`.
 [[nodiscard]] std::unique_ptr<Reader> oneStep(const Request& request,

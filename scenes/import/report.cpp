@@ -16,9 +16,9 @@ using Json = nlohmann::ordered_json;
 std::string voxelsOf(const Imported& imported) {
   const openvdb::GridBase& grid = *imported.made.grid;
   const openvdb::Vec3d edge = grid.voxelSize();
-  std::string line = fmt::format("{} active voxels", grid.activeVoxelCount());
+  std::string line = fmt::format("{} active voxels", imported.made.active);
   if (!imported.level_set) {
-    line += fmt::format(" ({:.3g} %)", 100.0 * static_cast<double>(grid.activeVoxelCount()) /
+    line += fmt::format(" ({:.3g} %)", 100.0 * static_cast<double>(imported.made.active) /
                                            static_cast<double>(imported.made.voxels));
   }
   line += fmt::format(" of {:.4g} x {:.4g} x {:.4g}", edge.x(), edge.y(), edge.z());
@@ -87,7 +87,7 @@ Json gridJson(const Imported& imported) {
             {"type", grid.isType<openvdb::Vec3SGrid>() ? "vec3s" : "float"},
             {"unit", imported.unit},
             {"voxel", {edge.x(), edge.y(), edge.z()}},
-            {"active_voxels", grid.activeVoxelCount()},
+            {"active_voxels", made.active},
             {"voxels", made.voxels},
             {"holes", made.holes},
             {"lowest", made.lowest},

@@ -1,10 +1,13 @@
 #include "palpate/scenes/import/smooth.h"
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
+#include <limits>
+#include <utility>
 #include <vector>
 
 #include <fmt/format.h>
@@ -17,10 +20,15 @@
 namespace palpate::importer {
 namespace {
 
+/// How many points it looks at to one side of one, along an axis with so many.
+std::size_t reachOf(double deviation, std::size_t count) {
+  const auto last = static_cast<double>(count - 1);
+  return static_cast<std::size_t>(std::min(3.0 * deviation, last));
+}
+
 /// Half of a Gaussian over so many points: its middle and what is to one side.
 std::vector<double> weightsOf(double deviation, std::size_t count) {
-  const auto last = static_cast<double>(count - 1);
-  const auto reach = static_cast<std::size_t>(std::min(3.0 * deviation, last));
+  const std::size_t reach = reachOf(deviation, count);
   std::vector<double> weights;
   for (std::size_t n = 0; n <= reach; ++n) {
     const double x = static_cast<double>(n) / std::max(deviation, 1e-12);
@@ -60,12 +68,19 @@ void smoothLine(const Line& line, const std::vector<double>& weights, std::vecto
   }
 }
 
+/// In points.
+Vec3 deviationsOf(const Affine& file_from_index, double width) {
+  const Vec3 spacing = file_from_index.linear.colwise().norm().transpose();
+  return {width / spacing[0], width / spacing[1], width / spacing[2]};
+}
+
 /// Along one axis, all lines of it in parallel.
 void smoothAlong(std::size_t axis, const Piece& image, const Values& values, double deviation,
                  SharedProgress& progress) {
   std::size_t size[3];
   for (std::size_t a = 0; a < 3; ++a) size[a] = static_cast<std::size_t>(image.size[a]);
   const std::vector<double> weights = weightsOf(deviation, size[axis]);
+  size[2] = static_cast<std::size_t>(image.slices().count);
   if (weights.size() == 1) return;
   const auto components = static_cast<std::size_t>(values.components());
   const std::size_t strides[3] = {components, components * size[0], components * size[0] * size[1]};
@@ -92,10 +107,67 @@ void smoothAlong(std::size_t axis, const Piece& image, const Values& values, dou
       });
 }
 
+/// What became of the slices that are the rank's own, of all ranks.
+Smoothed changeOf(const Piece& image, const Values& before, const Values& after,
+                  const Shared& shared) {
+  const Slab own = shared.own(image.size[2]);
+  const Values old = slicesOf(image, before, own);
+  const Values now = slicesOf(image, after, own);
+  const auto* from = old.as<float>();
+  const auto* to = now.as<float>();
+  // Slice by slice, so that the sum of all does not depend on who has which.
+  const std::size_t each = own.count == 0 ? 0 : now.size() / static_cast<std::size_t>(own.count);
+  std::vector<double> sums;
+  for (std::size_t i = 0; i < now.size();) {
+    double sum = 0.0;
+    for (const std::size_t end = i + each; i < end; ++i) {
+      const double change = static_cast<double>(to[i]) - static_cast<double>(from[i]);
+      sum += change * change;
+    }
+    sums.push_back(sum);
+  }
+  constexpr double kEndless = std::numeric_limits<double>::infinity();
+  std::pair<double, double> low_high{kEndless, -kEndless};
+  if (now.components() == 1) {
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      low_high.first = std::min(low_high.first, static_cast<double>(to[i]));
+      low_high.second = std::max(low_high.second, static_cast<double>(to[i]));
+    }
+  } else {
+    low_high.first = 0.0;
+    for (std::size_t i = 0; i + 2 < now.size(); i += 3) {
+      low_high.second = std::max(low_high.second, Vec3(to[i], to[i + 1], to[i + 2]).norm());
+    }
+  }
+
+  double squares = 0.0;
+  for (const double sum : gatherAll(shared.crew(), sums)) squares += sum;
+  double low = kEndless;
+  double high = -kEndless;
+  for (const auto& one : gatherOne(shared.crew(), std::array{low_high.first, low_high.second})) {
+    low = std::min(low, one[0]);
+    high = std::max(high, one[1]);
+  }
+  double count = 1.0;
+  for (const int size : image.size) count *= size;
+  return {std::sqrt(squares / (count * now.components())), high - low};
+}
+
 }  // namespace
+
+std::size_t smoothingReach(const Affine& file_from_index, int slices, double width) {
+  if (!(width > 0.0)) return 0;
+  return reachOf(deviationsOf(file_from_index, width)[2], static_cast<std::size_t>(slices));
+}
 
 Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
                      const Progress& progress) {
+  CrewOfOne alone;
+  return smoothImage(image, array, width, file, progress, Shared(alone));
+}
+
+Smoothed smoothImage(const Piece& image, Array& array, double width, const std::string& file,
+                     const Progress& progress, const Shared& shared) {
   // Floats, and then one copy: an array may be all the memory that there is.
   array.values = floatsOf(array.values);
   const Values original = array.values;
@@ -108,32 +180,14 @@ Smoothed smoothImage(const Piece& image, Array& array, double width, const std::
         "import it without --smooth");
   }
   const Values smoothed(Type::kFloat32, original.components(), original.tuples());
-  auto* after = smoothed.as<float>();
-  std::copy(before, before + count, after);
-  const Vec3 spacing = image.file_from_index.linear.colwise().norm().transpose();
-  SharedProgress shared(progress, 1);
+  std::copy(before, before + count, smoothed.as<float>());
+  const Vec3 deviations = deviationsOf(image.file_from_index, width);
+  SharedProgress told(progress, 1);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    smoothAlong(axis, image, smoothed, width / spacing[static_cast<Eigen::Index>(axis)], shared);
+    smoothAlong(axis, image, smoothed, deviations[static_cast<Eigen::Index>(axis)], told);
   }
-
-  Smoothed out;
-  double squares = 0.0;
-  for (std::size_t i = 0; i < count; ++i) {
-    const double change = static_cast<double>(after[i]) - static_cast<double>(before[i]);
-    squares += change * change;
-  }
-  out.rms_change = std::sqrt(squares / static_cast<double>(count));
   array.values = smoothed;
-  if (smoothed.components() == 1) {
-    const auto [low, high] = std::minmax_element(after, after + count);
-    out.range = static_cast<double>(*high) - static_cast<double>(*low);
-    return out;
-  }
-  for (std::size_t i = 0; i + 2 < count; i += 3) {
-    const Vec3 v(after[i], after[i + 1], after[i + 2]);
-    out.range = std::max(out.range, v.norm());
-  }
-  return out;
+  return changeOf(image, original, smoothed, shared);
 }
 
 }  // namespace palpate::importer

@@ -82,6 +82,14 @@ std::size_t Values::bytesEach() const {
   return kBytes[static_cast<std::size_t>(type_)];
 }
 
+Values Values::part(std::size_t first, std::size_t count) const {
+  const std::size_t bytes = first * static_cast<std::size_t>(components_) * bytesEach();
+  Values out(type_, components_, count,
+             std::shared_ptr<void>(data_, static_cast<char*>(data_.get()) + bytes));
+  out.setLost(lost_);
+  return out;
+}
+
 double Values::at(std::size_t tuple, int component) const {
   const std::size_t i =
       tuple * static_cast<std::size_t>(components_) + static_cast<std::size_t>(component);
@@ -95,7 +103,7 @@ Loss floatLoss(const Values& values, double slope, double offset) {
   if (!values.lost().empty() || (fits && !scaled)) return values.lost();
   const double most = greatest(values, slope, offset);
   if (most > static_cast<double>(std::numeric_limits<float>::max())) {
-    return "values beyond 3.4e38 are no data";
+    return kLossBeyond;
   }
   if (!whole) return "";
   constexpr double kFloat = 16777216.0;           // 2^24

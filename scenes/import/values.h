@@ -29,6 +29,9 @@ enum class Type : std::uint8_t {
 /// What a float could not hold of numbers: as it is told, or empty.
 using Loss = std::string;
 
+/// The worst that there is.
+inline constexpr const char* kLossBeyond = "values beyond 3.4e38 are no data";
+
 /// Numbers of one type, one or more to a tuple, tuple by tuple. Copies share them. They know what
 /// was lost when they became floats, so that no reader can forget to tell.
 class Values {
@@ -59,6 +62,8 @@ class Values {
   [[nodiscard]] T* as() const {
     return static_cast<T*>(data_.get());
   }
+  /// Tuples [first, first + count) of them, shared.
+  [[nodiscard]] Values part(std::size_t first, std::size_t count) const;
   /// One of them, whatever its type.
   [[nodiscard]] double at(std::size_t tuple, int component) const;
 

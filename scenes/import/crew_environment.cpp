@@ -1,0 +1,15 @@
+#include <cstdlib>
+
+#include "palpate/scenes/import/mpi_crew.h"
+
+namespace palpate::importer {
+
+std::optional<int> rankByEnvironment() {
+  // Open MPI's mpirun; what goes by PMIx, as Slurm's srun; MPICH's mpiexec.
+  for (const char* name : {"OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"}) {
+    if (const char* rank = std::getenv(name)) return std::atoi(rank);
+  }
+  return std::nullopt;
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,126 @@
+#include "palpate/scenes/import/mpi_crew.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <string>
+#include <thread>
+#include <vector>
+
+// The C interface alone.
+#define OMPI_SKIP_MPICXX 1
+#define MPICH_SKIP_MPICXX 1
+#include <mpi.h>
+
+#include "palpate/engine/error.h"
+
+namespace palpate::importer {
+namespace {
+
+/// What each says of itself when they meet.
+struct Word {
+  std::uint64_t bytes = 0;     ///< That it brings.
+  std::uint64_t gives_up = 0;  ///< 1: it does.
+};
+
+class MpiCrew final : public Crew {
+ public:
+  MpiCrew() {
+    int given = 0;
+    if (MPI_Init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &given) != MPI_SUCCESS) lost();
+    MPI_Comm_set_errhandler(MPI_COMM_WORLD, MPI_ERRORS_RETURN);
+    check(MPI_Comm_rank(MPI_COMM_WORLD, &rank_));
+    check(MPI_Comm_size(MPI_COMM_WORLD, &size_));
+  }
+  MpiCrew(const MpiCrew&) = delete;
+  MpiCrew& operator=(const MpiCrew&) = delete;
+  ~MpiCrew() override {
+    // It waits for the others: where they are lost, that would be for ever.
+    if (!lost_) MPI_Finalize();
+  }
+
+  [[nodiscard]] int rank() const noexcept override { return rank_; }
+  [[nodiscard]] int size() const noexcept override { return size_; }
+
+  [[nodiscard]] std::vector<Bytes> gather(std::span<const std::byte> own) override {
+    const std::vector<Word> words = meet({own.size(), 0});
+    for (const Word& word : words) {
+      if (word.gives_up != 0) throw CrewEnded();
+    }
+    // From one after the other, in parts: MPI counts by int.
+    constexpr std::uint64_t kMost = 1U << 30U;
+    std::vector<Bytes> all(words.size());
+    for (std::size_t r = 0; r < words.size(); ++r) {
+      all[r].resize(words[r].bytes);
+      if (static_cast<int>(r) == rank_) std::copy(own.begin(), own.end(), all[r].begin());
+      for (std::uint64_t at = 0; at < words[r].bytes; at += kMost) {
+        MPI_Request request{};
+        const auto part = static_cast<int>(std::min(kMost, words[r].bytes - at));
+        check(MPI_Ibcast(all[r].data() + at, part, MPI_BYTE, static_cast<int>(r), MPI_COMM_WORLD,
+                         &request));
+        wait(request);
+      }
+    }
+    return all;
+  }
+
+  [[nodiscard]] bool giveUp() noexcept override {
+    if (lost_) return true;
+    try {
+      const std::vector<Word> words = meet({0, 1});
+      const auto first = std::find_if(words.begin(), words.end(),
+                                      [](const Word& word) { return word.gives_up != 0; });
+      return first - words.begin() == rank_;
+    } catch (...) {
+      return true;
+    }
+  }
+
+ private:
+  std::vector<Word> meet(const Word& own) {
+    std::vector<Word> all(static_cast<std::size_t>(size_));
+    MPI_Request request{};
+    check(MPI_Iallgather(&own, sizeof(Word), MPI_BYTE, all.data(), sizeof(Word), MPI_BYTE,
+                         MPI_COMM_WORLD, &request));
+    wait(request);
+    return all;
+  }
+
+  /// Sleeps meanwhile: MPI itself would take all of a core, which another rank may need.
+  void wait(MPI_Request& request) {
+    using std::chrono::microseconds;
+    constexpr microseconds kLongest(2000);
+    microseconds pause(20);
+    for (int done = 0;;) {
+      check(MPI_Test(&request, &done, MPI_STATUS_IGNORE));
+      if (done != 0) return;
+      std::this_thread::sleep_for(pause);
+      pause = std::min(2 * pause, kLongest);
+    }
+  }
+
+  void check(int status) {
+    if (status != MPI_SUCCESS) lost();
+  }
+  [[noreturn]] void lost() {
+    lost_ = true;
+    throw Error("mpirun", "the ranks have lost each other",
+                "look at the network, and run the same command again");
+  }
+
+  int rank_ = 0;
+  int size_ = 1;
+  bool lost_ = false;
+};
+
+}  // namespace
+
+bool canJoinCrew() {
+  return true;
+}
+
+std::unique_ptr<Crew> joinCrew() {
+  return std::make_unique<MpiCrew>();
+}
+
+}  // namespace palpate::importer

@@ -1,0 +1,231 @@
+// Bricks by several ranks, here threads: the bytes are those of one, and who fails ends all.
+#include "palpate/samplers/crew.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+
+#include <catch2/catch.hpp>
+
+#include "palpate/engine/error.h"
+#include "palpate/samplers/make_volume.h"
+#include "palpate/samplers/write_bricks.h"
+#include "tests/support/random.h"
+#include "tests/support/thread_crew.h"
+#include "tests/support/vdb_grids.h"
+
+using namespace palpate;
+using namespace palpate::test;
+using Catch::Contains;
+using openvdb::Coord;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::map<std::string, std::string> allIn(const fs::path& folder) {
+  std::map<std::string, std::string> all;
+  for (const auto& one : fs::recursive_directory_iterator(folder)) {
+    if (!one.is_regular_file()) continue;
+    std::ifstream file(one.path(), std::ios::binary);
+    all[one.path().lexically_relative(folder).string()] = {std::istreambuf_iterator<char>(file),
+                                                           {}};
+  }
+  return all;
+}
+
+/// A hollow ball about the origin, as a level set by its formula: two slabs of bricks and more.
+BrickInput ball() {
+  BrickInput input;
+  input.name = "ball";
+  input.grid_class = GridClass::kLevelSet;
+  input.background = {3.0F, 0.0F, 0.0F};
+  input.lower = {-70, -70, -90};
+  input.upper = {70, 70, 150};
+  input.identity = "ball";
+  input.fill = [](const BrickBox& box) {
+    std::size_t n = 0;
+    for (int i = 0; i < kBrickEdge; ++i) {
+      for (int j = 0; j < kBrickEdge; ++j) {
+        for (int k = 0; k < kBrickEdge; ++k, ++n) {
+          const Vec3 p(box.lower[0] + i, box.lower[1] + j, 0.6 * (box.lower[2] + k - 30));
+          const double d = std::abs(p.norm() - 55.0) - 4.0;
+          box.values[n] = static_cast<float>(std::clamp(d, -3.0, 3.0));
+          if (std::abs(d) < 3.0) box.active[n / 8] |= static_cast<std::uint8_t>(1U << (n % 8));
+        }
+      }
+    }
+    return BoxFilled::kEach;
+  };
+  return input;
+}
+
+/// Voxels here and there, on both sides of 0, more to one end.
+openvdb::FloatGrid::Ptr scattered() {
+  openvdb::initialize();
+  Random random(5);
+  auto grid = openvdb::FloatGrid::create(0.5F);
+  for (int n = 0; n < 4000; ++n) {
+    const auto at = [&](double low, double high) {
+      return static_cast<int>(random.uniform(low, high));
+    };
+    const Coord c(at(-90.0, 200.0), at(-20.0, 5000.0), at(-150.0, 250.0));
+    grid->tree().setValueOn(c, static_cast<float>(random.uniform(-1.0, 1.0)));
+  }
+  grid->setName("scattered");
+  return grid;
+}
+
+/// What of it a rank has that fills these bricks.
+openvdb::FloatGrid::Ptr partOf(const openvdb::FloatGrid& grid, const Share& share) {
+  auto part = openvdb::FloatGrid::create(grid.background());
+  part->setName(grid.getName());
+  const auto first = share.first * kBrickSide - kBrickApron;
+  const auto end = share.end * kBrickSide + kBrickApron;
+  for (auto value = grid.cbeginValueOn(); value; ++value) {
+    const Coord c = value.getCoord();
+    if (share.first < share.end && c.z() >= first && c.z() < end) {
+      part->tree().setValueOn(c, *value);
+    }
+  }
+  return part;
+}
+
+std::string errorOf(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const Error& e) {
+    return e.what();
+  }
+  return "no error";
+}
+
+}  // namespace
+
+TEST_CASE("the shares of a crew are the whole, in order", "[crew]") {
+  for (const int size : {1, 2, 3, 7}) {
+    for (const int count : {0, 1, 5, 64}) {
+      std::mutex mutex;
+      std::map<int, Share> shares;
+      CHECK(byThreads(size, [&](Crew& crew) {
+              const std::lock_guard lock(mutex);
+              shares[crew.rank()] = shareOf(crew, count);
+            }) == 0);
+      std::int64_t end = 0;
+      for (const auto& [rank, share] : shares) {
+        CHECK(share.first == end);
+        CHECK(share.end - share.first <= count / size + 1);
+        CHECK(share.end - share.first >= count / size);
+        end = share.end;
+      }
+      CHECK(end == count);
+    }
+  }
+}
+
+TEST_CASE("a crew gathers by its ranks, and lists one behind the other", "[crew]") {
+  CHECK(byThreads(3, [](Crew& crew) {
+          const std::vector<int> own(static_cast<std::size_t>(2 * crew.rank()), crew.rank());
+          const bool right = gatherAll(crew, own) == std::vector<int>{1, 1, 2, 2, 2, 2} &&
+                             gatherOne(crew, 10 * crew.rank()) == std::vector<int>{0, 10, 20};
+          if (!right) throw Error("the test", "it gathers something else", "mend it");
+        }) == 0);
+}
+
+TEST_CASE("bricks have the same bytes by any crew", "[bricks][crew]") {
+  const TemporaryFolder folder;
+  const BrickReport alone = writeBricks(folder / "alone", ball());
+  const auto whole = allIn(folder / "alone");
+  CHECK(whole.count("palpate.bricks") == 1);
+  for (const int size : {2, 3, 8}) {
+    const fs::path out = folder / std::to_string(size);
+    std::mutex mutex;
+    std::set<std::uint64_t> written;
+    CHECK(byThreads(size, [&](Crew& crew) {
+            BrickOptions options;
+            options.crew = &crew;
+            const BrickReport report = writeBricks(out, ball(), options);
+            const std::lock_guard lock(mutex);
+            written.insert(report.written);
+          }) == 0);
+    CHECK(written == std::set{alone.written});
+    CHECK(allIn(out) == whole);
+  }
+}
+
+TEST_CASE("a grid in parts is told of as a whole", "[bricks][crew]") {
+  const TemporaryFolder folder;
+  const auto grid = scattered();
+  (void)writeBricks(folder / "alone", brickInput(makeVolume(*grid)));
+  const auto whole = allIn(folder / "alone");
+  for (const int size : {2, 5, 9}) {
+    const fs::path out = folder / std::to_string(size);
+    CHECK(byThreads(size, [&](Crew& crew) {
+            // Three slabs of bricks below 0 and four above it; the last ranks have none.
+            const Share of_seven = shareOf(crew, 7);
+            const Share share{of_seven.first - 3, of_seven.end - 3};
+            BrickOptions options;
+            options.crew = &crew;
+            (void)writeBricks(out, brickInput(partOf(*grid, share), crew, share), options);
+          }) == 0);
+    CHECK(allIn(out) == whole);
+  }
+}
+
+TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[bricks][crew]") {
+  const TemporaryFolder folder;
+  (void)writeBricks(folder / "alone", ball());
+  const fs::path out = folder / "out";
+  const auto by = [&](int size, const std::function<void(Crew&, BrickInput&, BrickOptions&)>& but) {
+    std::uint64_t kept = 0;
+    const std::string why = errorOf([&] {
+      const int told = byThreads(size, [&](Crew& crew) {
+        BrickInput input = ball();
+        BrickOptions options;
+        options.crew = &crew;
+        but(crew, input, options);
+        const BrickReport report = writeBricks(out, input, options);
+        if (crew.rank() == 0) kept = report.kept;
+      });
+      CHECK(told == 0);
+    });
+    return std::pair(why, kept);
+  };
+
+  // In each level, by the last one or by all at once.
+  for (const bool all : {false, true}) {
+    for (const double when : {0.1, 0.95}) {
+      const std::string why =
+          by(3, [&](Crew& crew, BrickInput&, BrickOptions& options) {
+            if (!all && crew.rank() != 2) return;
+            options.progress = [=, &crew](double done) {
+              if (done < when) return;
+              throw Error("rank " + std::to_string(crew.rank()), "it ends", "go on");
+            };
+          }).first;
+      CHECK(why == (all ? "rank 0: it ends: go on" : "rank 2: it ends: go on"));
+      CHECK_FALSE(fs::exists(out / "palpate.bricks"));
+    }
+  }
+  // Another input than the others'.
+  CHECK_THAT(by(2,
+                [](Crew& crew, BrickInput& input, BrickOptions&) {
+                  if (crew.rank() == 1) input.identity = "another";
+                })
+                 .first,
+             Contains("another than that of rank 0"));
+  CHECK_FALSE(fs::exists(out / "palpate.bricks"));
+  const auto [why, kept] = by(4, [](Crew&, BrickInput&, BrickOptions&) {});
+  CHECK(why == "no error");
+  CHECK(kept > 5);
+  CHECK(allIn(out) == allIn(folder / "alone"));
+  // Finished: left as it is, by all.
+  CHECK(by(2, [](Crew&, BrickInput&, BrickOptions&) {}) == std::pair(why, std::uint64_t{0}));
+}

@@ -1,0 +1,323 @@
+#!/usr/bin/env python3
+"""`mpirun palpate-import --bricks`, as users meet it: mpi_import_test.py PROGRAM.
+
+All ranks on this machine, through its memory and loopback.
+"""
+import array
+import fcntl
+import gzip
+import json
+import math
+import os
+import random
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+IMPORT = str(Path(sys.argv[1]).resolve())
+MPIRUN = shutil.which("mpirun")
+PATIENCE = 60  # s
+HERE = ["--oversubscribe", "--mca", "btl", "self,vader",
+        "--mca", "btl_vader_single_copy_mechanism", "none",
+        "--mca", "odls_base_sigkill_timeout", "0", "--mca", "oob_tcp_if_include", "lo", "--mca", "btl_tcp_if_include", "lo"]
+os.environ.update(OMPI_ALLOW_RUN_AS_ROOT="1", OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1",
+                  OMPI_MCA_rmaps_base_oversubscribe="1")
+
+
+def command(ranks, *words):
+    """Of one process without mpirun for 0 ranks."""
+    begin = [MPIRUN, *HERE, "-n", str(ranks)] if ranks else []
+    return [*begin, IMPORT, *map(str, words)]
+
+
+def run(ranks, *words, status=0):
+    done = subprocess.run(command(ranks, *words), capture_output=True, text=True, timeout=PATIENCE)
+    if status is not None and done.returncode != status:
+        raise AssertionError(f"{ranks} {words}: {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def lines_of(done):
+    """Ours: mpirun says more of a rank that has failed."""
+    return [line for line in done.stderr.splitlines() if line.startswith("palpate: ")]
+
+
+def files_in(folder):
+    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*"))
+            if one.is_file()}
+
+
+SIZE = (30, 26, 250)  # 4 slabs of bricks, of which the last is not full
+
+
+def blob(scale=1.0):
+    """A wavy rod in nothing, along k; it is nowhere the same, and ends before the last slab."""
+    values = array.array("f")
+    for k in range(SIZE[2]):
+        x0, y0 = 14 + 6 * math.sin(k / 17), 12 + 5 * math.cos(k / 23)
+        for j in range(SIZE[1]):
+            row = [0.0] * SIZE[0]
+            if k < 210:
+                for i in range(SIZE[0]):
+                    near = 60 - (i - x0) ** 2 - (j - y0) ** 2
+                    if near > 0:
+                        row[i] = scale * (near + 0.1 * ((7 * i + 11 * j + 13 * k) % 31))
+            values.extend(row)
+    return values
+
+
+def turned(values):
+    values = array.array(values.typecode, values)
+    values.byteswap()
+    return values.tobytes()
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(holder.cleanup)
+        cls.dir = Path(holder.name)
+        cls.values = blob()
+        cls.raw = cls.dir / "blob.raw"
+        cls.raw.write_bytes(cls.values.tobytes())
+        cls.layout = ["--raw", json.dumps({"size": SIZE, "type": "float32",
+                                           "spacing": [1, 1, 0.75]})]
+
+    def assert_same(self, alone, other):
+        self.assertEqual(sorted(alone), sorted(other))
+        self.assertEqual([name for name in alone if alone[name] != other[name]], [])
+
+    def check(self, ranks, file, *words):
+        """The same bytes and the same report, but for memory, however many there are."""
+        name = f"{file.name}{len(list(self.dir.iterdir()))}"
+        alone = self.dir / f"{name}_alone"
+        report = json.loads(run(0, file, alone, "--bricks", "--json", *words).stdout)
+        bytes_alone = files_in(alone)
+        self.assertIn("palpate.bricks", bytes_alone)
+        for count in ranks:
+            out = self.dir / f"{name}_{count}"
+            theirs = json.loads(run(count, file, out, "--bricks", "--json", *words).stdout)
+            with self.subTest(file=file.name, words=words, ranks=count):
+                self.assert_same(bytes_alone, files_in(out))
+                for one in (report, theirs):
+                    one.pop("file")
+                    one.pop("memory")
+                self.assertEqual(report, theirs)
+            report["file"] = report["memory"] = None
+            shutil.rmtree(out)
+
+
+class Bytes(Case):
+    def test_smoothed(self):
+        self.check([1, 2, 3, 5], self.raw, *self.layout, "--smooth", "2.5")
+
+    def test_as_it_is(self):
+        self.check([2], self.raw, *self.layout, "--tolerance", "3")
+
+    def test_everything_in_one_slab(self):
+        # Nothing active but in the third one, whose rank has no neighbours with any.
+        values = array.array("f", self.values)
+        slab = SIZE[0] * SIZE[1] * 64
+        for n in list(range(2 * slab)) + list(range(3 * slab, len(values))):
+            values[n] = 0.0
+        file = self.dir / "one.raw"
+        file.write_bytes(values.tobytes())
+        self.check([3], file, *self.layout)
+
+    def test_holes_far_away(self):
+        values = array.array("f", self.values)
+        values[len(values) * 3 // 4] = math.nan
+        values[len(values) // 2] = 1e39  # none of a float
+        file = self.dir / "holes.raw"
+        file.write_bytes(values.tobytes())
+        self.check([2], file, *self.layout)
+
+    def test_what_a_float_cannot_hold_at_the_end(self):
+        values = array.array("i", map(int, self.values))
+        values[len(values) - 5] = 2 ** 25 + 1
+        file = self.dir / "large.raw"
+        file.write_bytes(values.tobytes())
+        layout = json.dumps({"size": SIZE, "type": "int32"})
+        self.check([2], file, "--raw", layout)
+
+    def test_nrrd_of_the_other_end(self):
+        file = self.dir / "blob.nrrd"
+        header = ("NRRD0004\ntype: short\ndimension: 3\nsizes: %d %d %d\nendian: big\n"
+                  "encoding: raw\nspace: right-anterior-superior\n"
+                  "space directions: (0.5,0,0) (0,0.5,0) (0,0,0.5)\nspace origin: (1,2,3)\n\n" % SIZE)
+        file.write_bytes(header.encode() + turned(array.array("h", map(int, self.values))))
+        self.check([3], file, "--smooth", "1")
+
+    def test_metaimage_of_many_files(self):
+        folder = self.dir / "meta"
+        folder.mkdir()
+        slices = [self.values[n:n + 10 * SIZE[0] * SIZE[1]]
+                  for n in range(0, len(self.values), 10 * SIZE[0] * SIZE[1])]
+        for n, one in enumerate(slices):
+            (folder / f"part{n}.raw").write_bytes(one.tobytes())
+        names = "\n".join(f"part{n}.raw" for n in range(len(slices)))
+        file = folder / "blob.mhd"
+        file.write_text("ObjectType = Image\nNDims = 3\nDimSize = %d %d %d\n"
+                        "ElementSpacing = 1 1 2\nElementType = MET_FLOAT\n"
+                        "ElementToIntensityFunctionSlope = 0.3\n" % SIZE +
+                        f"ElementDataFile = LIST\n{names}\n")
+        self.check([3], file, "--smooth", "2")
+
+    def test_nifti_packed_and_of_vectors(self):
+        points = len(self.values)
+        header = bytearray(352)
+        struct.pack_into("<i", header, 0, 348)
+        struct.pack_into("<8h", header, 40, 5, *SIZE, 1, 3, 1, 1)
+        struct.pack_into("<hhh", header, 68, 1007, 16, 32)
+        struct.pack_into("<8f", header, 76, 1, 1, 1, 1, 1, 1, 1, 1)
+        struct.pack_into("<f", header, 108, 352)
+        header[344:348] = b"n+1\0"
+        planes = [self.values, self.values[points // 2:] + self.values[:points // 2],
+                  array.array("f", reversed(self.values))]
+        data = bytes(header) + b"".join(plane.tobytes() for plane in planes)
+        file = self.dir / "vectors.nii"
+        file.write_bytes(data)
+        self.check([2], file, "--smooth", "1")
+        packed = self.dir / "vectors.nii.gz"
+        packed.write_bytes(gzip.compress(data, 1))
+        self.check([3], packed)
+
+    def test_what_is_read_whole(self):
+        file = self.dir / "blob.vtk"
+        file.write_bytes(b"# vtk DataFile Version 3.0\nblob\nBINARY\nDATASET STRUCTURED_POINTS\n" +
+                         b"DIMENSIONS %d %d %d\nORIGIN 0 0 0\nSPACING 1 1 1\nPOINT_DATA %d\n"
+                         % (*SIZE, len(self.values)) +
+                         b"SCALARS density float 1\nLOOKUP_TABLE default\n" + turned(self.values))
+        if subprocess.run(command(0, file, self.dir / "whole.vdb"),
+                          capture_output=True, timeout=PATIENCE).returncode != 0:
+            self.skipTest("built without VTK")
+        self.check([3], file, "--smooth", "1")
+
+    def test_what_each_makes_whole(self):
+        self.check([2], self.raw, *self.layout, "--iso", "30")
+        self.check([3], self.raw, *self.layout, "--voxel", "1.3")
+
+
+class Trouble(Case):
+    def refused(self, done, *words):
+        self.assertNotEqual(done.returncode, 0)
+        lines = lines_of(done)
+        self.assertEqual(len(lines), 1, done.stderr)
+        for word in words:
+            self.assertIn(word, lines[0])
+        self.assertEqual(done.stdout, "")
+
+    def test_refusals_are_one_line(self):
+        out = self.dir / "refused"
+        self.refused(run(3, self.raw, self.dir / "x.vdb", *self.layout, status=None), "mpirun",
+                     "--bricks")
+        self.refused(run(3, self.raw, out, "--bricks", "--nonsense", status=None), "usage")
+        self.refused(run(3, self.raw, out, "--bricks", "--raw",
+                         '{"size":[90,90,900],"type":"float32"}', status=None), "the layout needs")
+        self.refused(run(2, self.raw, out, "--bricks", *self.layout, "--scene", "a.json",
+                         status=None), "--scene")
+        self.assertFalse(out.exists())
+
+    def test_a_value_of_the_last_rank(self):
+        values = array.array("f", self.values)
+        values[len(values) - 10] = math.nan
+        file = self.dir / "nan.raw"
+        file.write_bytes(values.tobytes())
+        out = self.dir / "nan"
+        self.refused(run(2, file, out, "--bricks", *self.layout, "--smooth", "1", status=2),
+                     "nan.raw", "without data")
+        self.assertFalse(out.exists())
+
+    def test_what_rank_0_or_another_cannot_write(self):
+        out = self.dir / "held"
+        out.mkdir()
+        held = os.open(out, os.O_RDONLY)
+        fcntl.flock(held, fcntl.LOCK_EX)
+        self.refused(run(3, self.raw, out, "--bricks", *self.layout, status=2), "held")
+        os.close(held)
+        # The last rank alone cannot put a brick in its place.
+        words = [self.raw, out, "--bricks", *self.layout]
+        run(2, *words)
+        (out / "palpate.bricks").unlink()
+        brick = max(out.glob("0/0.0.*.0"))
+        brick.unlink()
+        brick.mkdir()
+        self.refused(run(3, *words, status=2), brick.name)
+        self.assertFalse((out / "palpate.bricks").exists())
+        brick.rmdir()
+        run(2, *words)
+        alone = self.dir / "not_held"
+        run(0, self.raw, alone, "--bricks", *self.layout)
+        self.assert_same(files_in(alone), files_in(out))
+
+    def processes(self, out, rank):
+        """Of that rank: the one that mpirun has started, and its child, which works."""
+        found = {}
+        for one in Path("/proc").iterdir():
+            try:
+                words = (one / "cmdline").read_bytes().split(b"\0")
+                if words[0] != IMPORT.encode() or str(out).encode() not in words:
+                    continue
+                if f"OMPI_COMM_WORLD_RANK={rank}".encode() in \
+                        (one / "environ").read_bytes().split(b"\0"):
+                    found[int(one.name)] = int((one / "stat").read_text().split()[3])
+            except (OSError, IndexError):
+                continue
+        workers = [pid for pid, parent in found.items() if parent in found]
+        return [pid for pid in found if pid not in workers], workers
+
+    def test_killed_and_gone_on_with(self):
+        # Noise, which takes its time.
+        size = (250, 250, 320)
+        file = self.dir / "noise.raw"
+        file.write_bytes(random.Random(3).randbytes(size[0] * size[1] * size[2]))
+        words = ["--bricks", "--raw", json.dumps({"size": size, "type": "uint8"})]
+        alone = self.dir / "noise_alone"
+        run(0, file, alone, *words)
+        whole = files_in(alone)
+        out = self.dir / "noise"
+        kept = {}
+        for rank, which in ((1, 1), (0, 0)):
+            begun = subprocess.Popen(command(2, file, out, *words), stdout=subprocess.PIPE,
+                                     stderr=subprocess.PIPE, text=True)
+            end = time.monotonic() + PATIENCE
+            fresh = victims = []
+            while len(fresh) < 3 and begun.poll() is None and time.monotonic() < end:
+                victims = victims or self.processes(out, rank)[which]
+                fresh = [one for one in out.glob("0/*.0") if one.name not in kept]
+                time.sleep(0.002)
+            self.assertTrue(victims)
+            self.assertIsNone(begun.poll(), "it was too quick to be killed")
+            for pid in victims:
+                os.kill(pid, signal.SIGKILL)
+            begun.communicate(timeout=PATIENCE)
+            self.assertNotEqual(begun.returncode, 0)
+            self.assertFalse((out / "palpate.bricks").exists())
+            self.assertEqual(self.processes(out, 0)[1] + self.processes(out, 1)[1], [])
+            now = {one.name: one.stat().st_mtime_ns for one in out.glob("0/*.0")}
+            for name, when in kept.items():
+                self.assertEqual(now[name], when, "it was there already")
+            kept = now
+            self.assertGreater(len(kept), 2)
+        run(3, file, out, *words)
+        self.assert_same(whole, files_in(out))
+        for name, when in kept.items():
+            self.assertEqual((out / "0" / name).stat().st_mtime_ns, when)
+        self.assertLess(len(kept), len(list(out.glob("0/*.0"))), "nothing was left to be done")
+
+
+if __name__ == "__main__":
+    if MPIRUN is None:
+        print("no mpirun: skipped")
+        sys.exit(77)
+    if "built without MPI" in run(1, "a", "b", "--bricks", status=None).stderr:
+        print("built without MPI: skipped")
+        sys.exit(77)
+    unittest.main(argv=[sys.argv[0], *sys.argv[2:]])
