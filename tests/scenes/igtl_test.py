@@ -333,9 +333,12 @@ class IgtlTest(unittest.TestCase):
         for word, code in (("clear", 5), ("Clear", 12), ("", 12), ("cut\n", 12)):
             client.send("STRING", "PalpateCommand", string(word))
             self.assertEqual(client.until("STATUS")[0], code, word)
-        end = time.monotonic() + 0.5
-        while time.monotonic() < end:
-            self.assertEqual(client.numbers("PalpateForce"), [0, 0, 0])
+        self.press(client, 8)
+        self.assertEqual(self.press(client, -6)[2], [0, 0, 0])
+        client.send("GET_STATUS", "x", b"")
+        client.until("STATUS")
+        told = json.loads(client.until("STRING", "PalpateStatus"))
+        self.assertEqual(told["hands"][0]["state"], "cut")
         run.end()
         self.assertEqual(run.status, 130)
 
