@@ -163,7 +163,7 @@ IgtlHead readIgtlHead(std::span<const std::uint8_t, kIgtlHead> bytes) {
 }
 
 std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
-  static const std::array<std::uint64_t, 256> kTable = [] {
+  static const std::array<std::uint64_t, 256> words = [] {
     constexpr std::uint64_t kPolynomial = 0x42F0E1EBA9EA3693ULL;
     constexpr std::uint64_t kTop = 1ULL << 63U;
     std::array<std::uint64_t, 256> table{};
@@ -177,7 +177,7 @@ std::uint64_t igtlCrc(ByteView bytes, std::uint64_t before) noexcept {
     return table;
   }();
   std::uint64_t crc = before;
-  for (const std::uint8_t byte : bytes) crc = kTable[(crc >> 56U ^ byte) & 0xFFU] ^ crc << 8U;
+  for (const std::uint8_t byte : bytes) crc = words[(crc >> 56U ^ byte) & 0xFFU] ^ crc << 8U;
   return crc;
 }
 
