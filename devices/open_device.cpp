@@ -53,15 +53,28 @@ std::unique_ptr<Device> openTroubled(const std::string& words, const DeviceOptio
                                         options.rate, of.seconds.value_or(1.0));
 }
 
+/// A hand that somebody leads who has no arm.
+std::unique_ptr<Device> openLed(const HandTarget& target, const DeviceOptions& options) {
+  // No motor is behind it: a machine that is busy for a while hurts nobody.
+  ArmParams arm;
+  arm.late = 60.0;
+  return makeSimulated(arm, target, options);
+}
+
 std::unique_ptr<Device> openMouse(const DeviceOptions& options) {
   if (!options.mouse.at) {
     throw DeviceError("--device", "the mouse is in a window, and there is none",
                       "use palpate view SCENE");
   }
-  // No motor is behind it: a machine that is busy for a while hurts nobody.
-  ArmParams arm;
-  arm.late = 60.0;
-  return makeSimulated(arm, options.mouse, options);
+  return openLed(options.mouse, options);
+}
+
+std::unique_ptr<Device> openClient(const DeviceOptions& options) {
+  if (!options.client.at) {
+    throw DeviceError("--device", "igtl is a hand that 3D Slicer leads, and nobody listens for it",
+                      "add --igtl 18944");
+  }
+  return openLed(options.client, options);
 }
 
 std::unique_ptr<Device> openPath(const std::string& file, const DeviceOptions& options) {
@@ -115,6 +128,7 @@ std::unique_ptr<Device> openDevice(const std::string& name, const DeviceOptions&
   if (name == "simulated") return openSimulated(options);
   if (name.rfind("simulated:", 0) == 0) return openTroubled(name.substr(10), options);
   if (name == "mouse") return openMouse(options);
+  if (name == "igtl") return openClient(options);
   if (name.rfind("path:", 0) == 0) return openPath(name.substr(5), options);
   if (name.rfind("replay:", 0) == 0) return openRecorded(name.substr(7), options);
   if (parseArmName(name) || parsePluginName(name)) return openRealArm(name, options);

@@ -16,6 +16,7 @@ struct DeviceOptions {
   double rate = 1000.0;  ///< Ticks a second [Hz], > 0.
   HandTarget target;     ///< Of a simulated hand.
   HandTarget mouse;      ///< Where a window's mouse means the hand to be; may be empty.
+  HandTarget client;     ///< Where a client of the program's server does; may be empty.
   bool realtime =
       false;  ///< The loop keeps time: an arm wants it; a simulated one is as a real one.
   bool passive = false;                         ///< The energy tank acts.
@@ -30,6 +31,7 @@ struct DeviceOptions {
 /// - `simulated:TROUBLE`, `simulated:TROUBLE@SECONDS`: with a trouble (faulty_device.h) from then
 /// on
 /// - `mouse`: such a hand that a window's mouse leads
+/// - `igtl`: such a hand that 3D Slicer leads
 /// - `path:FILE.csv`: a hand that follows a path exactly; - is standard input
 /// - `replay:FILE`, `replay:FILE@SECONDS`: a hand that was recorded, from there on
 /// - `hid`, `hid:PROFILE`, `hid:PROFILE@SERIAL`, `hid:FILE.json`: an arm (openArm)

@@ -44,15 +44,18 @@ bool isSimulated(const std::string& device) {
 }
 
 DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const HandTarget& target,
-                            Window* window) {
+                            Window* window, IgtlServer* igtl) {
   DeviceOptions asked;
   asked.rate = options.rate;
   asked.target = target;
-  if (window != nullptr) {
-    // In front of all there is, as the window looks at it.
-    Vec3 start = bounds.centre();
-    start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
-    asked.mouse = window->mouse(start);
+  // In front of all there is, as a window looks at it.
+  Vec3 start = bounds.centre();
+  start.y() = bounds.lower.y() - 0.1 * bounds.size().maxCoeff();
+  if (window != nullptr) asked.mouse = window->mouse(start);
+  const auto& names = options.devices;
+  // One place that is asked for, and so one hand.
+  if (igtl != nullptr && std::count(names.begin(), names.end(), "igtl") > 0) {
+    asked.client = igtl->hand(start);
   }
   asked.realtime = options.realtime;
   asked.passive = options.passive;
@@ -66,8 +69,8 @@ DeviceOptions deviceOptions(const FeelOptions& options, const Box& bounds, const
 HandTarget targetOf(const FeelOptions& options, const BuiltScene& built, OrderedJson& search) {
   const auto& names = options.devices;
   if (std::none_of(names.begin(), names.end(), isSimulated)) return {};
-  // In a window it goes on as long as a run may be.
-  const bool endless = options.window && options.still.empty();
+  // In a window, and before clients, it goes on as long as a run may be.
+  const bool endless = (options.window && options.still.empty()) || !options.igtl.empty();
   const double seconds = options.seconds.value_or(endless ? kMostSeconds : kDefaultSeconds);
   Search did;
   HandTarget target =
@@ -223,6 +226,18 @@ void checkOptions(const FeelOptions& options) {
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
+  if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
+    throw Error("--igtl-rate", "nobody is listened for", "add --igtl 18944");
+  }
+  if (options.igtl.empty()) return;
+  if (!options.realtime) {
+    throw Error("--igtl", "virtual time is over before anybody connects",
+                options.window ? "leave it out" : "add --realtime");
+  }
+  if (!(options.igtl_rate >= 1.0 && options.igtl_rate <= kIgtlMostRate)) {
+    throw Error("--igtl-rate",
+                fmt::format("{} Hz is not 1 to {}", options.igtl_rate, kIgtlMostRate), "use 30");
+  }
 }
 
 /// The rate of hands that were recorded; throws Error where they had several, or another is asked.
@@ -328,6 +343,10 @@ int feel(FeelOptions options) {
   SceneSpec& spec = to_feel.spec;
   checkOutputs(options, to_feel);
   for (const std::string& note : spec.notes) complain(note);
+  std::optional<IgtlServer> igtl;
+  if (!options.igtl.empty()) {
+    igtl.emplace(igtlPlace(options.igtl), options.igtl_rate, options.record.empty());
+  }
   spec.waits = !options.realtime;
   SceneCache cache;
   BuiltScene built = buildScene(spec, showProgress("loading"), &cache);
@@ -342,8 +361,9 @@ int feel(FeelOptions options) {
   noteInterrupts();
   std::vector<std::unique_ptr<Device>> devices;
   for (const std::string& name : options.devices) {
-    devices.push_back(openDevice(
-        name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr)));
+    devices.push_back(
+        openDevice(name, deviceOptions(options, built.bounds, target, window ? &*window : nullptr,
+                                       igtl ? &*igtl : nullptr)));
   }
   const bool replayed = isReplay(options.devices[0]);
   if (replayed && !(built.windows.empty() && built.sequences.empty())) {
@@ -402,11 +422,17 @@ int feel(FeelOptions options) {
   run.fetched.now(built);
   run.play = built.play;
   if (window) run.window = &*window;
+  if (igtl) {
+    run.igtl = &*igtl;
+    igtl->expect(built);
+    igtl->begin();
+    sayAside("feel: 3D Slicer is listened for at {}\n", igtl->place());
+  }
   run.whole_path = !options.seconds &&
                    std::all_of(options.devices.begin(), options.devices.end(),
                                [](const std::string& d) { return isPath(d) || isReplay(d); });
-  // A window ends the run when it is closed.
-  const bool endless = run.whole_path || (options.realtime && window && !options.seconds);
+  // A window ends the run when it is closed, a server when it is interrupted.
+  const bool endless = run.whole_path || (options.realtime && (window || igtl) && !options.seconds);
   run.ticks = endless ? std::numeric_limits<std::int64_t>::max()
                       : static_cast<std::int64_t>(
                             std::llround(options.seconds.value_or(kDefaultSeconds) * options.rate));
@@ -432,6 +458,7 @@ int feel(FeelOptions options) {
   if (felt.size() > 1) summary["hands"] = felt;
   run.fetched.addTo(summary);
   sites.addTo(summary);
+  if (igtl) summary["igtl"] = igtl->summary();
   summary["machine"] = machine();
   for (const auto& hand : hands) hand->trace.commit();
   if (summary_file) {
@@ -488,6 +515,14 @@ void addSite(CLI::App& verb, FeelOptions& options) {
                   "With --site: the address of another machine with sites; again for more");
 }
 
+void addIgtl(CLI::App& verb, FeelOptions& options) {
+  verb.add_option("--igtl", options.igtl,
+                  "[ADDRESS:]PORT: show the hand to 3D Slicer by OpenIGTLink (usually 18944), and "
+                  "take from it cuts, images and where --device igtl goes (docs/cluster.md)");
+  verb.add_option("--igtl-rate", options.igtl_rate,
+                  "How often it is shown, 1 to 100 a second (default 30)");
+}
+
 }  // namespace
 
 void addFeel(CLI::App& app, std::function<int()>& body) {
@@ -499,10 +534,11 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--device", options->devices,
                    "simulated[:TROUBLE[@SECONDS]] (arm and hand with dynamics), path:FILE.csv "
                    "(header t,x,y,z), "
-                   "replay:FILE[@SECONDS] (of --record), hid[:PROFILE[@SERIAL]] or "
-                   "plugin:NAME[@SERIAL] (palpate devices); again for another hand")
+                   "replay:FILE[@SECONDS] (of --record), hid[:PROFILE[@SERIAL]], "
+                   "plugin:NAME[@SERIAL] (palpate devices) or igtl (led by 3D Slicer); again for "
+                   "another hand")
       ->take_all()
-      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:,plugin:}");
+      ->type_name("D:{simulated,simulated:,path:,replay:,hid,hid:,plugin:,igtl}");
   verb->add_option("--seconds", options->seconds,
                    "How long (default: 10, or to the end of the path)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
@@ -524,6 +560,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--summary", options->summary, "JSON");
   verb->add_option("--picture", options->picture,
                    ".png, .pdf or .svg: path over the slices, force over time");
+  addIgtl(*verb, *options);
   verb->add_flag("-v,--verbose", options->verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
@@ -545,7 +582,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                    "mouse (the default; with --picture simulated), or as palpate feel has it; "
                    "again for another hand, of which the first is drawn")
       ->take_all()
-      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:,plugin:}");
+      ->type_name("D:{mouse,simulated,simulated:,path:,replay:,hid,hid:,plugin:,igtl}");
   verb->add_option("--speed", options->speed,
                    "Of a recorded hand: so many times as fast as it was (default 1)");
   verb->add_option("--seconds", options->seconds,
@@ -558,6 +595,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
                  "Take the scene file anew when it changes, and draw it anew");
   verb->add_option("--trace", options->trace, "CSV, one row a tick");
   verb->add_option("--summary", options->summary, "JSON");
+  addIgtl(*verb, *options);
   verb->add_option("--picture", options->still,
                    "No window: feel in virtual time, and draw its last tick: PNG, 1920 x 1280");
   verb->footer(

@@ -34,11 +34,14 @@ class OnTime {
     }
   }
   [[nodiscard]] HapticThread& thread() { return *thread_; }
+  /// As it was when it was looked at last.
+  [[nodiscard]] const IgtlHand& shown() const { return shown_; }
   /// False once it has nothing more to do.
   bool look() {
     hand_.drain();
     hand_.tellUnwritten(name_);
     const Telemetry& now = thread_->latest();
+    shown_ = {now.probe, now.report.proxy, now.report.force, now.fault, now.tick > 0};
     if (now.fault != told_ && now.fault != Fault::kNone) {
       complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
                            remedyFor(now.fault)));
@@ -105,6 +108,7 @@ class OnTime {
   Fault told_ = Fault::kNone;
   bool told_still_ = false;
   bool told_weak_ = false;
+  IgtlHand shown_;
   std::optional<HapticThread> thread_;
 };
 
@@ -149,6 +153,37 @@ void record(const Run& run, const Scene& scene, const Watcher& watcher) {
   const std::string& read = watcher.text().empty() ? run.from.text : watcher.text();
   const std::string text = recordedScene(run.from.file, read, watcher.spec(), watcher.dials());
   for (const auto& hand : run.hands) hand->recorder->expect({scene.id, text});
+}
+
+/// While it lives clients may cut the force.
+class Obeyed {
+ public:
+  Obeyed(IgtlServer* server, const std::vector<HapticThread*>& hands) : server_(server) {
+    if (server_ != nullptr) server_->cuts(hands);
+  }
+  ~Obeyed() {
+    if (server_ != nullptr) server_->cuts({});
+  }
+  Obeyed(const Obeyed&) = delete;
+  Obeyed& operator=(const Obeyed&) = delete;
+
+ private:
+  IgtlServer* server_;
+};
+
+/// Shows clients where hands are, and takes what they send.
+void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands,
+           Watcher& watcher) {
+  IgtlShown shown;
+  for (const auto& hand : hands) {
+    if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
+  }
+  server.show(shown);
+  if (watcher.takesImage()) {
+    if (auto image = server.takeImage()) watcher.replace(std::move(image));
+  }
+  const std::string news = watcher.takeNews();
+  if (!news.empty()) server.tell(news);
 }
 
 }  // namespace
@@ -316,7 +351,7 @@ void runOnTime(Run& run, Guardian& guardian) {
   std::vector<const Device*> devices;
   for (const auto& hand : run.hands) devices.push_back(hand->device.get());
   std::optional<Watcher> watcher;
-  if (run.options.watch || run.window != nullptr) {
+  if (run.options.watch || run.window != nullptr || run.igtl != nullptr) {
     watcher.emplace(run.spec, run.options.scene, run.written, run.options.watch, devices,
                     run.cache);
   }
@@ -329,6 +364,7 @@ void runOnTime(Run& run, Guardian& guardian) {
   }
   Keys keys(threads, clock, stepOf(run.fetched));
   for (HapticThread* thread : threads) thread->publish(run.scene);
+  const Obeyed obeyed(run.igtl, threads);
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
   bool feeling = true;
@@ -343,6 +379,7 @@ void runOnTime(Run& run, Guardian& guardian) {
       if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
       run.window->tellRefused(watcher->refused());
     }
+    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher);
     if (looks % kWatch != 0) continue;
     run.fetched.tellTroubles();
     if (!watcher) continue;
@@ -352,6 +389,7 @@ void runOnTime(Run& run, Guardian& guardian) {
       // As long as the file says the same, what the keys have said is left alone.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
       record(run, *built->scene, *watcher);
+      if (run.igtl != nullptr) run.igtl->expect(*built);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }
   }

@@ -24,6 +24,7 @@
 #include "palpate/scenes/build_scene.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/cli/felt.h"
+#include "palpate/scenes/cli/igtl_server.h"
 #include "palpate/scenes/cli/picture.h"
 #include "palpate/scenes/cli/recorded.h"
 #include "palpate/scenes/cli/trace.h"
@@ -49,6 +50,8 @@ struct FeelOptions {
   bool window = false;
   std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.
   std::string still;            ///< A picture by the window's program.
+  std::string igtl;             ///< Where 3D Slicer is listened for; empty: nowhere.
+  double igtl_rate = kIgtlRate;
   std::string record;
   std::string trace;
   std::string summary;
@@ -194,6 +197,7 @@ struct Run {
   bool whole_path = false;
   Window* window = nullptr;
   WithSites* sites = nullptr;
+  IgtlServer* igtl = nullptr;
   Fetched fetched{};
   PlayParams play{};  ///< Of `scene`.
 

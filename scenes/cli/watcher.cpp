@@ -50,8 +50,15 @@ bool Watcher::changed() {
 std::optional<BuiltScene> Watcher::look() {
   if (made_.valid()) {
     if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
+    const std::shared_ptr<const IgtlImage> image =
+        std::exchange(making_image_, false) ? std::exchange(image_, nullptr) : nullptr;
     try {
       Made made = made_.get();
+      replaced_ = std::move(made.replaced);
+      if (image != nullptr) {
+        news_ = image->name + ": the image is felt now";
+        sayAside("feel: {}\n", sentence(news_));
+      }
       felt_ = tried_;
       if (read_) {
         spec_ = std::move(made.spec);
@@ -61,24 +68,30 @@ std::optional<BuiltScene> Watcher::look() {
       }
       return std::move(made.built);
     } catch (const std::bad_alloc&) {
+      if (image != nullptr) news_ = image->name + ": there is not enough memory for it";
       complain(file_ +
                ": there is not enough memory for a second scene: use smaller volumes; the "
                "scene before it goes on");
     } catch (const std::exception& error) {
+      if (image != nullptr) news_ = error.what();
       complain(std::string(error.what()) + "; the scene before it goes on");
     }
-    // A file that is wrong says nothing of dials: they are tried with the scene before it.
-    if (read_) return std::nullopt;
+    // A file or an image that is wrong says nothing of dials: they are tried with the scene before
+    // it.
+    if (read_ || image != nullptr) return std::nullopt;
     refused_ = trying_;
     if (wanted_ == tried_) wanted_ = felt_;
     return std::nullopt;
   }
   read_ = changed();
-  if (!read_ && wanted_ == felt_) return std::nullopt;
-  tried_ = wanted_;
+  making_image_ = !read_ && image_ != nullptr;
+  if (!read_ && !making_image_ && wanted_ == felt_) return std::nullopt;
+  tried_ = making_image_ ? felt_ : wanted_;
   trying_ = request_;
-  made_ = std::async(std::launch::async, [this, read = read_, dials = tried_] {
-    Made made{spec_, ids_, {}, {}};
+  made_ = std::async(std::launch::async, [this, read = read_, dials = tried_,
+                                          image = making_image_ ? image_ : nullptr] {
+    Made made{spec_, ids_, {}, {}, replaced_};
+    if (image != nullptr) made.replaced[image->name] = volumeOf(*image);
     if (read) {
       ToFeel opened = openWithText(file_, {});
       made.text = std::move(opened.text);
@@ -89,9 +102,15 @@ std::optional<BuiltScene> Watcher::look() {
     }
     SceneSpec spec = made.spec;
     dial(spec, inOrder(dials, made.ids));
+    for (const auto& [name, volume] : made.replaced) {
+      const auto known = spec.volumes.find(name);
+      if (known != spec.volumes.end()) known->second.volume = volume;
+    }
     made.built = buildScene(spec, {}, &cache_);
-    if (!read) return made;
-    for (const std::string& note : made.spec.notes) complain(note);
+    if (!read && image == nullptr) return made;
+    if (read) {
+      for (const std::string& note : made.spec.notes) complain(note);
+    }
     for (const std::string& note : made.built.notes) complain(note);
     return made;
   });

@@ -4,14 +4,18 @@
 #include <cstdint>
 #include <filesystem>
 #include <future>
+#include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
 #include "palpate/engine/device.h"
+#include "palpate/samplers/volume.h"
 #include "palpate/scenes/build_scene.h"
 #include "palpate/scenes/cli/dials.h"
+#include "palpate/scenes/cli/igtl_message.h"
 #include "palpate/scenes/scene_cache.h"
 
 namespace palpate::cli {
@@ -20,7 +24,8 @@ namespace palpate::cli {
 /// SceneError). True where it was lowered.
 [[nodiscard]] bool fitToAll(SceneSpec& spec, const std::vector<const Device*>& devices);
 
-/// A scene that is made anew when its file changes or its dials are turned, on a thread of its own,
+/// A scene that is made anew when its file changes, its dials are turned or an image comes for one
+/// of its volumes, on a thread of its own,
 /// so that keys and faults are looked at meanwhile; what is wrong with it is said, and the scene
 /// that runs goes on.
 class Watcher {
@@ -40,6 +45,13 @@ class Watcher {
   /// Turns dials with the next look; those of modes that are gone by then are nobody's. `request`:
   /// LiveWishes::dialled.
   void turn(const std::vector<LiveDial>& dials, std::uint64_t request);
+  /// One image at a time: the one before has been felt or refused.
+  [[nodiscard]] bool takesImage() const noexcept { return image_ == nullptr && !made_.valid(); }
+  /// With the next look the volume of the image's name is what that has, from then on, also where
+  /// the file changes.
+  void replace(std::shared_ptr<const IgtlImage> image) { image_ = std::move(image); }
+  /// What has become of it, once; empty: nothing yet.
+  [[nodiscard]] std::string takeNews() { return std::exchange(news_, {}); }
   /// The new scene; none where there is none yet.
   std::optional<BuiltScene> look();
   /// Of the modes of the scene that was looked at last, by their numbers.
@@ -58,6 +70,7 @@ class Watcher {
     ModeIds ids;
     BuiltScene built;
     std::string text;
+    std::map<std::string, std::shared_ptr<const Volume>> replaced;
   };
   [[nodiscard]] bool changed();
 
@@ -76,6 +89,10 @@ class Watcher {
   std::uint64_t trying_ = 0;   ///< Of tried_.
   std::uint64_t refused_ = 0;
   bool read_ = false;  ///< What is being made is read from the file.
+  std::map<std::string, std::shared_ptr<const Volume>> replaced_;  ///< Volumes, by images.
+  std::shared_ptr<const IgtlImage> image_;  ///< To be felt next, or being made.
+  bool making_image_ = false;
+  std::string news_;
   std::future<Made> made_;
 };
 

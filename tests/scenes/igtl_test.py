@@ -1,0 +1,487 @@
+#!/usr/bin/env python3
+"""A run as a client of OpenIGTLink sees it: igtl_test.py BIN_DIR.
+
+The client is written after the protocol's published messages, and shares nothing with palpate.
+"""
+import csv
+import json
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from refusals import refusal  # noqa: E402
+
+PALPATE = str(Path(sys.argv[1]) / "palpate")
+PATIENCE = 20  # s
+HEAD = struct.Struct(">H12s20sQQQ")
+# Where the scene's volume stands: turned about z by 90 degrees, so that x of the file is y of W.
+SCALE = 0.001
+SHIFT = (0.01, -0.02, 0.03)
+
+
+def crc64_table():
+    table = []
+    for byte in range(256):
+        word = byte << 56
+        for _ in range(8):
+            word = (word << 1) ^ (0x42F0E1EBA9EA3693 if word >> 63 else 0)
+            word &= 0xFFFFFFFFFFFFFFFF
+        table.append(word)
+    return table
+
+
+TABLE = crc64_table()
+
+
+def crc64(data):
+    crc = 0
+    for byte in data:
+        crc = TABLE[(crc >> 56) ^ byte] ^ (crc << 8 & 0xFFFFFFFFFFFFFFFF)
+    return crc
+
+
+def message(kind, name, body, version=1, crc=None, size=None):
+    if version == 2:  # of protocol 3
+        body = struct.pack(">HHIi", 14, 2, 0, 7) + b"\0\0" + body + b"\0\0"
+    return HEAD.pack(version, kind.encode(), name if isinstance(name, bytes) else name.encode(),
+                     int(time.time()) << 32, len(body) if size is None else size,
+                     crc64(body) if crc is None else crc) + body
+
+
+def transform(x, y, z):
+    return struct.pack(">12f", 1, 0, 0, 0, 1, 0, 0, 0, 1, x, y, z)
+
+
+def string(text):
+    return struct.pack(">HH", 3, len(text)) + text.encode()
+
+
+SCALARS = {2: "b", 3: "B", 4: "h", 5: "H", 6: "i", 7: "I", 10: "f", 11: "d"}
+
+
+def image(values, size, scalar=4, big=False, space=1, spacing=2.0, middle=(0, 0, 0), part=None,
+          components=1):
+    flip = -1 if space == 2 else 1
+    matrix = [flip * spacing, 0, 0, 0, flip * spacing, 0, 0, 0, spacing,
+              flip * middle[0], flip * middle[1], middle[2]]
+    head = struct.pack(">HBBBB3H12f3H3H", 1, components, scalar, 1 if big else 2, space, *size,
+                       *matrix, 0, 0, 0, *(part or size))
+    return head + struct.pack(f"{'>' if big else '<'}{len(values)}{SCALARS[scalar]}", *values)
+
+
+SIZE = (24, 12, 12)
+
+
+def wall(at):
+    """A slope along x of the file that is 5 at `at` [mm], for images of SIZE with 2 mm; of whole
+    numbers where `at` is odd."""
+    row = [max(0, min(10, 5 + 0.5 * (at - 2 * (i - 11.5)))) for i in range(SIZE[0])]
+    return row * (SIZE[1] * SIZE[2])
+
+
+class Client:
+    def __init__(self, port):
+        self.socket = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
+
+    def send(self, *words, **more):
+        self.socket.sendall(message(*words, **more))
+
+    def exactly(self, count):
+        data = b""
+        while len(data) < count:
+            piece = self.socket.recv(count - len(data))
+            if not piece:
+                raise EOFError
+            data += piece
+        return data
+
+    def next(self):
+        """Type, name, content of the next message, all of whose numbers are right."""
+        version, kind, name, stamp, size, crc = HEAD.unpack(self.exactly(HEAD.size))
+        body = self.exactly(size)
+        if version != 1 or crc != crc64(body):
+            raise AssertionError(f"version {version}, checksum {crc:x}, not {crc64(body):x}")
+        self.stamp = stamp / 2**32
+        if not time.time() - 2 * PATIENCE < self.stamp <= time.time():
+            raise AssertionError(f"it was sent at {self.stamp}")
+        kind, name = (text.rstrip(b"\0").decode() for text in (kind, name))
+        if kind == "TRANSFORM":
+            numbers = struct.unpack(">12f", body)
+            if numbers[:9] != (1, 0, 0, 0, 1, 0, 0, 0, 1):
+                raise AssertionError(numbers)
+            return kind, name, numbers[9:]
+        if kind == "STRING":
+            encoding, length = struct.unpack(">HH", body[:4])
+            if encoding != 3 or length != len(body) - 4:
+                raise AssertionError(body)
+            return kind, name, body[4:].decode("ascii")
+        if kind == "STATUS":
+            return kind, name, (struct.unpack(">H", body[:2])[0],
+                                body[30:].rstrip(b"\0").decode("ascii"))
+        return kind, name, body
+
+    def until(self, kind, name=None, good=lambda content: True):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            got = self.next()
+            if got[0] == kind and name in (None, got[1]) and good(got[2]):
+                return got[2]
+        raise AssertionError(f"no {kind} {name}")
+
+    def numbers(self, name):
+        content = self.until("STRING" if name == "PalpateForce" else "TRANSFORM", name)
+        return [float(x) for x in content.split()] if isinstance(content, str) else list(content)
+
+    def state(self, word):
+        return self.until("STRING", "PalpateStatus",
+                          lambda text: json.loads(text)["hands"][0]["state"] == word)
+
+    def ended(self):
+        """The server closes the connection."""
+        end = time.monotonic() + PATIENCE / 2
+        try:
+            while time.monotonic() < end:
+                self.next()
+            return False
+        except (EOFError, ConnectionError):
+            return True
+        except socket.timeout:
+            return False
+
+
+class Run:
+    """palpate feel, with a server."""
+
+    def __init__(self, folder, *more, device="igtl", scene="scene.json"):
+        self.errors = []
+        self.child = subprocess.Popen(
+            [PALPATE, "feel", str(folder / scene), "--realtime", "--igtl", "0", "--json",
+             "--device", device, *map(str, more)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL)
+        self.reader = threading.Thread(target=self.read, daemon=True)
+        self.reader.start()
+        where = self.said(r"listened for at 127\.0\.0\.1:(\d+)")
+        self.port = int(where.group(1))
+
+    def read(self):
+        for line in self.child.stderr:
+            self.errors.append(line)
+
+    def said(self, pattern):
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            found = re.search(pattern, "".join(self.errors))
+            if found:
+                return found
+            time.sleep(0.02)
+        raise AssertionError(f"{pattern}: {self.errors}")
+
+    def end(self):
+        """The summary."""
+        self.child.send_signal(signal.SIGINT)
+        out = self.child.stdout.read()
+        self.status = self.child.wait(PATIENCE)
+        self.reader.join()
+        return json.loads(out)
+
+    def kill(self):
+        if self.child.poll() is None:
+            self.child.kill()
+        self.child.wait()
+        self.reader.join()
+        self.child.stdout.close()
+        self.child.stderr.close()
+
+
+def in_file(x, y, z):
+    """From W [m] to the file [mm]: the inverse of its place."""
+    x, y, z = (a - b for a, b in zip((x, y, z), SHIFT))
+    return (y / SCALE, -x / SCALE, z / SCALE)
+
+
+class IgtlTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.holder = tempfile.TemporaryDirectory()
+        cls.folder = Path(cls.holder.name)
+        made = subprocess.run([PALPATE, "make", "two-bodies", str(cls.folder / "two.vdb"),
+                               "--voxel", "3", "--json"], capture_output=True, text=True,
+                              check=True)
+        del made
+        half = 2 ** -0.5
+        scene = {"palpate": 1, "coupling": {"stiffness": 500},
+                 "volumes": {"head": {"file": "two.vdb", "grid": "bowl",
+                                      "place": {"scale": SCALE, "rotation_wxyz": [half, 0, 0, half],
+                                                "translate": SHIFT}}},
+                 "modes": [{"name": "wall", "mode": "isosurface", "of": "head", "value": 5,
+                            "solid": "above", "strength": 3}]}
+        (cls.folder / "scene.json").write_text(json.dumps(scene))
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.holder.cleanup()
+
+    def start(self, *more, **how):
+        run = Run(self.folder, *more, **how)
+        self.addCleanup(run.kill)
+        return run
+
+    def connect(self, run):
+        client = Client(run.port)
+        self.addCleanup(client.socket.close)
+        return client
+
+    def press(self, client, x):
+        """Leads the hand to x of the file; hand, proxy and force when it is still."""
+        client.send("TRANSFORM", "PalpateSteer", transform(x, 0, 0))
+        begin = time.time()
+        last, end = None, time.monotonic() + PATIENCE
+        # What was sent before is still to be read.
+        while not last or client.stamp < begin + 0.4:
+            last = client.numbers("PalpateHand")
+        while time.monotonic() < end:
+            hand = client.numbers("PalpateHand")
+            still = last and max(abs(a - b) for a, b in zip(hand, last)) < 0.02
+            if still and abs(hand[1]) < 1:
+                return hand, client.numbers("PalpateProxy"), client.numbers("PalpateForce")
+            last = hand
+        raise AssertionError(f"the hand does not come to rest: {last}")
+
+    def test_what_is_sent_is_what_was_felt(self):
+        trace = self.folder / "trace.csv"
+        run = self.start("--trace", trace, device="simulated")
+        client = self.connect(run)
+        told = []
+        begin = time.monotonic()
+        while time.monotonic() < begin + 2:
+            told.append(client.next())
+        summary = run.end()
+        with open(trace, encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        hands = [got for kind, name, got in told if name == "PalpateHand"]
+        proxies = [got for kind, name, got in told if name == "PalpateProxy"]
+        forces = [got for kind, name, got in told if name == "PalpateForce"]
+        self.assertTrue(20 <= len(hands) <= 66, len(hands))  # 30 a second, on a busy machine less
+        ticks = {}
+        for row in rows:
+            probe = in_file(*(float(row["probe_" + a]) for a in "xyz"))
+            ticks.setdefault(tuple(round(x, 2) for x in probe), []).append(row)
+        for hand, proxy, force in zip(hands, proxies, forces):
+            near = [row for dx in (-0.01, 0, 0.01)
+                    for row in ticks.get((round(hand[0] + dx, 2), round(hand[1], 2),
+                                          round(hand[2], 2)), [])]
+            near = near or rows
+            of = min(near, key=lambda row: sum(
+                abs(a - b) for a, b in zip(hand + proxy, in_file(
+                    *(float(row["probe_" + a]) for a in "xyz")) + in_file(
+                        *(float(row["proxy_" + a]) for a in "xyz")))))
+            for name, got in (("probe_", hand), ("proxy_", proxy)):
+                for a, b in zip(got, in_file(*(float(of[name + a]) for a in "xyz"))):
+                    self.assertAlmostEqual(a, b, delta=1e-4)
+            fx, fy, fz = (float(of["force_" + a]) for a in "xyz")
+            for a, b in zip(map(float, force.split()), (fy, -fx, fz)):
+                self.assertAlmostEqual(a, b, delta=1e-4)
+        self.assertEqual(summary["igtl"]["ended"], 0)
+        self.assertIn("STATUS".lower(), " ".join(name.lower() for _, name, _ in told))
+
+    def test_an_image_is_felt_where_it_says(self):
+        run = self.start()
+        client = self.connect(run)
+        client.state("felt")
+        deep = 6.0
+        for at, how in ((1.0, {}), (5.0, {"big": True}), (-3.0, {"space": 2, "scalar": 10}),
+                        (2.0, {"scalar": 11, "big": True}), (1.0, {"scalar": 3}),
+                        (3.0, {"scalar": 6, "middle": (5.0, 0.0, 0.0)})):
+            version = 2 if at == 5.0 else 1
+            values = [int(v) for v in wall(at)] if how.get("scalar", 4) < 10 else wall(at)
+            client.send("TRANSFORM", "PalpateSteer", transform(40, 0, 0))
+            client.send("IMAGE", "head", image(values, SIZE, **how), version=version)
+            run.said("image is felt now")
+            run.errors.clear()
+            where = at + how.get("middle", (0,))[0]
+            with self.subTest(where=where, how=how):
+                hand, proxy, force = self.press(client, where - deep)
+                self.assertAlmostEqual(proxy[0], where, delta=0.15)
+                self.assertLess(hand[0], where - 1)
+                # k (proxy - hand), in newtons.
+                self.assertAlmostEqual(force[0], 500 * SCALE * (proxy[0] - hand[0]), delta=0.05)
+                self.assertGreater(force[0], 0.5)
+        self.assertEqual(run.end()["igtl"]["images"], 6)
+
+    def test_only_the_arm_lets_force_out_again(self):
+        run = self.start()
+        client = self.connect(run)
+        other = self.connect(run)
+        client.send("IMAGE", "head", image([int(v) for v in wall(1)], SIZE))
+        run.said("image is felt now")
+        self.press(client, 8)
+        self.assertGreater(self.press(client, -6)[2][0], 0.5)
+        client.send("STRING", "PalpateCommand", string("cut"))
+        self.assertEqual(client.until("STATUS")[0], 1)
+        told = json.loads(other.state("cut"))
+        self.assertIn("switched off", told["hands"][0]["fault"])
+        self.assertEqual(self.press(client, -6)[2], [0, 0, 0])
+        for word, code in (("clear", 5), ("Clear", 12), ("", 12), ("cut\n", 12)):
+            client.send("STRING", "PalpateCommand", string(word))
+            self.assertEqual(client.until("STATUS")[0], code, word)
+        self.press(client, 8)
+        self.assertEqual(self.press(client, -6)[2], [0, 0, 0])
+        client.send("GET_STATUS", "x", b"")
+        client.until("STATUS")
+        told = json.loads(client.until("STRING", "PalpateStatus"))
+        self.assertEqual(told["hands"][0]["state"], "cut")
+        run.end()
+        self.assertEqual(run.status, 130)
+
+    def test_what_is_no_message_ends_its_connection_alone(self):
+        run = self.start()
+        good = self.connect(run)
+        voxels = [0] * (SIZE[0] * SIZE[1] * SIZE[2])
+        hostile = {
+            "bad checksum": message("TRANSFORM", "PalpateSteer", transform(1, 2, 3), crc=1),
+            "bad checksum of what is skipped": message("POINT", "x", b"1234", crc=1),
+            "2^63 bytes": message("IMAGE", "head", b"", size=2**63),
+            "2^64 - 1 bytes": message("POINT", "x", b"", size=2**64 - 1),
+            "a long string": message("STRING", "x", b"", size=2**20),
+            "a version to come": message("TRANSFORM", "x", transform(0, 0, 0), version=9),
+            "another protocol": b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" + b" " * 40,
+            "a short transform": message("TRANSFORM", "x", b"1234"),
+            "a string that is longer than it is": message("STRING", "x", b"\0\x03\0\x09abc"),
+            "no number": message("TRANSFORM", "PalpateSteer", transform(float("nan"), 0, 0)),
+            "infinite": message("TRANSFORM", "PalpateSteer", transform(0, float("inf"), 0)),
+            "too far": message("TRANSFORM", "PalpateSteer", transform(0, 1e30, 0)),
+            "an image without a header": message("IMAGE", "head", b"12"),
+            "an image that is cut": message("IMAGE", "head", image(voxels[:-1], SIZE)),
+            "an image that is longer": message("IMAGE", "head", image(voxels + [1], SIZE)),
+            "a part of an image": message("IMAGE", "head", image(voxels, SIZE, part=(1, 1, 1))),
+            "a flat image": message("IMAGE", "head", image(voxels, SIZE, spacing=0.0)),
+            "an image nowhere": message("IMAGE", "head",
+                                        image(voxels, SIZE, middle=(float("nan"), 0, 0))),
+            "an empty image": message("IMAGE", "head", image([], (0, 12, 12))),
+            "a large image of nothing": message("IMAGE", "head", image([], (65535,) * 3)),
+            "two components": message("IMAGE", "head", image(voxels, SIZE, components=2)),
+            "extended beyond its end": message("TRANSFORM", "PalpateSteer", struct.pack(
+                ">HHIi", 60000, 60000, 2**32 - 1, 0) + transform(0, 0, 0)).replace(
+                    b"\0\1TRANS", b"\0\2TRANS", 1),
+        }
+        for what, data in hostile.items():
+            with self.subTest(what):
+                bad = self.connect(run)
+                bad.socket.sendall(data)
+                self.assertTrue(bad.ended(), what)
+                self.assertNotIn("head: the image", "".join(run.errors))
+        good.until("TRANSFORM", "PalpateHand")
+        summary = run.end()
+        self.assertEqual(summary["igtl"]["ended"], len(hostile))
+        self.assertEqual(summary["late_ticks"] < 20, True, summary["late_ticks"])
+        lines = [line for line in run.errors if "igtl: 127" in line]
+        self.assertTrue(lines)
+        self.assertLess(len(lines), len(hostile))  # a line a second, the others counted
+        for line in lines:
+            self.assertTrue(line.startswith("palpate: "), line)
+
+    def test_what_is_not_understood_is_answered_or_skipped(self):
+        run = self.start("--record", self.folder / "felt.rec", device="simulated")
+        client = self.connect(run)
+        client.send("POINT", "x", b"1" * 5000)
+        client.send("GET_STATUS", "x", b"")
+        self.assertEqual(client.until("STATUS")[0], 1)
+        client.send("GET_CAPABIL", "x", b"")
+        kinds = client.until("CAPABILITY")
+        self.assertEqual(kinds[:12].rstrip(b"\0"), b"TRANSFORM")
+        self.assertEqual(len(kinds) % 12, 0)
+        for kind in ("GET_IMAGE", "STT_TDATA", "STP_TDATA"):
+            client.send(kind, "x", b"")
+            self.assertEqual(client.until("STATUS")[0], 12, kind)
+        # No hand is led, and the run is recorded.
+        client.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
+        self.assertEqual(client.until("STATUS")[0], 15)
+        client.send("IMAGE", "head", image([0], (1, 1, 1)))
+        self.assertEqual(client.until("STATUS")[0], 15)
+        # Names as they please; one of 20 bytes has no end.
+        for name in (b"\xff\x1b[2J\n" * 3, b"12345678901234567890"):
+            client.send("TRANSFORM", name, transform(0, 0, 0))
+        run.end()
+        run = self.start()
+        client = self.connect(run)
+        client.send("IMAGE", b"\x1b[2J", image([0], (1, 1, 1)))
+        self.assertEqual(client.until("STATUS")[0], 4)
+        self.assertNotIn("\x1b", "".join(run.errors))
+        # What is in it is looked at where scenes are made; the scene before it goes on.
+        values = wall(0)
+        values[7] = float("nan")
+        client.send("IMAGE", "head", image(values, SIZE, scalar=10))
+        client.until("STRING", "PalpateStatus", lambda text: json.loads(text)["image"])
+        client.until("TRANSFORM", "PalpateHand")
+        self.assertEqual(run.end()["igtl"]["ended"], 0)
+
+    def test_who_is_slow_holds_up_nobody(self):
+        run = self.start(device="simulated", *("--igtl-rate", "100"))
+        deaf = socket.socket()
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.addCleanup(deaf.close)
+        deaf.connect(("127.0.0.1", run.port))
+        # Nor does it listen to what it asks.
+        deaf.sendall(message("GET_STATUS", "x", b"") * 2000)
+        loris = self.connect(run)
+        loris.socket.sendall(message("TRANSFORM", "PalpateSteer", transform(0, 0, 0))[:30])
+        good = self.connect(run)
+        begin = time.monotonic()
+        hands = 0
+        while time.monotonic() < begin + 7:
+            hands += good.next()[1] == "PalpateHand"
+        self.assertGreater(hands, 150)
+        self.assertTrue(loris.ended())
+        summary = run.end()
+        self.assertEqual(summary["igtl"]["ended"], 2)  # the deaf one as well
+        self.assertGreater(summary["igtl"]["skipped"], 100)
+        self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
+
+    def test_thousands_of_connections(self):
+        run = self.start(device="simulated")
+        good = self.connect(run)
+        good.next()
+        for _ in range(2000):
+            with socket.socket() as one:
+                one.connect(("127.0.0.1", run.port))
+        many = [Client(run.port) for _ in range(20)]
+        time.sleep(0.3)
+        for one in many:
+            self.addCleanup(one.socket.close)
+        good.until("TRANSFORM", "PalpateProxy")
+        summary = run.end()
+        self.assertGreaterEqual(summary["igtl"]["connections"], 2000)
+        self.assertGreaterEqual(summary["igtl"]["refused"], 17)
+
+    def test_what_is_refused(self):
+        def refused(*words, says):
+            done, line = refusal(self, self.folder, lambda: subprocess.run(
+                [PALPATE, *map(str, words)], capture_output=True, text=True, timeout=60))
+            self.assertEqual(done.returncode, 2)
+            self.assertIn(says, line)
+        scene = self.folder / "scene.json"
+        refused("feel", scene, "--igtl", "18944", says="add --realtime")
+        refused("feel", scene, "--igtl-rate", "50", says="add --igtl")
+        refused("feel", scene, "--device", "igtl", "--realtime", says="add --igtl")
+        for place in ("", "x", "65536", "-1", ":5", "1.2.3.4:", "18944 "):
+            if place:
+                refused("feel", scene, "--realtime", "--igtl", place, says="no port")
+        refused("feel", scene, "--realtime", "--igtl", "nowhere:5", says="no address")
+        refused("feel", scene, "--realtime", "--igtl", "5", "--igtl-rate", "101", says="1 to 100")
+        with socket.socket() as taken:
+            taken.bind(("127.0.0.1", 0))
+            taken.listen()
+            refused("feel", scene, "--realtime", "--igtl", taken.getsockname()[1], says="in use")
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1] + sys.argv[2:])
