@@ -1,5 +1,6 @@
 #include "palpate/engine/hand_links.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace palpate {
@@ -21,34 +22,43 @@ void HandLinks::hear(const LinksHeard& heard) noexcept {
   heard_.publish();
 }
 
-Vec3 HandLinks::pull(const Vec3& proxy, const HandState& hand, bool there, double dt) noexcept {
-  if (heard_.refresh()) {
-    const LinksHeard& heard = heard_.current();
-    for (std::size_t i = 0; i < kMostLinks; ++i) {
-      if (who_[i] != heard.who[i]) links_[i].forgetOther();
-      who_[i] = heard.who[i];
-      if (who_[i] != 0) links_[i].hear(heard.words[i]);
-    }
+void HandLinks::listen() noexcept {
+  if (!heard_.refresh()) return;
+  const LinksHeard& heard = heard_.current();
+  for (std::size_t i = 0; i < kMostLinks; ++i) {
+    if (who_[i] != heard.who[i]) links_[i].forgetOther();
+    who_[i] = heard.who[i];
+    if (who_[i] != 0) links_[i].hear(heard.words[i]);
   }
+}
+
+Vec3 HandLinks::pull(const Vec3& proxy, const HandState& hand, double dt) noexcept {
+  listen();
+  double there = 0.0;
+  for (std::size_t i = 0; i < kMostLinks; ++i) {
+    const double comes = who_[i] != 0 ? dt / kLinkRamp : 0.0;
+    there += std::min(1.0, links_[i].presence() + comes);
+  }
+  const double part = 1.0 / std::max(1.0, there);
   Vec3 all = Vec3::Zero();
-  for (Link& link : links_) {
-    if (there) {
-      all += link.pull(proxy, hand.position, hand.fresh, dt);
-    } else {
-      link.rest();
-    }
-  }
+  for (Link& link : links_) all += link.pull(proxy, hand, part, dt);
   return all;
+}
+
+void HandLinks::rest(const HandState& hand) noexcept {
+  listen();
+  for (Link& link : links_) link.rest(hand.position);
 }
 
 void HandLinks::pulled(double share, const HandState& hand, const Vec3& proxy,
                        const Vec3& force) noexcept {
   LinksTold& told = told_.draft();
+  told.who = who_;
   told.hand = hand.position;
   told.proxy = proxy;
   told.force = force;
   for (std::size_t i = 0; i < kMostLinks; ++i) {
-    links_[i].pulled(share, hand.drives);
+    links_[i].pulled(share);
     told.words[i] = links_[i].word(proxy);
     told.presence[i] = links_[i].presence();
     told.paid[i] = links_[i].paid();

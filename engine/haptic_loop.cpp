@@ -170,12 +170,14 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
           hand.fault == Fault::kMiscounted;
   in.wrong = whatIsWrong(hand, time);
-  if (links_ != nullptr) {
-    const bool there =
-        scene != nullptr && hand.ready && in.wrong == Fault::kNone && !hand_.state().faulted();
+  const bool linked = links_ != nullptr && scene != nullptr && hand.ready &&
+                      in.wrong == Fault::kNone && !hand_.state().faulted();
+  if (linked) {
     // A proxy that is not placed yet begins at the hand.
     const Vec3& proxy = told_.tick > 0 && hand_.mayPull() ? hand_.state().proxy() : hand.position;
-    in.pull = links_->pull(proxy, hand, there, time.dt);
+    in.pull = links_->pull(proxy, hand, time.dt);
+  } else if (links_ != nullptr) {
+    links_->rest(hand);
   }
 
   const auto start = std::chrono::steady_clock::now();
@@ -186,8 +188,10 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   hand_.withhold(in, told_.report);
   send(told_.report.force, time.real, in);
   hand_.sent(in);
-  if (links_ != nullptr) {
-    links_->pulled(told_.report.left, hand, hand_.state().proxy(), told_.report.force);
+  if (linked) {
+    // Of a write that failed nobody knows what it did.
+    const double left = in.unsent == Fault::kNone ? in.given * told_.report.left : 0.0;
+    links_->pulled(left, hand, hand_.state().proxy(), told_.report.force);
   }
 
   ++told_.tick;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "palpate/engine/plain_floats.h"
 
@@ -15,28 +16,36 @@ bool isPlace(const Vec3& p) noexcept {
   return p.allFinite() && p.cwiseAbs().maxCoeff() < kFarthest;
 }
 
-/// Of a spring that pulls with at most `peak` [J].
+/// Of a spring that pulls with at most `peak` [J]; one that is longer than a few of its own lengths
+/// has as much.
 double energyOf(const LinkParams& params, double length) noexcept {
+  constexpr double kLengths = 10.0;
   const double full = params.peak / params.stiffness;
   const double bent = std::min(length, full);
-  return 0.5 * params.stiffness * bent * bent + params.peak * (length - bent);
+  const double drawn = std::min(length, kLengths * full) - bent;
+  return 0.5 * params.stiffness * bent * bent + params.peak * drawn;
 }
 
 }  // namespace
 
 void Link::forgetOther() noexcept {
-  other_ = newest_ = 0;
+  // Who comes back has nothing to tell of what was given before.
+  ++life_;
+  begin(0);
+}
+
+void Link::begin(std::uint64_t other) noexcept {
+  other_ = other;
+  newest_ = 0;
   given_ = taken_ = 0.0;
+  presence_ = 0.0;
 }
 
 void Link::hear(const LinkWord& word) noexcept {
   const PlainFloats plain;
   const bool sane = isPlace(word.proxy) && std::isfinite(word.given);
   if (word.from < other_ || word.from == 0 || !sane) return;
-  if (word.from > other_) {
-    forgetOther();
-    other_ = word.from;
-  }
+  if (word.from > other_) begin(word.from);
   if (word.number > newest_) {
     newest_ = word.number;
     there_ = word.proxy;
@@ -49,63 +58,85 @@ void Link::hear(const LinkWord& word) noexcept {
   }
 }
 
-void Link::rest() noexcept {
-  known_ = false;
-  presence_ = 0.0;
-  force_.setZero();
-  driven_.setZero();
+void Link::count(const Vec3& hand) noexcept {
+  const double work = force_.dot(hand - last_);
+  energy_ -= work > 0.0 ? work : least_ * work;
+  if (energy_ < lowest_) {
+    trust_ *= 0.5;
+    lowest_ = energy_;
+  }
+  if (energy_ >= 0.0) {
+    trust_ = 1.0;
+    lowest_ = 0.0;
+  }
 }
 
-void Link::pulled(double share, const Mat3& drives) noexcept {
-  driven_ = drives * force_;
-  least_ = std::min(least_, share);
-  greatest_ = std::max(greatest_, share);
-}
-
-Vec3 Link::pull(const Vec3& proxy, const Vec3& hand, bool fresh, double dt) noexcept {
+void Link::rest(const Vec3& hand) noexcept {
   const PlainFloats plain;
-  if (!isPlace(hand) || !isPlace(proxy) || !(dt > 0.0) || !std::isfinite(dt)) {
-    rest();
+  if (known_) {
+    least_ = 0.0;
+    if (isPlace(hand)) {
+      count(hand);
+    } else {
+      energy_ -= reserved_;
+    }
+  }
+  known_ = false;
+  span_ = before_ = mean_ = presence_ = reserved_ = 0.0;
+  force_.setZero();
+}
+
+void Link::pulled(double share) noexcept {
+  least_ = std::min(least_, share);
+}
+
+Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt) noexcept {
+  const PlainFloats plain;
+  if (!isPlace(hand.position) || !isPlace(proxy) || !(dt > 0.0) || !std::isfinite(dt)) {
+    rest(hand.position);
     return force_;
   }
   span_ += dt;
   silence_ += dt;
   const bool there = other_ != 0 && silence_ < kLinkSilence;
   presence_ = std::clamp(presence_ + (there ? dt : -dt) / kLinkRamp, 0.0, 1.0);
-  if (known_ && !fresh) return force_;
+  if (known_ && !hand.fresh) return force_;
 
-  // What has left is counted as what takes most, or brings least.
-  const Vec3 way = known_ ? Vec3(hand - last_) : Vec3::Zero();
-  const double work = driven_.dot(way);
-  energy_ -= (work > 0.0 ? greatest_ : least_) * work;
-  // The next one is as long as they are in the mean: after a late tick comes a short one.
-  period_ = period_ > 0.0 ? period_ + (span_ - period_) / kPeriods : span_;
-  const double speeds = period_ / span_;
-  last_ = hand;
-  known_ = true;
-  span_ = 0.0;
+  const bool first = !std::exchange(known_, true);
+  const Vec3 way = first ? Vec3::Zero() : Vec3(hand.position - last_);
+  count(hand.position);
+  last_ = hand.position;
+  // The next one is as long as they are in the mean, or as the last two were: after a late tick
+  // comes a short one.
+  mean_ = mean_ > 0.0 ? mean_ + (span_ - mean_) / kPeriods : span_;
+  const double period = std::max(mean_, std::min(span_, before_));
+  before_ = span_;
+  const double speeds = period / span_;
+  const double rise = span_ / kLinkRise;
+  span_ = reserved_ = 0.0;
   least_ = 1.0;
-  greatest_ = 0.0;
   force_.setZero();
-  driven_.setZero();
 
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
-  held_ = other_ == 0 ? 0.0 : presence_ * energyOf(params_, length);
+  held_ = other_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
   // Each end keeps its half of what the spring holds.
   const double spare = energy_ - params_.start - 0.5 * held_;
   if (other_ != 0 && spare > 0.0) {
     given_ += spare;
     energy_ -= spare;
   }
-  if (presence_ == 0.0 || length == 0.0) return force_;
-  const double size = presence_ * std::min(params_.stiffness, params_.peak / length);
-  const Vec3 wanted = size * offset;
+  // Of a hand that was read once nobody knows how fast it is.
+  if (first || presence_ == 0.0 || length == 0.0) return force_;
+  const double size = part * presence_ * std::min(params_.stiffness, params_.peak / length);
+  const Vec3 wanted = hand.drives * (size * offset);
   // The most that it does until the next reading: the hand goes on as it went, but for a turn.
-  const double turn = wanted.norm() * kLinkNimble * period_ * period_;
+  const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
-  paid_ = worst > 0.0 ? std::clamp(energy_ / worst, 0.0, 1.0) : 1.0;
+  const double pays = worst > 0.0 ? std::clamp(energy_ / worst, 0.0, 1.0) : trust_;
+  paid_ = std::min(pays, paid_ + rise);
   force_ = paid_ * wanted;
+  reserved_ = std::max(0.0, paid_ * worst);
   return force_;
 }
 

@@ -13,13 +13,18 @@
 ///     w_1 + w_2  =  2 start - e_1 - e_2 + (r_1 - g_2) + (r_2 - g_1)  <=  2 start - e_1 - e_2,
 ///
 /// and as neither tank is let below zero the two hands together never get more than `start` each,
-/// which is what it takes to lift 100 g by 1 mm. There is no model of the network in this. A tick
-/// that is late lets the last force do more than was reserved for it: what it overdraws is paid
-/// back before there is another force.
+/// which is what it takes to lift 100 g by 1 mm. There is no model of the network in this.
+///
+/// There is one of the hand: until the next reading it goes on as it went, but for kLinkNimble, and
+/// that reading comes in time. A late one, or a hand that hits something, lets a force do more than
+/// was reserved: a tank below zero lets out half as much as before each time it comes lower, and
+/// all of it only when the debt is paid, so that debts of any number come to at most twice the
+/// first one's force over a tick's way.
 #pragma once
 
 #include <cstdint>
 
+#include "palpate/engine/device.h"
 #include "palpate/engine/types.h"
 
 namespace palpate {
@@ -33,15 +38,16 @@ struct LinkParams {
 
 inline constexpr double kLinkSilence = 0.2;  ///< Of whom so long nothing is heard, he is away [s].
 inline constexpr double kLinkRamp = 0.5;     ///< The spring comes and goes in so long [s].
+inline constexpr double kLinkRise = 0.1;  ///< A force that could not be paid for comes back in [s].
 /// More than a hand is accelerated by [m/s^2]: what a tank lasts for is its way until the next
 /// tick.
 inline constexpr double kLinkNimble = 200.0;
 
 /// What an end tells the other.
 ///
-/// A life is an end from its beginning until it is forgotten: a program that is started anew is
-/// another one, and a later life has a greater number. A sum is one life's to one life, and begins
-/// at 0; who hears of a later life begins a new one.
+/// A life is an end from its beginning, or from its other one's being forgotten, on: a later one
+/// has a greater number, and a program that is started anew as well. A sum is one life's to one
+/// life, and begins at 0; who hears of a later life begins a new one.
 struct LinkWord {
   std::uint64_t from = 0;     ///< The teller's life; 0: nobody.
   std::uint64_t to = 0;       ///< The life of the other that the sum is for; 0: it knows of none.
@@ -59,26 +65,27 @@ class Link {
 
   /// Takes a message, any bits, in any order, any number of times. RT: no allocation.
   void hear(const LinkWord& word) noexcept PALPATE_NONBLOCKING;
-  /// From here on it is another one who is heard. The tank stays what it is.
+  /// From here on it is another one who is heard, of any life. The tank stays what it is.
   void forgetOther() noexcept;
 
   /// A tick: counts what the last force did on the hand's way, and gives the force for the next.
   /// Between two readings of the hand it stays, as nobody can say what another one would do.
   ///
   /// @param proxy  This hand's proxy [m].
-  /// @param hand   The hand as read [m].
-  /// @param fresh  It was read since the last call.
+  /// @param hand   The hand: as it was read, fresh or not, and where its motors can push.
+  /// @param part   Of the spring, that is this end's: it is one of several at the hand.
   /// @param dt     Time since the last call [s].
-  /// @return       |force| <= peak [N], finite; 0 where hand or dt is no usable number.
+  /// @return       |force| <= part * peak [N], finite, along hand.drives; 0 where hand or dt is no
+  ///               usable number.
   /// RT: no allocation. Cost: some ten nanoseconds.
-  [[nodiscard]] Vec3 pull(const Vec3& proxy, const Vec3& hand, bool fresh,
+  [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand, double part,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// After pull(), once it is known: share * drives * force has left.
-  /// @param share   0 to 1.
-  /// @param drives  HandState::drives.
-  void pulled(double share, const Mat3& drives) noexcept PALPATE_NONBLOCKING;
-  /// To be called in place of pull() where no hand is there: what it did meanwhile is not known.
-  void rest() noexcept PALPATE_NONBLOCKING;
+  /// After pull(), once it is known: this share of the force has left, 0 to 1, or at least that.
+  /// What a force takes out of the tank is counted as if all of it had.
+  void pulled(double share) noexcept PALPATE_NONBLOCKING;
+  /// To be called in place of pull() where no force goes to a hand. The last one has acted until
+  /// now.
+  void rest(const Vec3& hand) noexcept PALPATE_NONBLOCKING;
 
   /// What the other end is to hear, the proxy's place [m] included. RT: no allocation.
   [[nodiscard]] LinkWord word(const Vec3& proxy) noexcept PALPATE_NONBLOCKING;
@@ -90,6 +97,11 @@ class Link {
   [[nodiscard]] double paid() const noexcept { return paid_; }
 
  private:
+  /// It is this life that is heard from here on, and nothing was given or taken yet.
+  void begin(std::uint64_t other) noexcept;
+  /// Counts what the force did until the hand was there [m].
+  void count(const Vec3& hand) noexcept;
+
   LinkParams params_;
   std::uint64_t life_;
   std::uint64_t told_ = 0;  ///< Words so far.
@@ -102,18 +114,20 @@ class Link {
   double taken_ = 0.0;    ///< Of what it gave [J].
 
   double energy_;
+  double lowest_ = 0.0;  ///< Where the tank was since it was in debt [J].
+  double trust_ = 1.0;   ///< Share of the force that a tank in debt lets out.
   double held_ =
       0.0;  ///< What the whole spring holds [J]: there is no use for more from elsewhere.
   double presence_ = 0.0;
   double paid_ = 1.0;
-  bool known_ = false;          ///< There is a last position.
-  Vec3 last_ = Vec3::Zero();    ///< The last position [m].
-  double span_ = 0.0;           ///< Time since then [s].
-  double period_ = 0.0;         ///< Time between readings, their mean [s].
-  Vec3 force_ = Vec3::Zero();   ///< As it was asked for since then [N],
-  Vec3 driven_ = Vec3::Zero();  ///< as motors have directions for it,
-  double least_ = 0.0;          ///< and of that the least and the greatest share that has left.
-  double greatest_ = 0.0;
+  bool known_ = false;         ///< There is a last position.
+  Vec3 last_ = Vec3::Zero();   ///< The last position [m].
+  double span_ = 0.0;          ///< Time since then [s].
+  double before_ = 0.0;        ///< Time between the two readings before [s],
+  double mean_ = 0.0;          ///< and between all of late [s].
+  Vec3 force_ = Vec3::Zero();  ///< Since then [N],
+  double least_ = 0.0;         ///< of which at least this share has left,
+  double reserved_ = 0.0;      ///< and what it was held to take at most [J].
 };
 
 }  // namespace palpate

@@ -143,8 +143,11 @@ void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport
   report.limited = out.limited();
   report.force = out.force;
   report.share = out.share;
-  if (out.force.squaredNorm() > 0.0) {
-    report.left = std::clamp(out.force.dot(asked) / asked.squaredNorm(), 0.0, 1.0);
+  // Of a force that was turned, by the slew or a brake, nobody can say whose part is left.
+  const double along = out.force.dot(asked);
+  constexpr double kAlong = 1.0 - 1e-6;
+  if (along > kAlong * out.force.norm() * asked.norm()) {
+    report.left = std::min(1.0, along / asked.squaredNorm());
   }
   report.energy = limiter.tank.energy();
 }

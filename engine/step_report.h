@@ -67,8 +67,8 @@ struct StepReport {
   double moving = 1.0;  ///< Share of the force that StillFade leaves, since the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].
-  double left = 0.0;    ///< Share of the spring's and of other hands' force together that is in
-                        ///< `force`, along what it was.
+  double left = 0.0;    ///< Share of the spring's and of other hands' force together that `force`
+                        ///< is; 0 where that has another direction.
 };
 
 /// Reports the status, unless a worse one is reported already.

@@ -102,7 +102,12 @@ class Site::Carrier {
   Carrier(const SiteParams& params, HandLinks& links)
       : name_(params.name), number_(numberOf(name_)), links_(links) {
     open(params);
-    thread_ = std::thread([this] { run(); });
+    try {
+      thread_ = std::thread([this] { run(); });
+    } catch (...) {
+      dds_delete(domain_);
+      throw;
+    }
   }
   Carrier(const Carrier&) = delete;
   Carrier& operator=(const Carrier&) = delete;
@@ -118,6 +123,9 @@ class Site::Carrier {
 
   std::vector<std::string> takeNews() {
     const std::lock_guard lock(mutex_);
+    if (std::exchange(failed_, false)) {
+      news_.emplace_back("site: there is no memory for it: hands elsewhere let go");
+    }
     return std::exchange(news_, {});
   }
   std::map<std::string, SiteState> others() const {
@@ -131,9 +139,9 @@ class Site::Carrier {
   struct Other {
     SiteState state;
     std::size_t slot = kMostLinks;  ///< kMostLinks: there was none for it.
-    std::uint64_t life = 0;
-    std::uint64_t first = 0;   ///< Of this life, the number heard first
-    std::uint64_t newest = 0;  ///< and the newest.
+    dds_instance_handle_t writer = 0;
+    std::uint64_t first = 0;   ///< The number heard first of this writer,
+    std::uint64_t newest = 0;  ///< and the newest; 0: none.
     std::uint64_t count = 0;
     Clock::time_point last;
     bool gone = true;  ///< And that was told.
@@ -166,16 +174,40 @@ class Site::Carrier {
     }
   }
 
-  void run() {
+  void run() noexcept {
     std::unique_lock lock(mutex_);
     auto due = Clock::now();
-    while (!quit_) {
-      hear();
-      tell();
-      due = std::max(due + kEvery, Clock::now());
-      wake_.wait_until(lock, due, [this] { return quit_; });
+    try {
+      while (!quit_) {
+        hear();
+        tell();
+        due = std::max(due + kEvery, Clock::now());
+        wake_.wait_until(lock, due, [this] { return quit_; });
+      }
+    } catch (const std::exception&) {
+      // No memory: this site is silent, and others' hands let go.
+      failed_ = true;
     }
   }
+
+  void say(std::string line) {
+    constexpr std::size_t kMostNews = 100;
+    if (news_.size() < kMostNews) news_.push_back(std::move(line));
+  }
+
+  /// Samples that are DDS's own.
+  struct Loan {
+    Loan(dds_entity_t r, std::array<void*, kMostAtOnce>& s, dds_return_t n)
+        : reader(r), samples(s), count(n) {}
+    Loan(const Loan&) = delete;
+    Loan& operator=(const Loan&) = delete;
+    ~Loan() {
+      if (count > 0) (void)dds_return_loan(reader, samples.data(), count);
+    }
+    dds_entity_t reader;
+    std::array<void*, kMostAtOnce>& samples;
+    dds_return_t count;
+  };
 
   void hear() {
     std::array<void*, kMostAtOnce> samples{};
@@ -183,49 +215,54 @@ class Site::Carrier {
     const auto now = Clock::now();
     const dds_return_t count =
         dds_take(reader_, samples.data(), infos.data(), kMostAtOnce, kMostAtOnce);
+    const Loan loan{reader_, samples, count};
     for (dds_return_t i = 0; i < count; ++i) {
       const auto n = static_cast<std::size_t>(i);
       const auto& hand = *static_cast<const palpate_site_Hand*>(samples[n]);
       if (infos[n].valid_data) {
-        take(hand, now);
+        take(hand, infos[n].publication_handle, now);
       } else if (infos[n].instance_state != DDS_IST_ALIVE) {
         leave(hand.site);
       }
     }
-    if (count > 0) dds_return_loan(reader_, samples.data(), count);
     for (auto& [name, other] : others_) {
       const std::chrono::duration<double> since(now - other.last);
       if (!other.state.here || since.count() < kLinkSilence) continue;
       other.state.here = false;
-      news_.push_back(fmt::format(
-          "site {}: nothing is heard of it: its hand lets go until it is heard again", name));
+      say(fmt::format("site {}: nothing is heard of it: its hand lets go until it is heard again",
+                      name));
     }
     if (count > 0) links_.hear(heard_);
   }
 
-  void take(const palpate_site_Hand& hand, Clock::time_point now) {
+  void take(const palpate_site_Hand& hand, dds_instance_handle_t writer, Clock::time_point now) {
     const std::string name(hand.site, strnlen(hand.site, sizeof hand.site));
+    if (!isSiteName(name)) return;
     if (name == name_) {
       if (!std::exchange(told_same_, true)) {
-        news_.push_back(
-            fmt::format("site {}: another one has the same name: give each its own", name));
+        say(fmt::format("site {}: another one has the same name: give each its own", name));
       }
       return;
     }
-    if (others_.size() >= 4 * kMostLinks && others_.find(name) == others_.end()) return;
+    if (others_.find(name) == others_.end() && !makeRoom()) return;
     Other& other = others_[name];
-    if (other.slot == kMostLinks && !seat(name, other)) return;
     SiteState& state = other.state;
-    if (hand.life < other.life) return;
-    if (hand.life > other.life) {
-      other.life = hand.life;
-      other.first = other.newest = hand.number;
-      other.count = 0;
-      ++state.lives;
+    // Another program of the name is a site anew, whatever its numbers are, once the one before is
+    // silent; until then he is not heard.
+    if (other.slot != kMostLinks && writer != other.writer) {
+      if (state.here) return;
+      letGo(other);
     }
+    if (other.slot == kMostLinks && !seat(name, other)) return;
+    other.writer = writer;
     ++state.heard;
     ++other.count;
-    if (hand.number < other.newest) return;
+    if (hand.number <= other.newest) return;
+    if (other.newest == 0) {
+      other.first = hand.number;
+      other.count = 1;
+      ++state.lives;
+    }
     other.newest = hand.number;
     const std::uint64_t sent = other.newest - other.first + 1;
     state.missed = sent > other.count ? sent - other.count : 0;
@@ -233,45 +270,75 @@ class Site::Carrier {
     other.gone = false;
     if (!state.here) {
       state.here = true;
-      news_.push_back(fmt::format("site {}: its hand is felt", name));
+      say(fmt::format("site {}: its hand is felt", name));
     }
     LinkWord word;
-    word.from = hand.life;
     word.number = hand.number;
     word.proxy = {hand.proxy[0], hand.proxy[1], hand.proxy[2]};
     for (std::uint32_t w = 0; w < hand.words._length; ++w) {
       const palpate_site_Word& one = hand.words._buffer[w];
       if (one.to_site != number_) continue;
+      word.from = one.life;
       word.to = one.to_life;
       word.given = one.given;
     }
-    heard_.words[other.slot] = word;
+    // Who does not know of this site yet says nothing to it.
+    if (word.from != 0) heard_.words[other.slot] = word;
   }
 
-  /// Finds a free place among the links: one that nobody has, or whose site has been silent
-  /// longest.
+  /// Of all that are silent, who has been for longest.
+  template <class Is>
+  std::map<std::string, Other>::iterator longestSilent(Is is) {
+    auto longest = others_.end();
+    for (auto one = others_.begin(); one != others_.end(); ++one) {
+      if (one->second.state.here || !is(one->second)) continue;
+      if (longest == others_.end() || one->second.last < longest->second.last) longest = one;
+    }
+    return longest;
+  }
+
+  void full() {
+    if (std::exchange(told_full_, true)) return;
+    say(fmt::format("more than {} hands elsewhere: some are not felt", kMostLinks));
+  }
+
+  /// For one more name: of those that are known too many are silent.
+  bool makeRoom() {
+    if (others_.size() < 4 * kMostLinks) return true;
+    const auto longest = longestSilent([](const Other&) { return true; });
+    if (longest == others_.end()) {
+      full();
+      return false;
+    }
+    letGo(longest->second);
+    others_.erase(longest);
+    return true;
+  }
+
+  void letGo(Other& other) {
+    if (other.slot == kMostLinks) return;
+    heard_.who[other.slot] = site_[other.slot] = 0;
+    other.slot = kMostLinks;
+    other.newest = 0;
+  }
+
+  /// A place among the links: one that nobody has, or whose site has been silent longest.
   bool seat(const std::string& name, Other& other) {
     std::size_t slot = 0;
     while (slot < kMostLinks && heard_.who[slot] != 0) ++slot;
     if (slot == kMostLinks) {
-      auto longest = others_.end();
-      for (auto one = others_.begin(); one != others_.end(); ++one) {
-        if (one->second.slot == kMostLinks || one->second.state.here) continue;
-        if (longest == others_.end() || one->second.last < longest->second.last) longest = one;
-      }
+      const auto longest = longestSilent([](const Other& one) { return one.slot != kMostLinks; });
       if (longest == others_.end()) {
-        if (!std::exchange(told_full_, true)) {
-          news_.push_back(
-              fmt::format("site {}: {} hands are felt already: it is not", name, kMostLinks));
-        }
+        full();
         return false;
       }
-      slot = std::exchange(longest->second.slot, kMostLinks);
-      longest->second.life = 0;
+      slot = longest->second.slot;
+      letGo(longest->second);
     }
     other.slot = slot;
-    heard_.who[slot] = numberOf(name);
+    heard_.who[slot] = ++seats_;  // nobody's before: its link begins anew
     heard_.words[slot] = {};
+    site_[slot] = numberOf(name);
     return true;
   }
 
@@ -280,7 +347,7 @@ class Site::Carrier {
         others_.find(std::string(site, strnlen(site, sizeof palpate_site_Hand::site)));
     if (found == others_.end() || std::exchange(found->second.gone, true)) return;
     found->second.state.here = false;
-    news_.push_back(fmt::format("site {}: it has gone", found->first));
+    say(fmt::format("site {}: it has gone", found->first));
   }
 
   void tell() {
@@ -291,7 +358,9 @@ class Site::Carrier {
       other.state.paid = told.paid[other.slot];
       other.state.energy = told.energy[other.slot];
     }
-    if (told.words[0].number == 0) return;  // no tick yet
+    // No tick yet, or none any more: a loop that has ended or a hand that is not there is silent.
+    if (told.words[0].number == ticked_) return;
+    ticked_ = told.words[0].number;
     const auto now = Clock::now();
     double gift = 0.0;
     for (std::size_t i = 0; i < kMostLinks; ++i) {
@@ -303,12 +372,12 @@ class Site::Carrier {
     std::uint32_t count = 0;
     for (std::size_t i = 0; i < kMostLinks; ++i) {
       sent_[i] = told.words[i].given;
-      if (heard_.who[i] == 0) continue;
-      words[count++] = {heard_.who[i], told.words[i].to, told.words[i].given};
+      // The loop may not have heard yet whose this is.
+      if (heard_.who[i] == 0 || heard_.who[i] != told.who[i]) continue;
+      words[count++] = {site_[i], told.words[i].from, told.words[i].to, told.words[i].given};
     }
     palpate_site_Hand hand{};
     name_.copy(hand.site, sizeof hand.site - 1);
-    hand.life = told.words[0].from;
     hand.number = ++messages_;
     std::copy_n(numbers(told.hand).begin(), 3, hand.probe);
     std::copy_n(numbers(told.proxy).begin(), 3, hand.proxy);
@@ -329,11 +398,15 @@ class Site::Carrier {
   mutable std::mutex mutex_;
   std::condition_variable wake_;
   bool quit_ = false;
+  bool failed_ = false;
   std::vector<std::string> news_;
   std::map<std::string, Other> others_;
 
   // The thread's.
   LinksHeard heard_;
+  std::array<std::uint64_t, kMostLinks> site_{};  ///< Whose each is, by numberOf; 0: nobody's.
+  std::uint64_t seats_ = 0;
+  std::uint64_t ticked_ = 0;
   bool told_same_ = false;
   bool told_full_ = false;
   std::uint64_t messages_ = 0;

@@ -21,6 +21,9 @@ struct SiteParams {
 /// NAME or NAME@DOMAIN. Throws Error.
 [[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
 
+/// Whether a site can be called so.
+[[nodiscard]] bool isSiteName(const std::string& name) noexcept;
+
 /// What is known of a site elsewhere.
 struct SiteState {
   bool here = false;         ///< It is heard.

@@ -23,16 +23,20 @@ bool isNumeric(const std::string& address) {
 
 }  // namespace
 
-SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with) {
-  SiteParams params;
-  const std::size_t at = words.find('@');
-  params.name = words.substr(0, at);
+bool isSiteName(const std::string& name) noexcept {
   const auto is_fit = [](unsigned char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' ||
            c == '_';
   };
-  if (params.name.empty() || params.name.size() > kLongestName ||
-      !std::all_of(params.name.begin(), params.name.end(), is_fit)) {
+  return !name.empty() && name.size() <= kLongestName &&
+         std::all_of(name.begin(), name.end(), is_fit);
+}
+
+SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with) {
+  SiteParams params;
+  const std::size_t at = words.find('@');
+  params.name = words.substr(0, at);
+  if (!isSiteName(params.name)) {
     throw Error("--site", fmt::format("\"{}\" is no name of a site", params.name),
                 "give up to 31 letters, digits, - and _");
   }

@@ -70,7 +70,8 @@ struct End {
   double work = 0.0;    ///< On the hand [J].
   double lowest = 0.0;  ///< Of the tank.
   std::uint64_t lives = 1;
-  double next = 0.0;  ///< When it speaks.
+  double next = 0.0;               ///< When it speaks.
+  Mat3 drives = Mat3::Identity();  ///< Where its motors push.
 };
 
 struct Session {
@@ -86,10 +87,20 @@ struct Session {
         heard[i] = ways[i].begin()->second.proxy;
         ways[i].erase(ways[i].begin());
       }
-      const double share = random.uniform() < unsent ? 0.0 : 1.0;
-      end.force = share * end.link.pull(end.hand.position, end.hand.position, true, last);
+      HandState hand;
+      hand.position = end.hand.position;
+      hand.fresh = ticks % reads == 0;
+      hand.drives = end.drives;
+      if (random.uniform() < rests) {
+        // A fault, or no hand: nothing is sent.
+        end.link.rest(hand.position);
+        end.force.setZero();
+      } else {
+        const double share = random.uniform() < unsent ? random.uniform() : 1.0;
+        end.force = share * end.link.pull(hand.position, hand, 1.0, last);
+        end.link.pulled(share);
+      }
       if (!tanks) end.force = params.stiffness * (heard[i] - end.hand.position);
-      end.link.pulled(share, Mat3::Identity());
       end.lowest = std::min(end.lowest, end.link.energy());
       if (now >= end.next) {
         end.next = now + every;
@@ -104,6 +115,7 @@ struct Session {
       greatest = std::max(greatest, done);
     }
     last = next;
+    ++ticks;
     most = std::max(most, ends[0].work + ends[1].work);
   }
 
@@ -129,7 +141,10 @@ struct Session {
   double every = 0.005;  ///< Between two messages [s].
   bool tanks = true;     ///< Else each end renders a spring, and nobody counts.
   std::array<Vec3, 2> heard{Vec3::Zero(), Vec3::Zero()};
-  double unsent = 0.0;    ///< Share of forces that somebody cut.
+  double unsent = 0.0;  ///< Share of forces of which the gate or the motors keep back a part.
+  int ticks = 0;
+  int reads = 1;          ///< The hand is read in each tick, or in each second, third...
+  double rests = 0.0;     ///< Share of ticks in which there is no hand.
   double most = 0.0;      ///< That both hands together had got at any time [J].
   double last = kDt;      ///< Since the last tick [s].
   double greatest = 0.0;  ///< The most that was done in one tick [J].
@@ -176,7 +191,17 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
     session.network = anyNetwork(random, seconds);
     session.every = random.logUniform(1e-3, 0.05);
     session.unsent = random.integer(4) == 0 ? random.uniform() : 0.0;
-    for (End& end : session.ends) end.hand = anyHand(random);
+    session.reads = random.integer(4) == 0 ? 1 + random.integer(4) : 1;
+    session.rests = random.integer(8) == 0 ? random.uniform(0.0, 0.1) : 0.0;
+    const double forgets = random.integer(4) == 0 ? 0.02 : 0.0;
+    for (End& end : session.ends) {
+      end.hand = anyHand(random);
+      // Of an arm with one motor, two, three.
+      const Vec3 axis = random.direction();
+      const int motors = random.integer(6);
+      if (motors == 0) end.drives = axis * axis.transpose();
+      if (motors == 1) end.drives -= axis * axis.transpose();
+    }
     const double restarts = random.integer(3) == 0 ? random.uniform(0.0, seconds) : 2.0 * seconds;
     bool restarted = false;
     for (int n = 0; n * kDt < seconds; ++n) {
@@ -184,13 +209,20 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
         restarted = true;
         session.restart(static_cast<std::size_t>(random.integer(2)));
       }
+      // Its place goes to another site, and comes back.
+      if (random.uniform() < forgets) {
+        session.ends[static_cast<std::size_t>(random.integer(2))].link.forgetOther();
+      }
       session.tick(n * kDt);
     }
     const double bound =
         params.start * static_cast<double>(session.ends[0].lives + session.ends[1].lives);
     INFO("seed " << seed);
-    for (const End& end : session.ends) REQUIRE(end.lowest >= -1e-12);
-    REQUIRE(session.most <= bound + 1e-12);
+    // How long it is between two readings is not known before a few of them: by then there is a
+    // fiftieth of the spring.
+    const double slack = session.reads > 1 ? 5e-4 : 1e-12;
+    for (const End& end : session.ends) REQUIRE(end.lowest >= -slack);
+    REQUIRE(session.most <= bound + 2.0 * slack);
     nearest = std::max(nearest, session.most / bound);
   }
   // The bound is near: some network gets most of it out.
@@ -213,10 +245,10 @@ TEST_CASE("what a late tick overdraws is one tick's work, and is paid back", "[l
     }
     INFO("seed " << seed);
     for (const End& end : session.ends) {
-      REQUIRE(end.lowest >= -session.greatest);
+      REQUIRE(end.lowest >= -2.0 * session.greatest);
       deepest = std::min(deepest, end.lowest);
     }
-    REQUIRE(session.most <= 2.0 * LinkParams().start + 2.0 * session.greatest);
+    REQUIRE(session.most <= 2.0 * LinkParams().start + 4.0 * session.greatest);
   }
   CHECK(deepest < 0.0);
 }
@@ -225,13 +257,13 @@ TEST_CASE("a late tick leaves the force as it is", "[loop][link]") {
   Link link(1);
   link.hear({2, 1, 1, Vec3(0.01, 0, 0), 0.0});
   for (std::uint64_t n = 2; n < 1000; ++n) {
-    (void)link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt);
-    link.pulled(1.0, Mat3::Identity());
+    (void)link.pull(Vec3::Zero(), {}, 1.0, kDt);
+    link.pulled(1.0);
     link.hear({2, 1, n, Vec3(0.01, 0, 0), 0.0});
   }
   for (const double dt : {kDt, 3 * kDt, 0.1 * kDt, kDt}) {
-    CHECK(link.pull(Vec3::Zero(), Vec3::Zero(), true, dt).x() == Approx(2.0));
-    link.pulled(1.0, Mat3::Identity());
+    CHECK(link.pull(Vec3::Zero(), {}, 1.0, dt).x() == Approx(2.0));
+    link.pulled(1.0);
   }
 }
 
@@ -294,8 +326,8 @@ TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto said = [&](LinkWord word) {
     link.hear(word);
-    const Vec3 force = link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt);
-    link.pulled(1.0, Mat3::Identity());
+    const Vec3 force = link.pull(Vec3::Zero(), {}, 1.0, kDt);
+    link.pulled(1.0);
     REQUIRE(force.allFinite());
     REQUIRE(force.norm() <= LinkParams().peak);
   };
@@ -310,8 +342,8 @@ TEST_CASE("what a stranger says is taken for what it is", "[loop][link]") {
   said({6, 5, 9999, {-0.1, 0, 0}, 1.0});
   said({7, 5, 2001, {1e300, 0, 0}, 1.0});
   CHECK(link.energy() == before);
-  CHECK(link.pull(Vec3::Zero(), Vec3::Zero(), true, kDt).x() > 1.9);
-  link.pulled(1.0, Mat3::Identity());
+  CHECK(link.pull(Vec3::Zero(), {}, 1.0, kDt).x() > 1.9);
+  link.pulled(1.0);
   // Whoever lies of a sum gives no more than the spring holds.
   said({7, 5, 2002, {0.1, 0, 0}, 1e9});
   CHECK(link.energy() < 0.2);
@@ -352,16 +384,95 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   const double put_in =
       after.energy[2] + after.words[2].given - before.energy[2] - before.words[2].given;
   CHECK(put_in == Approx(5e-3).epsilon(0.05));
-  CHECK(after.words[2].from == 1);
+  CHECK(after.words[2].from == 2);  // as it was another one's before
   CHECK(after.words[2].to == 3);
-  // A fault cuts it, and another hand that takes its place begins anew.
+  // A fault cuts it, and nothing is told.
   loop.cut();
   CHECK(tick(hand).input.pull == Vec3::Zero());
-  CHECK(links.told().presence[2] == 0.0);
+  const std::uint64_t told = links.told().words[2].number;
+  (void)tick(hand);
+  CHECK(links.told().words[2].number == told);
   loop.clear();
+  // Another hand in its place begins anew.
   heard.who[2] = 10;
   (void)tick(hand);
-  CHECK(links.told().words[2].given == 0.0);
+  (void)tick(hand);
+  CHECK(links.told().words[2].from == 3);
+  CHECK(links.told().presence[2] < 0.01);
+}
+
+TEST_CASE("what the motors did not give was not put in", "[loop][link]") {
+  const auto put_in = [](double share) {
+    test::TestDevice device;
+    device.share = share;
+    HandLinks links(1);
+    HapticLoop loop(device, 1.0 / kDt);
+    loop.linkBy(&links);
+    loop.publish(test::ballScene(test::ballField()));
+    TickTime time;
+    LinksHeard heard;
+    heard.who[0] = 9;
+    Vec3 hand(0.1, 0, 0);
+    for (int n = 0; n < 2500; ++n) {
+      heard.words[0] = {3, 2, static_cast<std::uint64_t>(n + 1), Vec3(0.2, 0, 0), 0.0};
+      links.hear(heard);
+      device.hand.position = n < 2400 ? hand : hand -= Vec3(1e-4, 0, 0);
+      time.now += kDt;
+      loop.tick(time);
+    }
+    const LinksTold& told = links.told();
+    return told.energy[0] + told.words[0].given - LinkParams().start;
+  };
+  CHECK(put_in(1.0) == Approx(0.02).epsilon(0.05));
+  CHECK(put_in(0.3) == Approx(0.006).epsilon(0.05));
+}
+
+TEST_CASE("several hands pull together as one does", "[loop][link]") {
+  HandLinks links(1);
+  LinksHeard heard;
+  double most = 0.0;
+  double last = 0.0;
+  for (int n = 0; n < 4000; ++n) {
+    for (std::size_t i = 0; i < kMostLinks; ++i) {
+      if (n > 300 * static_cast<int>(i)) heard.who[i] = i + 1;
+      heard.words[i] = {3, 2, static_cast<std::uint64_t>(n + 1), Vec3(0.5, 0, 0), 0.0};
+    }
+    links.hear(heard);
+    const double pull = links.pull(Vec3::Zero(), {}, kDt).norm();
+    links.pulled(1.0, {}, Vec3::Zero(), Vec3::Zero());
+    REQUIRE(std::abs(pull - last) < 0.01);
+    most = std::max(most, last = pull);
+  }
+  CHECK(most == Approx(LinkParams().peak));
+  CHECK(last == Approx(LinkParams().peak));
+}
+
+TEST_CASE("a tank in debt is let out ever less until it is paid", "[loop][link]") {
+  // Away fast, back within one late tick, then slowly away: each turn overdraws.
+  Link link(1);
+  double debt = 0.0;
+  double first = 0.0;
+  Vec3 at = Vec3::Zero();
+  std::uint64_t number = 0;
+  const auto tick = [&](double way, double dt) {
+    link.hear({2, 0, ++number, Vec3(0.1, 0, 0), 0.0});
+    HandState hand;
+    at.x() += way;
+    hand.position = at;
+    const Vec3 force = link.pull(at, hand, 1.0, dt);
+    link.pulled(1.0);
+    debt = std::min(debt, link.energy());
+    return force;
+  };
+  for (int n = 0; n < 1000; ++n) (void)tick(0.0, kDt);
+  for (int cycle = 0; cycle < 200; ++cycle) {
+    for (int n = 0; n < 3; ++n) (void)tick(-2e-4, kDt);
+    (void)tick(3e-3, 6 * kDt);
+    for (int n = 0; n < 240; ++n) (void)tick(-1e-5, kDt);
+    if (cycle == 0) first = debt;
+  }
+  CHECK(debt < 0.0);
+  CHECK(debt > 2.0 * std::min(first, -2.0 * 3e-3));
 }
 
 }  // namespace palpate
