@@ -35,8 +35,9 @@ struct HttpState {
 /// decompresses and checks.
 ///
 /// Of the protocol it takes HTTP GET and HEAD alone: it follows no redirection, keeps no cookie,
-/// reads no password file, and no object longer than the manifest says or a brick can be. Whoever answers can give
-/// bricks that do not arrive, not ones that are wrong: they are checked as files are.
+/// reads no password file, and no object longer than the manifest says or a brick can be. Whoever
+/// answers can give bricks that do not arrive, not ones that are wrong: they are checked as files
+/// are.
 class HttpBricks final : public BrickSource {
  public:
   /// @param address  http://host[:port]/folder or https://...

@@ -311,8 +311,8 @@ IgtlImage readIgtlImage(const IgtlHead& head, Bytes body) {
 
   // Columns: steps along i, j, k, and the middle of the image.
   Vec3 middle(matrix[9], matrix[10], matrix[11]);
-  for (int column = 0; column < 3; ++column) {
-    for (int row = 0; row < 3; ++row) {
+  for (Eigen::Index column = 0; column < 3; ++column) {
+    for (Eigen::Index row = 0; row < 3; ++row) {
       image.axes(row, column) = matrix[static_cast<std::size_t>(3 * column + row)];
     }
   }
