@@ -131,7 +131,7 @@ class Help(Case):
         self.assertEqual(self.bash("scene", "a.vdb", "--for", "c"), {"cfd", "ct"})
         self.assertEqual(self.bash("help", "fe"), {"feel"})
         self.assertEqual(self.bash("feel", "a.json", "--device", ""),
-                         {"simulated", "simulated:", "path:", "replay:", "hid", "hid:", "plugin:"})
+                         {"simulated", "simulated:", "path:", "replay:", "hid", "hid:", "plugin:", "igtl"})
         self.assertEqual(self.bash("view", "a.json", "--device", "m"), {"mouse"})
         self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "path", ":"))
         self.assertIn("ball.vdb", self.bash("feel", "a.json", "--device", "replay", ":"))
@@ -152,7 +152,7 @@ class Help(Case):
             self.assertEqual(set(re.findall(r"'\*?(-[-a-z]+)\[", case)), options(verb), verb)
         self.assertIn("'--as[What the volumes", text)
         self.assertIn(":TEXT:(vector tensor)'", text)
-        self.assertIn(":D:(simulated simulated\\: path\\: replay\\: hid hid\\: plugin\\:)'", text)
+        self.assertIn(":D:(simulated simulated\\: path\\: replay\\: hid hid\\: plugin\\: igtl)'", text)
         self.assertIn("'--json[Report as JSON]'", text)
         self.assertIn("':SCENE:_files'", text)
 
