@@ -220,6 +220,10 @@ void checkOptions(const FeelOptions& options) {
     if (!options.realtime) {
       throw Error("--site", "hands elsewhere feel on time", "add --realtime");
     }
+    if (!options.devices.empty() && options.devices[0] == "igtl") {
+      throw Error("--site", "a hand that Slicer leads would lead the arms of other sites",
+                  "give another --device first");
+    }
   } else if (!options.with.empty()) {
     throw Error("--with", "it says where other sites are, and this is none", "add --site NAME");
   }

@@ -40,6 +40,7 @@ enum class IgtlCode : std::uint16_t {
   kOk = 1,
   kNotFound = 4,
   kDenied = 5,
+  kBusy = 6,
   kUnknown = 12,
   kDisabled = 15,
 };

@@ -94,8 +94,6 @@ struct IgtlServer::Client {
   IgtlCode answer = IgtlCode::kOk;  ///< When it is whole; with `why`.
   std::string why;
   bool answers = false;
-  bool waits = false;      ///< Its image may not begin yet.
-  Bytes held;              ///< What had come behind that head.
   std::int64_t begun = 0;  ///< The message [ns].
   Bytes out;
   std::size_t out_at = 0;
@@ -182,6 +180,8 @@ void IgtlServer::begin() {
 void IgtlServer::cuts(std::vector<HapticThread*> hands) {
   const std::lock_guard lock(mutex_);
   hands_ = std::move(hands);
+  if (hands_.empty() || !std::exchange(cut_asked_, false)) return;
+  for (HapticThread* hand : hands_) hand->cut();
 }
 
 void IgtlServer::expect(const BuiltScene& scene) {
@@ -245,22 +245,12 @@ void IgtlServer::run() {
 void IgtlServer::round() {
   std::vector<pollfd> wanted;
   for (const auto& client : clients_) {
-    bool in = false;
-    try {
-      in = reads(*client);
-    } catch (const Error& error) {
-      drop(*client, error.what());
-    }
     const bool out = client->out_at < client->out.size();
-    wanted.push_back(
-        {client->socket, static_cast<short>((in ? POLLIN : 0) | (out ? POLLOUT : 0)), 0});
+    wanted.push_back({client->socket, static_cast<short>(POLLIN | (out ? POLLOUT : 0)), 0});
   }
   std::int64_t now = nowNs();
   wanted.push_back({now < deaf_until_ ? -1 : listener_, POLLIN, 0});
-  // An image that waits is looked at as often as a run is.
-  constexpr std::int64_t kSoon = kSecond / 100;
-  const auto waiting = [](const auto& client) { return client->waits; };
-  std::int64_t rest = std::any_of(clients_.begin(), clients_.end(), waiting) ? kSoon : kLook;
+  std::int64_t rest = kLook;
   if (!clients_.empty()) rest = std::min(rest, std::max<std::int64_t>(0, next_ - now));
   const timespec until{0, rest};
   (void)ppoll(wanted.data(), wanted.size(), &until, nullptr);
@@ -337,42 +327,26 @@ void IgtlServer::complainOnce(const std::string& line) {
 }
 
 bool IgtlServer::full() {
-  const auto on_its_way = [](const auto& client) { return client->isImage() && !client->waits; };
+  const auto on_its_way = [](const auto& client) { return client->isImage(); };
   if (std::any_of(clients_.begin(), clients_.end(), on_its_way)) return true;
   const std::lock_guard lock(mutex_);
   return image_ != nullptr;
 }
 
-bool IgtlServer::reads(Client& client) {
-  if (!client.waits) return true;
-  if (full()) return false;
-  client.waits = false;
-  client.begun = nowNs();
-  const Bytes held = std::exchange(client.held, {});
-  feed(client, held);
-  return !client.waits;
-}
-
 void IgtlServer::read(Client& client) {
   if (client.socket < 0) return;
   std::array<std::uint8_t, kPiece> piece;  // NOLINT: filled by recv
-  // One that waits for its turn is not read, only seen to go.
-  const ssize_t got = recv(client.socket, piece.data(), piece.size(),
-                           client.waits ? MSG_DONTWAIT | MSG_PEEK : MSG_DONTWAIT);
+  const ssize_t got = recv(client.socket, piece.data(), piece.size(), MSG_DONTWAIT);
   if (got == 0) return drop(client, "");
   if (got < 0) {
     if (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) drop(client, "");
     return;
   }
-  if (!client.waits) feed(client, {piece.data(), static_cast<std::size_t>(got)});
+  feed(client, {piece.data(), static_cast<std::size_t>(got)});
 }
 
 void IgtlServer::feed(Client& client, ByteView bytes) {
   while (!bytes.empty()) {
-    if (client.waits) {
-      client.held.assign(bytes.begin(), bytes.end());
-      return;
-    }
     if (client.at == Client::At::kHead) {
       if (!client.within()) client.begun = nowNs();
       const std::size_t take = std::min(bytes.size(), kIgtlHead - client.head_count);
@@ -386,8 +360,12 @@ void IgtlServer::feed(Client& client, ByteView bytes) {
           static_cast<std::size_t>(std::min<std::uint64_t>(bytes.size(), client.left));
       const ByteView taken = bytes.first(take);
       client.crc = igtlCrc(taken, client.crc);
-      // Grows as it comes: what is only said takes no memory.
+      // Grows as it comes: what is only said takes no memory, and no more is taken than was said.
       if (client.at == Client::At::kBody) {
+        const std::size_t most = client.body.size() + static_cast<std::size_t>(client.left);
+        if (client.body.size() + take > client.body.capacity()) {
+          client.body.reserve(std::min(most, 2 * (client.body.size() + take)));
+        }
         client.body.insert(client.body.end(), taken.begin(), taken.end());
       }
       client.left -= take;
@@ -401,6 +379,7 @@ void IgtlServer::beginBody(Client& client) {
   client.head = readIgtlHead(client.head_bytes);
   const IgtlHead& head = client.head;
   const bool image = head.type == "IMAGE";
+  const bool busy = image && full();
   const bool kept = image || head.type == "TRANSFORM" || head.type == "STRING";
   constexpr int kNewest = 3;
   if (head.version < 1 || head.version > kNewest || head.type.empty()) {
@@ -427,10 +406,9 @@ void IgtlServer::beginBody(Client& client) {
     refuse(IgtlCode::kDisabled, "the run is recorded, and an image is no part of a recording");
   } else if (stage_.current().volumes.count(head.name) == 0) {
     refuse(IgtlCode::kNotFound, "the scene has no volume of that name in memory");
-  } else {
-    // Others may be at it; then the rest of this piece is held, and no more is read.
-    client.waits = true;
-    client.waits = full();
+  } else if (busy) {
+    // It does not wait: a cut may be behind it.
+    refuse(IgtlCode::kBusy, "another image is not felt yet: send it again");
   }
 }
 
@@ -439,7 +417,6 @@ void IgtlServer::endBody(Client& client) {
   Bytes body = std::exchange(client.body, {});
   const bool kept = std::exchange(client.at, Client::At::kHead) == Client::At::kBody;
   client.head_count = 0;
-  client.waits = false;
   if (client.crc != head.crc) {
     throw Error(head.type, "its checksum is wrong", "send CRC-64 of the body");
   }
@@ -493,6 +470,8 @@ void IgtlServer::obey(Client& client, const std::string& words) {
     {
       const std::lock_guard lock(mutex_);
       for (HapticThread* hand : hands_) hand->cut();
+      // Those that are about to begin as well.
+      cut_asked_ = hands_.empty();
     }
     return reply(client, IgtlCode::kOk, "cut");
   }
@@ -597,7 +576,7 @@ void IgtlServer::endLate(Client& client) {
   if (client.out_at < client.out.size() && now - client.took > kStuck) {
     return drop(client, "it takes nothing of what it is sent");
   }
-  if (!client.within() || client.waits) return;
+  if (!client.within()) return;
   const auto come = static_cast<std::int64_t>(client.head.size - client.left);
   if (now - client.begun > kPatience + come * kByte) {
     drop(client, "its message does not come to an end");

@@ -74,7 +74,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void begin();
 
   // For the thread of the run.
-  /// Whose force is cut where a client asks for it, until the next call.
+  /// Whose force is cut where a client asks for it, or has asked before there was one, until the
+  /// next call.
   void cuts(std::vector<HapticThread*> hands);
   /// The scene that is felt from now on: where its volumes stand, and which it has.
   void expect(const BuiltScene& scene);
@@ -114,7 +115,6 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void complainOnce(const std::string& line);
   /// No image may begin: one is on its way, or waits to be taken.
   [[nodiscard]] bool full();
-  [[nodiscard]] bool reads(Client& client);
   [[nodiscard]] std::string statusOf(const IgtlShown& shown);
 
   double rate_;
@@ -133,6 +133,7 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   // is given away. None of those who lock it is a haptic thread.
   std::mutex mutex_;
   std::vector<HapticThread*> hands_;
+  bool cut_asked_ = false;  ///< While there was no hand.
   std::shared_ptr<const IgtlImage> image_;
   std::string news_;
 

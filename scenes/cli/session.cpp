@@ -172,15 +172,21 @@ class Obeyed {
 };
 
 /// Shows clients where hands are, and takes what they send.
-void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands,
-           Watcher& watcher) {
+void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
+           std::chrono::steady_clock::time_point& next_image) {
   IgtlShown shown;
   for (const auto& hand : hands) {
     if (shown.count < shown.hands.size()) shown.hands[shown.count++] = hand->shown();
   }
   server.show(shown);
-  if (watcher.takesImage()) {
-    if (auto image = server.takeImage()) watcher.replace(std::move(image));
+  // Each begins an engagement, which must have come to its end before the next one.
+  constexpr auto kBetweenImages = std::chrono::seconds(2);
+  const auto now = std::chrono::steady_clock::now();
+  if (watcher.takesImage() && now >= next_image) {
+    if (auto image = server.takeImage()) {
+      watcher.replace(std::move(image));
+      next_image = now + kBetweenImages;
+    }
   }
   const std::string news = watcher.takeNews();
   if (!news.empty()) server.tell(news);
@@ -363,10 +369,11 @@ void runOnTime(Run& run, Guardian& guardian) {
     threads.push_back(&hands.back()->thread());
   }
   Keys keys(threads, clock, stepOf(run.fetched));
+  const Obeyed obeyed(run.igtl, threads);  // before there is a force
   for (HapticThread* thread : threads) thread->publish(run.scene);
-  const Obeyed obeyed(run.igtl, threads);
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
+  std::chrono::steady_clock::time_point next_image;
   bool feeling = true;
   for (int looks = 0; feeling && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
@@ -379,7 +386,7 @@ void runOnTime(Run& run, Guardian& guardian) {
       if (asked.dialled != 0) watcher->turn(asked.dials, asked.dialled);
       run.window->tellRefused(watcher->refused());
     }
-    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher);
+    if (run.igtl != nullptr) serve(*run.igtl, hands, *watcher, next_image);
     if (looks % kWatch != 0) continue;
     run.fetched.tellTroubles();
     if (!watcher) continue;

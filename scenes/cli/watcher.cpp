@@ -84,7 +84,8 @@ std::optional<BuiltScene> Watcher::look() {
     return std::nullopt;
   }
   read_ = changed();
-  making_image_ = !read_ && image_ != nullptr;
+  // Dials first: who turns a strength down is not to wait for who streams images.
+  making_image_ = !read_ && image_ != nullptr && wanted_ == felt_;
   if (!read_ && !making_image_ && wanted_ == felt_) return std::nullopt;
   tried_ = making_image_ ? felt_ : wanted_;
   trying_ = request_;

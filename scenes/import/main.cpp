@@ -241,6 +241,10 @@ int importTogether(const Options& options) {
       options.request.file.string(),
       [&](Teller& teller) {
         const std::unique_ptr<Crew> crew = joinCrew();
+        if (crew->size() == 1 && ranksByEnvironment() > 1) {
+          throw Error("mpirun", "it is of another MPI than this palpate's: each would be alone",
+                      "use the one that palpate was built with");
+        }
         return workTogether(*crew, [&] {
           check(options);
           return import(options, teller, *crew);
@@ -319,9 +323,11 @@ int main(int argc, char** argv) {
   bool quiet = rank.value_or(0) != 0;
   try {
     app.parse(argc, argv);
-    if (rank) importer::checkTogether(options);
+    // A program that mpirun has started may start another one, which is alone.
+    const bool together = rank && (options.bricks || importer::ranksByEnvironment() > 1);
+    if (together) importer::checkTogether(options);
     quiet = false;
-    return rank ? importer::importTogether(options) : importer::importAlone(options);
+    return together ? importer::importTogether(options) : importer::importAlone(options);
   } catch (const CLI::Success& e) {  // also of --help
     return quiet ? cli::kDone : app.exit(e);
   } catch (const CLI::ParseError& e) {

@@ -47,21 +47,17 @@ class MpiCrew final : public Crew {
     for (const Word& word : words) {
       if (word.gives_up != 0) throw CrewEnded();
     }
-    // From one after the other, in parts: MPI counts by int.
-    constexpr std::uint64_t kMost = 1U << 30U;
     std::vector<Bytes> all(words.size());
-    for (std::size_t r = 0; r < words.size(); ++r) {
-      all[r].resize(words[r].bytes);
-      if (static_cast<int>(r) == rank_) std::copy(own.begin(), own.end(), all[r].begin());
-      // wait() tests the request until it is done.
-      // NOLINTNEXTLINE(clang-analyzer-optin.mpi.MPI-Checker)
-      for (std::uint64_t at = 0; at < words[r].bytes; at += kMost) {
-        MPI_Request request{};
-        const auto part = static_cast<int>(std::min(kMost, words[r].bytes - at));
-        check(MPI_Ibcast(all[r].data() + at, part, MPI_BYTE, static_cast<int>(r), MPI_COMM_WORLD,
-                         &request));
-        wait(request);
+    // From here on all of them give what they have said. Who cannot has lost the others.
+    try {
+      for (std::size_t r = 0; r < words.size(); ++r) {
+        all[r].resize(words[r].bytes);
+        if (static_cast<int>(r) == rank_) std::copy(own.begin(), own.end(), all[r].begin());
+        share(all[r], static_cast<int>(r));
       }
+    } catch (...) {
+      lost_ = true;
+      throw;
     }
     return all;
   }
@@ -74,11 +70,25 @@ class MpiCrew final : public Crew {
                                       [](const Word& word) { return word.gives_up != 0; });
       return first - words.begin() == rank_;
     } catch (...) {
+      lost_ = true;
       return true;
     }
   }
 
  private:
+  /// From one rank to all, in parts: MPI counts by int.
+  void share(Bytes& bytes, int from) {
+    constexpr std::uint64_t kMost = 1U << 30U;
+    // wait() tests the request until it is done.
+    // NOLINTNEXTLINE(clang-analyzer-optin.mpi.MPI-Checker)
+    for (std::uint64_t at = 0; at < bytes.size(); at += kMost) {
+      MPI_Request request{};
+      const auto part = static_cast<int>(std::min<std::uint64_t>(kMost, bytes.size() - at));
+      check(MPI_Ibcast(bytes.data() + at, part, MPI_BYTE, from, MPI_COMM_WORLD, &request));
+      wait(request);
+    }
+  }
+
   std::vector<Word> meet(const Word& own) {
     std::vector<Word> all(static_cast<std::size_t>(size_));
     MPI_Request request{};

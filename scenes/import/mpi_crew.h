@@ -11,6 +11,9 @@ namespace palpate::importer {
 /// The rank that this process has by its environment, where mpirun or its like has started it.
 [[nodiscard]] std::optional<int> rankByEnvironment();
 
+/// How many there are by it; 1 where it does not say.
+[[nodiscard]] int ranksByEnvironment();
+
 /// It was built with MPI.
 [[nodiscard]] bool canJoinCrew();
 

@@ -317,6 +317,28 @@ class IgtlTest(unittest.TestCase):
                 self.assertGreater(force[0], 0.5)
         self.assertEqual(run.end()["igtl"]["images"], 6)
 
+    def test_a_cut_waits_for_nothing(self):
+        # Neither for a run that has not begun,
+        run = self.start()
+        early = self.connect(run)
+        early.send("STRING", "PalpateCommand", string("cut"))
+        self.assertEqual(early.until("STATUS")[0], 1)
+        early.state("cut")
+        self.assertEqual(run.end()["faults"], {"stopped": 1})
+        # nor for images of others.
+        run = self.start()
+        slow, client = self.connect(run), self.connect(run)
+        client.state("felt")
+        values = [int(v) for v in wall(1)]
+        slow.socket.sendall(message("IMAGE", "head", image(values, SIZE))[:200])
+        time.sleep(0.3)
+        client.send("IMAGE", "head", image(values, SIZE))
+        client.send("STRING", "PalpateCommand", string("cut"))
+        self.assertEqual(client.until("STATUS"), (6, "IMAGE head: another image is not felt yet: send it again"))
+        self.assertEqual(client.until("STATUS")[0], 1)
+        client.state("cut")
+        run.end()
+
     def test_only_the_arm_lets_force_out_again(self):
         run = self.start()
         client = self.connect(run)

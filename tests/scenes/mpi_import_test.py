@@ -225,6 +225,19 @@ class Trouble(Case):
                          status=None), "--scene")
         self.assertFalse(out.exists())
 
+    def test_what_one_of_a_program_that_mpirun_has_started_is_alone(self):
+        for name in ("PMIX_RANK", "PMI_RANK"):
+            done = subprocess.run([IMPORT, str(self.raw), str(self.dir / f"{name}.vdb"), *map(str, self.layout)],
+                                  env={**os.environ, name: "0"}, capture_output=True, text=True, timeout=PATIENCE)
+            self.assertEqual(done.returncode, 0, done.stderr)
+        # Of an MPI that is not this one there are many first ranks.
+        done = subprocess.run([IMPORT, str(self.raw), str(self.dir / "many"), "--bricks", *map(str, self.layout)],
+                              env={**os.environ, "PMI_RANK": "1", "PMI_SIZE": "2"}, capture_output=True, text=True,
+                              timeout=PATIENCE)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("another MPI", done.stderr)
+        self.assertFalse((self.dir / "many").exists())
+
     def test_a_value_of_the_last_rank(self):
         values = array.array("f", self.values)
         values[len(values) - 10] = math.nan
