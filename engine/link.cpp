@@ -46,12 +46,14 @@ void Link::hear(const LinkWord& word) noexcept {
   const bool sane = isPlace(word.proxy) && std::isfinite(word.given);
   if (word.from < other_ || word.from == 0 || !sane) return;
   if (word.from > other_) begin(word.from);
+  // Who does not know this life yet will be another one when he does.
+  if (word.to != life_) return;
   if (word.number > newest_) {
     newest_ = word.number;
     there_ = word.proxy;
     silence_ = 0.0;
   }
-  if (word.to == life_ && word.given > taken_) {
+  if (word.given > taken_) {
     const double room = std::max(0.0, params_.start + held_ - energy_);
     energy_ += std::min(word.given - taken_, room);
     taken_ = word.given;
@@ -98,7 +100,7 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   }
   span_ += dt;
   silence_ += dt;
-  const bool there = other_ != 0 && silence_ < kLinkSilence;
+  const bool there = newest_ != 0 && silence_ < kLinkSilence;
   presence_ = std::clamp(presence_ + (there ? dt : -dt) / kLinkRamp, 0.0, 1.0);
   if (known_ && !hand.fresh) return force_;
 
@@ -119,7 +121,7 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
 
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
-  held_ = other_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
+  held_ = newest_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
   // Each end keeps its half of what the spring holds.
   const double spare = energy_ - params_.start - 0.5 * held_;
   if (other_ != 0 && spare > 0.0) {

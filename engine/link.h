@@ -49,8 +49,9 @@ inline constexpr double kLinkNimble = 200.0;
 /// has a greater number, and a program that is started anew as well. A sum is one life's to one
 /// life, and begins at 0; who hears of a later life begins a new one.
 struct LinkWord {
-  std::uint64_t from = 0;     ///< The teller's life; 0: nobody.
-  std::uint64_t to = 0;       ///< The life of the other that the sum is for; 0: it knows of none.
+  std::uint64_t from = 0;  ///< The teller's life; 0: nobody.
+  std::uint64_t to =
+      0;  ///< Whose it is: the life of the other, which no other takes; 0: none is known.
   std::uint64_t number = 0;   ///< The greatest is the newest of this life.
   Vec3 proxy = Vec3::Zero();  ///< The teller's [m], in the scene.
   double given = 0.0;         ///< All that it has given to that life [J].

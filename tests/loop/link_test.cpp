@@ -360,8 +360,9 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   LinksHeard heard;
   heard.who[2] = 9;
   std::uint64_t number = 0;
+  std::uint64_t life = 2;  // of the link: its place was nobody's before
   const auto tick = [&](const Vec3& hand) -> const Telemetry& {
-    heard.words[2] = {3, 1, ++number, Vec3(0.2, 0, 0), 0.0};
+    heard.words[2] = {3, life, ++number, Vec3(0.2, 0, 0), 0.0};
     links.hear(heard);
     device.hand.position = hand;
     time.now += kDt;
@@ -395,6 +396,7 @@ TEST_CASE("a loop's accounts are of what has left it", "[loop][link]") {
   loop.clear();
   // Another hand in its place begins anew.
   heard.who[2] = 10;
+  life = 3;
   (void)tick(hand);
   (void)tick(hand);
   CHECK(links.told().words[2].from == 3);
@@ -455,7 +457,7 @@ TEST_CASE("a tank in debt is let out ever less until it is paid", "[loop][link]"
   Vec3 at = Vec3::Zero();
   std::uint64_t number = 0;
   const auto tick = [&](double way, double dt) {
-    link.hear({2, 0, ++number, Vec3(0.1, 0, 0), 0.0});
+    link.hear({2, 1, ++number, Vec3(0.1, 0, 0), 0.0});
     HandState hand;
     at.x() += way;
     hand.position = at;
