@@ -83,7 +83,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void show(const IgtlShown& shown);
   /// What has become of the last image, for its sender.
   void tell(const std::string& news);
-  /// An image, once; null where none has come. The next one is read when this is taken.
+  /// An image, once; null where none has come. Until it is taken senders of others are told that
+  /// it is busy.
   [[nodiscard]] std::shared_ptr<const IgtlImage> takeImage();
   /// What went in and out.
   [[nodiscard]] OrderedJson summary() const;
