@@ -272,7 +272,9 @@ struct BrickWindow::Loader {
   std::condition_variable changed;
   std::vector<std::size_t> free;
   std::vector<std::optional<BrickId>> owners;
-  std::vector<Word> generations;     ///< By slot: how many bricks it has had.
+  std::vector<Word> generations;    ///< By slot: how many bricks it has had.
+  std::vector<std::uint64_t> used;  ///< By slot: in which choice its brick was wanted last.
+  std::uint64_t choices = 0;
   std::map<BrickId, double> wanted;  ///< By how far they are.
   std::set<BrickId> awaited;
   detail::Retries<BrickId> failing;  ///< What could not be had.
@@ -302,6 +304,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
     : source(of), pool(to), own_horizon(to.horizon), staging(of.manifest().format().bytes()) {
   owners.resize(pool.slots);
   generations.resize(pool.slots);
+  used.resize(pool.slots);
   free.reserve(pool.slots);
   for (std::size_t slot = pool.slots; slot-- > 0;) free.push_back(slot);
   const auto coarsest = static_cast<std::int32_t>(pool.levels.size() - 1);
@@ -357,6 +360,7 @@ bool BrickWindow::Loader::leftByAll() {
 void BrickWindow::Loader::publish(const BrickId& id, std::size_t slot) {
   std::memcpy(pool.slotAt(slot), staging.data(), staging.size());
   owners[slot] = id;
+  used[slot] = choices;
   // What comes where nobody is has always been there.
   pool.arrivals[slot].store(
       isFelt(id) ? Clock::now().time_since_epoch() / std::chrono::nanoseconds(1) : kLongAgo,
@@ -373,21 +377,24 @@ std::size_t BrickWindow::Loader::takeFree() {
   return slot;
 }
 
-/// The slot of the brick that is wanted least, if less than this one; it is not in the tables any
-/// more, and readers may be in it.
+/// The slot of the brick that is wanted least, if less than this one, of those that nobody wants
+/// the one that nobody has wanted for longest; it is not in the tables any more, and readers may be
+/// in it.
 std::optional<std::size_t> BrickWindow::Loader::evictFor(const BrickId& id) {
-  const auto key = [&](const BrickId& of) {
+  const auto key = [&](const BrickId& of, std::uint64_t last) {
     const auto found = wanted.find(of);
-    return found == wanted.end() ? std::numeric_limits<double>::infinity() : found->second;
+    const bool is_wanted = found != wanted.end();
+    const double far = is_wanted ? found->second : std::numeric_limits<double>::infinity();
+    return std::pair(far, choices - last);
   };
   const auto coarsest = static_cast<std::int32_t>(pool.levels.size() - 1);
   std::optional<std::size_t> victim;
-  double farthest = key(id);
+  auto least = key(id, choices);
   for (std::size_t slot = 0; slot < owners.size(); ++slot) {
     if (!owners[slot] || owners[slot]->level == coarsest) continue;
-    const double far = key(*owners[slot]);
-    if (far <= farthest) continue;
-    farthest = far;
+    const auto of = key(*owners[slot], used[slot]);
+    if (of <= least) continue;
+    least = of;
     victim = slot;
   }
   if (!victim) return std::nullopt;
@@ -461,11 +468,15 @@ void BrickWindow::Loader::choose() {
   if (order.size() > pool.slots - pinned) order.resize(pool.slots - pinned);
   wanted.clear();
   awaited.clear();
+  ++choices;
   std::vector<BrickWish> wishes;
   const Clock::time_point now = Clock::now();
   for (const auto& [key, id] : order) {
     wanted[id] = key;
-    if (pool.entryOf(id).resident()) continue;
+    if (const Entry entry = pool.entryOf(id); entry.resident()) {
+      used[entry.index()] = choices;
+      continue;
+    }
     if (!failing.may(id, now)) continue;
     awaited.insert(id);
     wishes.push_back({id, -key});

@@ -351,6 +351,24 @@ TEST_CASE("who waits has what it asks for from the first tick on", "[bricks]") {
   CHECK(window->state().fetched > window->state().slots);
 }
 
+TEST_CASE("a hand that comes back to where it was finds its bricks there", "[bricks]") {
+  const TemporaryFolder folder;
+  (void)writeBricks(folder / "bricks", formulaBricks("ramp", {63 + 64 * 15, 127, 127},
+                                                     [](const VoxelAt& at) { return at[0]; }));
+  const auto window = windowOf(folder / "bricks", 8 + 40, 0.0);
+  const auto go = [&](double x) {
+    const Vec3 p(64.0 * x, 64.0, 64.0);
+    window->aim(0, {p, p, Vec3::Zero()});
+    REQUIRE(window->settle(20.0));
+    return window->state().fetched;
+  };
+  // To and fro, within less than there is room for; from where something had to go for it.
+  for (const double x : {14.0, 12.0, 10.0, 8.0, 5.0, 3.0, 1.0}) (void)go(x);
+  const std::uint64_t fetched = window->state().fetched;
+  REQUIRE(fetched > window->state().slots);
+  for (const double x : {3.0, 5.0, 3.0, 1.0}) CHECK(go(x) == fetched);
+}
+
 TEST_CASE("hands that tell nothing any more, and proxies far from their hands", "[bricks]") {
   const TemporaryFolder folder;
   const auto volume = bumpy(300);
