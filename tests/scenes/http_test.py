@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR RELAY.
+"""Volumes in bricks from a web server, as users meet them: http_test.py BIN_DIR RELAY CLASS...
 
 Apache serves what is right; a server of Python's, what is not. All on this machine's loopback, or in
 networks of their own with a relay between them.
@@ -22,28 +22,12 @@ import unittest
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
-from refusals import refusal  # noqa: E402
+from bowl import PALPATE, PATIENCE, Case, Ended, Stored, free_port, run  # noqa: E402
 
-PALPATE = str(Path(sys.argv[1]) / "palpate")
 RELAY = str(Path(sys.argv[2]).resolve())
 APACHE = shutil.which("apache2", path=os.environ.get("PATH", "") + ":/usr/sbin")
 MODULES = "/usr/lib/apache2/modules"
-PATIENCE = 60  # s
 os.environ["no_proxy"] = "127.0.0.1"
-
-
-def run(*words, status=0, **more):
-    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
-                          **more)
-    if status is not None and done.returncode != status:
-        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
-    return done
-
-
-def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
 
 
 class Bad(http.server.SimpleHTTPRequestHandler):
@@ -72,60 +56,6 @@ class Bad(http.server.SimpleHTTPRequestHandler):
         self.wfile.write(body)
 
 
-class Case(unittest.TestCase):
-    @classmethod
-    def setUpClass(cls):
-        holder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(holder.cleanup)
-        cls.dir = Path(holder.name)
-        cls.dir.chmod(0o755)  # a server that root starts is not root
-        run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.25)
-        run("brick", cls.dir / "bodies.vdb", cls.dir / "bowl", "--grid", "bowl")
-        facts = json.loads((cls.dir / "bowl/.zattrs").read_text())["palpate"]
-        cls.levels = len(facts["levels"])
-        (cls.dir / "hand.csv").write_text(
-            "t,x,y,z\n" + "".join(f"{t / 10},{0.02 * (t % 7) / 7},{0.01},{0.08 - 0.002 * t}\n"
-                                  for t in range(55)))
-
-    def scene(self, place):
-        file = self.dir / "scene.json"
-        file.write_text(json.dumps({
-            "palpate": 1, "coupling": {"stiffness": 500},
-            "volumes": {"bowl": {"file": place, "place": {"unit": "mm"},
-                                 "window": {"budget_mb": 80}}},
-            "modes": [{"name": "skin", "mode": "isosurface", "of": "bowl", "value": 0,
-                       "solid": "below", "strength": 6}]}))
-        return file
-
-    def feel(self, place, *words, status=0):
-        """The trace's rows, and the summary."""
-        trace, summary = self.dir / "t.csv", self.dir / "s.json"
-        done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
-                   "--summary", summary, *words, status=status)
-        with open(trace, encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        for row in rows:
-            del row["tick_ns"]
-        return rows, json.loads(summary.read_text()), done.stderr
-
-    def served_badly(self, wrong):
-        """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
-        server = http.server.ThreadingHTTPServer(
-            ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
-        server.daemon_threads = True
-        server.handle_error = lambda request, address: None  # a client that hangs up
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        self.addCleanup(thread.join)
-        self.addCleanup(server.server_close)
-        self.addCleanup(server.shutdown)
-        return f"http://127.0.0.1:{server.server_address[1]}/bowl"
-
-    def refused(self, place, says):
-        _, line = refusal(self, self.dir, lambda: run("feel", place, "--seconds", 1, status=2))
-        self.assertIn(says, line)
-
-
 def apache(home, folder, address):
     """What serves a folder, in the foreground."""
     home.mkdir()
@@ -150,7 +80,7 @@ def apache(home, folder, address):
     return [APACHE, "-D", "FOREGROUND", "-f", str(home / "conf")]
 
 
-class Served(Case):
+class Server(Case):
     def setUp(self):
         self.port = free_port()
         self.home = self.dir / f"apache{self.port}"
@@ -178,84 +108,24 @@ class Served(Case):
         except ProcessLookupError:
             pass
 
-    def test_what_is_served_is_felt_as_the_folder_is(self):
-        here, told, _ = self.feel(str(self.dir / "bowl"))
-        there, told_there, _ = self.feel(self.address)
-        self.assertEqual(here, there)
-        self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
-        # Several at a time: what is not wanted any more when it comes counts as well.
-        self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
-        self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
-
-    def test_an_address_is_a_scene_and_is_looked_at(self):
-        words = [json.loads(run("info", place, "--json").stdout)["grids"]
-                 for place in (self.dir / "bowl", self.address)]
-        self.assertEqual(*words)
-        done = run("feel", self.address + "/", "--seconds", 0.2)
-        self.assertIn("bricks", done.stdout)
-        check = json.loads(run("check", self.scene(self.address), "--json").stdout)
-        self.assertEqual(check["volumes"]["bowl"]["bricks"]["levels"], self.levels)
-
-    def test_what_was_felt_from_a_server_is_felt_again(self):
-        record, again = self.dir / "served.rec", self.dir / "again.rec"
-        run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
-        run("feel", record, "--device", f"replay:{record}", "--record", again)
-        self.assertIn("the same to the last bit", run("compare", record, again).stdout)
-        scene = json.loads(run("scene", self.address).stdout)
-        self.assertEqual([volume["file"] for volume in scene["volumes"].values()], [self.address])
-
-    def on_time(self, seconds):
-        """A hand that stays in the wall, on time; its summary when it has ended."""
-        (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
-                                           f"{seconds},0.01,0.01,-0.024\n")
-        summary = self.dir / "held.json"
-        self.running = subprocess.Popen(
-            [PALPATE, "feel", self.scene(self.address), "--device", f"path:{self.dir / 'held.csv'}",
-             "--realtime", "--summary", summary], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        self.addCleanup(self.running.stderr.close)
-        self.addCleanup(self.running.wait)
-        self.addCleanup(self.running.kill)
+    def felt(self):
         # It asks each second whether the volume is there, from when its window is.
         end = time.monotonic() + PATIENCE
         while self.log.read_text().count("palpate.bricks") < 4 and time.monotonic() < end:
             time.sleep(0.05)
         time.sleep(2.0)
-        return summary
 
-    def ends(self, how, seconds, told_within=None):
-        """Its faults where the server meets with `how` while it is felt; once more where the machine kept the
-        loop from its core."""
-        for _ in range(5):
-            summary = self.on_time(seconds)
-            how()
-            begin = time.monotonic()
-            told_after = None
-            for line in self.running.stderr:
-                if "the volume is not there any more" in line and told_after is None:
-                    told_after = time.monotonic() - begin
-            self.running.wait(timeout=PATIENCE)
-            self.kill(signal.SIGKILL)
-            self.server.wait()
-            faults = json.loads(summary.read_text())["faults"]
-            if "late" not in faults:
-                break
-            self.serve()
-        if told_within is not None:
-            self.assertLess(told_after, told_within)
-        return faults
+    def gone(self):
+        self.kill(signal.SIGKILL)
+        self.server.wait()
 
-    def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
-        self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
 
-    def test_a_server_that_stops_answering_does_too(self):
-        self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
+class Served(Stored, Server):
+    pass
 
-    def test_one_that_hesitates_does_not(self):
-        def hesitate():
-            self.kill(signal.SIGSTOP)
-            time.sleep(1.0)
-            self.kill(signal.SIGCONT)
-        self.assertEqual(self.ends(hesitate, 8), {})
+
+class Killed(Ended, Server):
+    pass
 
 
 class Far(Case):
@@ -332,6 +202,19 @@ class Wrong(Case):
         self.refused(self.served_badly(
             lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers 302")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
+
+    def served_badly(self, wrong):
+        """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
+        server = http.server.ThreadingHTTPServer(
+            ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
+        server.daemon_threads = True
+        server.handle_error = lambda request, address: None  # a client that hangs up
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        self.addCleanup(thread.join)
+        self.addCleanup(server.server_close)
+        self.addCleanup(server.shutdown)
+        return f"http://127.0.0.1:{server.server_address[1]}/bowl"
 
     def of_brick(self, answer, says):
         """Each of the finest level's bricks is answered so: felt coarsely, and told."""

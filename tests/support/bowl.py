@@ -1,0 +1,154 @@
+"""A bowl in bricks and a hand in it, for tests of where bricks come from. The programs' folder is sys.argv[1]."""
+import csv
+import json
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+from refusals import refusal
+
+PALPATE = str(Path(sys.argv[1]) / "palpate")
+PATIENCE = 60  # s
+
+
+def run(*words, status=0, **more):
+    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
+                          **more)
+    if status is not None and done.returncode != status:
+        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
+    return done
+
+
+def free_port():
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(holder.cleanup)
+        cls.dir = Path(holder.name)
+        cls.dir.chmod(0o755)  # a server that root starts is not root
+        run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.25)
+        run("brick", cls.dir / "bodies.vdb", cls.dir / "bowl", "--grid", "bowl")
+        facts = json.loads((cls.dir / "bowl/.zattrs").read_text())["palpate"]
+        cls.levels = len(facts["levels"])
+        (cls.dir / "hand.csv").write_text(
+            "t,x,y,z\n" + "".join(f"{t / 10},{0.02 * (t % 7) / 7},{0.01},{0.08 - 0.002 * t}\n"
+                                  for t in range(55)))
+
+    def scene(self, place):
+        file = self.dir / "scene.json"
+        file.write_text(json.dumps({
+            "palpate": 1, "coupling": {"stiffness": 500},
+            "volumes": {"bowl": {"file": place, "place": {"unit": "mm"},
+                                 "window": {"budget_mb": 80}}},
+            "modes": [{"name": "skin", "mode": "isosurface", "of": "bowl", "value": 0,
+                       "solid": "below", "strength": 6}]}))
+        return file
+
+    def feel(self, place, *words, status=0):
+        """The trace's rows, and the summary."""
+        trace, summary = self.dir / "t.csv", self.dir / "s.json"
+        done = run("feel", self.scene(place), "--device", f"path:{self.dir / 'hand.csv'}", "--trace", trace,
+                   "--summary", summary, *words, status=status)
+        with open(trace, encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        for row in rows:
+            del row["tick_ns"]
+        return rows, json.loads(summary.read_text()), done.stderr
+
+    def refused(self, place, says):
+        _, line = refusal(self, self.dir, lambda: run("feel", place, "--seconds", 1, status=2))
+        self.assertIn(says, line)
+
+
+class Stored:
+    """What holds of bricks at `address`, whatever store that is."""
+
+    def test_what_is_served_is_felt_as_the_folder_is(self):
+        here, told, _ = self.feel(str(self.dir / "bowl"))
+        there, told_there, _ = self.feel(self.address)
+        self.assertEqual(here, there)
+        self.assertGreater(max(float(row["force_z"]) for row in here), 0.1)
+        # Several at a time: what is not wanted any more when it comes counts as well.
+        self.assertAlmostEqual(told["bricks"]["bowl"]["fetched"], told_there["bricks"]["bowl"]["fetched"], delta=20)
+        self.assertEqual(told_there["bricks"]["bowl"]["failed"], 0)
+
+    def test_an_address_is_a_scene_and_is_looked_at(self):
+        words = [json.loads(run("info", place, "--json").stdout)["grids"]
+                 for place in (self.dir / "bowl", self.address)]
+        self.assertEqual(*words)
+        done = run("feel", self.address + "/", "--seconds", 0.2)
+        self.assertIn("bricks", done.stdout)
+        check = json.loads(run("check", self.scene(self.address), "--json").stdout)
+        self.assertEqual(check["volumes"]["bowl"]["bricks"]["levels"], self.levels)
+
+    def test_what_was_felt_from_a_server_is_felt_again(self):
+        record, again = self.dir / "served.rec", self.dir / "again.rec"
+        run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
+        run("feel", record, "--device", f"replay:{record}", "--record", again)
+        self.assertIn("the same to the last bit", run("compare", record, again).stdout)
+        scene = json.loads(run("scene", self.address).stdout)
+        self.assertEqual([volume["file"] for volume in scene["volumes"].values()], [self.address])
+
+
+class Ended:
+    """What becomes of a hand when the store at `address` ends. serve() makes it answer; kill(signal) is of what
+    does; gone() ends that; felt() returns when it has been felt for a while."""
+
+    def on_time(self, seconds):
+        """A hand that stays in the wall, on time; its summary when it has ended."""
+        (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
+                                           f"{seconds},0.01,0.01,-0.024\n")
+        summary = self.dir / "held.json"
+        self.running = subprocess.Popen(
+            [PALPATE, "feel", self.scene(self.address), "--device", f"path:{self.dir / 'held.csv'}",
+             "--realtime", "--summary", summary], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(self.running.stderr.close)
+        self.addCleanup(self.running.wait)
+        self.addCleanup(self.running.kill)
+        self.felt()
+        return summary
+
+    def ends(self, how, seconds, told_within=None):
+        """Its faults where the server meets with `how` while it is felt; once more where the machine kept the
+        loop from its core."""
+        for _ in range(5):
+            summary = self.on_time(seconds)
+            how()
+            begin = time.monotonic()
+            told_after = None
+            for line in self.running.stderr:
+                if "the volume is not there any more" in line and told_after is None:
+                    told_after = time.monotonic() - begin
+            self.running.wait(timeout=PATIENCE)
+            self.gone()
+            faults = json.loads(summary.read_text())["faults"]
+            if "late" not in faults:
+                break
+            self.serve()
+        if told_within is not None:
+            self.assertLess(told_after, told_within)
+        return faults
+
+    def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
+
+    def test_a_server_that_stops_answering_does_too(self):
+        self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
+
+    def test_one_that_hesitates_does_not(self):
+        def hesitate():
+            self.kill(signal.SIGSTOP)
+            time.sleep(1.0)
+            self.kill(signal.SIGCONT)
+        self.assertEqual(self.ends(hesitate, 8), {})
