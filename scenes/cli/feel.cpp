@@ -226,6 +226,8 @@ void checkOptions(const FeelOptions& options) {
     }
   } else if (!options.with.empty()) {
     throw Error("--with", "it says where other sites are, and this is none", "add --site NAME");
+  } else if (options.own_scene) {
+    throw Error("--own-scene", "there are no other sites", "leave it out, or add --site NAME");
   }
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
@@ -420,7 +422,7 @@ int feel(FeelOptions options) {
   for (const auto& hand : hands) {
     if (hand->recorder) hand->recorder->begin();
   }
-  WithSites sites(options, hands[0]->device->info());
+  WithSites sites(options, hands[0]->device->info(), to_feel);
   Run run{options, hands, built.scene, spec, written, cache, to_feel};
   run.sites = &sites;
   run.fetched.now(built);
@@ -513,10 +515,12 @@ int feel(FeelOptions options) {
 
 void addSite(CLI::App& verb, FeelOptions& options) {
   verb.add_option("--site", options.site,
-                  "NAME[@DOMAIN]: feel the hands of other sites of this machine, and be felt by "
-                  "them (docs/cluster.md)");
+                  "NAME[@DOMAIN]: feel the hands of other sites of this machine, be felt by them, "
+                  "and take their edits of the scene (docs/cluster.md)");
   verb.add_option("--with", options.with,
                   "With --site: the address of another machine with sites; again for more");
+  verb.add_flag("--own-scene", options.own_scene,
+                "With --site: take no edits of the scene from others, and tell them of none");
 }
 
 void addIgtl(CLI::App& verb, FeelOptions& options) {

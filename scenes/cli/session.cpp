@@ -236,9 +236,14 @@ void Fetched::sayThem() const {
   }
 }
 
-WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device) {
+WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const ToFeel& from) {
   if (options.site.empty()) return;
-  const SiteParams params = siteFrom(options.site, options.with);
+  SiteParams params = siteFrom(options.site, options.with);
+  name_ = params.name;
+  params.scene = shares_ = !options.own_scene && !from.text.empty();
+  if (!options.own_scene && !shares_) {
+    complain("feel: " + from.file + ": it is no scene file: what other sites edit is not felt");
+  }
   // The time of day: a program that is started again is a later life.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   const auto life = std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
@@ -253,6 +258,18 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device) {
 void WithSites::tellNews() {
   if (!site_) return;
   for (const std::string& line : site_->takeNews()) complain("feel: " + line);
+}
+
+void WithSites::begin(Watcher& watcher, const ToFeel& from) const {
+  watcher.share(name_, from.file, from.text);
+}
+
+void WithSites::hear(Watcher& watcher) {
+  for (const auto& [name, text] : site_->takeScenes()) watcher.hear(name, text);
+}
+
+void WithSites::tell(Watcher& watcher) {
+  if (auto told = watcher.takeTold()) site_->tellScene(std::move(*told));
 }
 
 void WithSites::addTo(OrderedJson& summary) const {
@@ -357,10 +374,12 @@ void runOnTime(Run& run, Guardian& guardian) {
   std::vector<const Device*> devices;
   for (const auto& hand : run.hands) devices.push_back(hand->device.get());
   std::optional<Watcher> watcher;
-  if (run.options.watch || run.window != nullptr || run.igtl != nullptr) {
+  const bool shared = run.sites != nullptr && run.sites->share();
+  if (run.options.watch || run.window != nullptr || run.igtl != nullptr || shared) {
     watcher.emplace(run.spec, run.options.scene, run.written, run.options.watch, devices,
                     run.cache);
   }
+  if (shared) run.sites->begin(*watcher, run.from);
   PlayClock clock(run.play);
   std::vector<std::unique_ptr<OnTime>> hands;
   std::vector<HapticThread*> threads;
@@ -390,6 +409,7 @@ void runOnTime(Run& run, Guardian& guardian) {
     if (looks % kWatch != 0) continue;
     run.fetched.tellTroubles();
     if (!watcher) continue;
+    if (shared) run.sites->hear(*watcher);
     if (const auto built = watcher->look()) {
       run.fetched.now(*built);
       keys.step(stepOf(run.fetched));
@@ -399,6 +419,7 @@ void runOnTime(Run& run, Guardian& guardian) {
       if (run.igtl != nullptr) run.igtl->expect(*built);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }
+    if (shared) run.sites->tell(*watcher);
   }
   for (const auto& hand : hands) hand->end();
 }

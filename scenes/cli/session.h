@@ -35,6 +35,8 @@
 
 namespace palpate::cli {
 
+class Watcher;
+
 /// As the command line has it.
 struct FeelOptions {
   std::string scene;
@@ -47,6 +49,7 @@ struct FeelOptions {
   double refill = 0.0;
   std::string site;               ///< As siteFrom has it; empty: none.
   std::vector<std::string> with;  ///< Machines of other sites.
+  bool own_scene = false;         ///< Sites neither edit it nor hear of edits.
   bool window = false;
   std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.
   std::string still;            ///< A picture by the window's program.
@@ -169,17 +172,27 @@ class Fetched {
 /// The first hand in one scene with hands elsewhere.
 class WithSites {
  public:
-  /// None where the options name no site. Throws Error.
-  WithSites(const FeelOptions& options, const DeviceInfo& device);
+  /// None where the options name no site. `from`: the scene. Throws Error.
+  WithSites(const FeelOptions& options, const DeviceInfo& device, const ToFeel& from);
   /// For the first hand's loop; null: it is alone.
   [[nodiscard]] HandLinks* links() noexcept { return links_ ? &*links_ : nullptr; }
   /// Says what has happened since the last call.
   void tellNews();
+  /// There are sites that edit the scene.
+  [[nodiscard]] bool share() const noexcept { return shares_; }
+  /// Makes it theirs.
+  void begin(Watcher& watcher, const ToFeel& from) const;
+  /// Takes what they say of it.
+  void hear(Watcher& watcher);
+  /// Tells them what is known of it here, where that is new.
+  void tell(Watcher& watcher);
   /// Adds "sites", by their names.
   void addTo(OrderedJson& summary) const;
   void sayThem() const;
 
  private:
+  std::string name_;
+  bool shares_ = false;
   std::optional<HandLinks> links_;
   std::optional<Site> site_;
 };

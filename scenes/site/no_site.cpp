@@ -20,4 +20,10 @@ std::map<std::string, SiteState> Site::others() const {
   return {};
 }
 
+void Site::tellScene(std::string /*text*/) {}
+
+std::map<std::string, std::string> Site::takeScenes() {
+  return {};
+}
+
 }  // namespace palpate

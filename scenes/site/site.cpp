@@ -31,6 +31,8 @@ constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages
 constexpr double kSmallWay = 1e-4;                     ///< [m]: no news of a proxy.
 constexpr double kSmallGift = 1e-5;                    ///< [J]: no news of a sum.
 constexpr std::uint32_t kMostAtOnce = 64;              ///< Messages a look.
+constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Between two words of a scene.
+constexpr std::size_t kMostScenes = kMostLinks;               ///< Held until they are taken.
 
 /// A number for a name, the same everywhere; not 0. FNV-1a.
 std::uint64_t numberOf(const std::string& name) noexcept {
@@ -134,6 +136,14 @@ class Site::Carrier {
     for (const auto& [name, other] : others_) all.emplace(name, other.state);
     return all;
   }
+  void tellScene(std::string text) {
+    const std::lock_guard lock(mutex_);
+    scene_ = std::move(text);
+  }
+  std::map<std::string, std::string> takeScenes() {
+    const std::lock_guard lock(mutex_);
+    return std::exchange(scenes_, {});
+  }
 
  private:
   struct Other {
@@ -156,18 +166,29 @@ class Site::Carrier {
       const dds_entity_t topic = need(
           dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr, nullptr),
           "the topic of hands");
-      dds_qos_t* qos = dds_create_qos();
+      const std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> held(dds_create_qos(),
+                                                                       &dds_delete_qos);
+      dds_qos_t* qos = held.get();
       dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
       dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
       dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
       dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
       // What reaches this site is bound, whoever sends it.
       dds_qset_resource_limits(qos, 256, 64, 1);
-      const dds_entity_t reader = dds_create_reader(participant, topic, qos, nullptr);
-      const dds_entity_t writer = dds_create_writer(participant, topic, qos, nullptr);
-      dds_delete_qos(qos);
-      reader_ = need(reader, "what hears hands");
-      writer_ = need(writer, "what tells of the hand");
+      reader_ = need(dds_create_reader(participant, topic, qos, nullptr), "what hears hands");
+      writer_ = need(dds_create_writer(participant, topic, qos, nullptr), "what tells of the hand");
+      if (!params.scene) return;
+      const dds_entity_t scenes = need(dds_create_topic(participant, &palpate_site_Scene_desc,
+                                                        "palpate_scene", nullptr, nullptr),
+                                       "the topic of scenes");
+      // No wait for who takes nothing; who comes late gets the newest.
+      dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
+      dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+      dds_qset_resource_limits(qos, 64, 64, 1);
+      scene_reader_ =
+          need(dds_create_reader(participant, scenes, qos, nullptr), "what hears of scenes");
+      scene_writer_ =
+          need(dds_create_writer(participant, scenes, qos, nullptr), "what tells of the scene");
     } catch (...) {
       dds_delete(domain_);
       throw;
@@ -181,6 +202,8 @@ class Site::Carrier {
       while (!quit_) {
         hear();
         tell();
+        if (scene_reader_ != 0) hearScenes();
+        if (scene_writer_ != 0 && scene_) tellOfScene();
         due = std::max(due + kEvery, Clock::now());
         wake_.wait_until(lock, due, [this] { return quit_; });
       }
@@ -233,6 +256,34 @@ class Site::Carrier {
                       name));
     }
     if (count > 0) links_.hear(heard_);
+  }
+
+  void hearScenes() {
+    // What there is no room for waits at DDS.
+    if (scenes_.size() >= kMostScenes) return;
+    std::array<void*, kMostAtOnce> samples{};
+    std::array<dds_sample_info_t, kMostAtOnce> infos{};
+    const auto most = static_cast<std::uint32_t>(kMostScenes);
+    const dds_return_t count = dds_take(scene_reader_, samples.data(), infos.data(), most, most);
+    const Loan loan{scene_reader_, samples, count};
+    for (dds_return_t i = 0; i < count; ++i) {
+      const auto n = static_cast<std::size_t>(i);
+      if (!infos[n].valid_data) continue;
+      const auto& scene = *static_cast<const palpate_site_Scene*>(samples[n]);
+      const std::string name(scene.site, strnlen(scene.site, sizeof scene.site));
+      if (!isSiteName(name) || name == name_) continue;
+      scenes_[name].assign(scene.text, strnlen(scene.text, sizeof scene.text));
+    }
+  }
+
+  void tellOfScene() {
+    const auto now = Clock::now();
+    if (now - scene_at_ < kSceneEvery || scene_->size() > kMostSceneText) return;
+    const auto scene = std::make_unique<palpate_site_Scene>();
+    name_.copy(scene->site, sizeof scene->site - 1);
+    scene_->copy(scene->text, sizeof scene->text - 1);
+    scene_at_ = now;
+    if (dds_write(scene_writer_, scene.get()) == DDS_RETCODE_OK) scene_.reset();
   }
 
   void take(const palpate_site_Hand& hand, dds_instance_handle_t writer, Clock::time_point now) {
@@ -394,6 +445,8 @@ class Site::Carrier {
   dds_entity_t domain_ = 0;
   dds_entity_t reader_ = 0;
   dds_entity_t writer_ = 0;
+  dds_entity_t scene_reader_ = 0;  ///< 0: scenes are nobody else's.
+  dds_entity_t scene_writer_ = 0;
 
   mutable std::mutex mutex_;
   std::condition_variable wake_;
@@ -401,6 +454,8 @@ class Site::Carrier {
   bool failed_ = false;
   std::vector<std::string> news_;
   std::map<std::string, Other> others_;
+  std::optional<std::string> scene_;           ///< To be told,
+  std::map<std::string, std::string> scenes_;  ///< and heard.
 
   // The thread's.
   LinksHeard heard_;
@@ -411,6 +466,7 @@ class Site::Carrier {
   bool told_full_ = false;
   std::uint64_t messages_ = 0;
   Clock::time_point sent_at_;
+  Clock::time_point scene_at_;
   Vec3 sent_proxy_ = Vec3::Zero();
   std::array<double, kMostLinks> sent_{};
   std::thread thread_;
@@ -426,6 +482,14 @@ std::vector<std::string> Site::takeNews() {
 
 std::map<std::string, SiteState> Site::others() const {
   return carrier_->others();
+}
+
+void Site::tellScene(std::string text) {
+  carrier_->tellScene(std::move(text));
+}
+
+std::map<std::string, std::string> Site::takeScenes() {
+  return carrier_->takeScenes();
 }
 
 }  // namespace palpate

@@ -1,6 +1,7 @@
 /// A site: this program's hand in one scene with hands elsewhere, by DDS (docs/cluster.md).
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -16,7 +17,11 @@ struct SiteParams {
   std::string name;               ///< Letters, digits, - and _, at most 31; each site has its own.
   int domain = 0;                 ///< DDS's, 0 to 230: sites of other ones do not meet.
   std::vector<std::string> with;  ///< Addresses of machines, numeric; none: this machine alone.
+  bool scene = false;             ///< Sites tell each other of their scenes, too.
 };
+
+/// Longest text that a site tells of its scene [bytes].
+inline constexpr std::size_t kMostSceneText = 65536;
 
 /// NAME or NAME@DOMAIN. Throws Error.
 [[nodiscard]] SiteParams siteFrom(const std::string& words, const std::vector<std::string>& with);
@@ -51,6 +56,12 @@ class Site {
   [[nodiscard]] std::vector<std::string> takeNews();
   /// Each site that was heard, by its name.
   [[nodiscard]] std::map<std::string, SiteState> others() const;
+
+  /// What others hear of this scene from now on, those who come later as well; at most 5 times a
+  /// second the newest is sent.
+  void tellScene(std::string text);
+  /// The newest of each site, by its name, that has come since the last call: a stranger's text.
+  [[nodiscard]] std::map<std::string, std::string> takeScenes();
 
  private:
   class Carrier;

@@ -45,6 +45,11 @@ def pulled(rows):
     return rows["left"][:, None] * rows["pull"]
 
 
+def own(rows):
+    """Of the scene alone, what has left [N]."""
+    return rows["force"] - pulled(rows)
+
+
 def steepest(rows):
     """How fast their force changed at most [N/s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
@@ -82,16 +87,16 @@ class Case(unittest.TestCase):
         file.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
         return file
 
-    def words(self, name, hand, seconds, *more):
-        return [PALPATE, "feel", self.scene, "--realtime", "--site", f"{name}@{domain()}",
+    def words(self, name, hand, seconds, *more, scene=None):
+        return [PALPATE, "feel", scene or self.scene, "--realtime", "--site", f"{name}@{domain()}",
                 "--device", f"path:{hand}", "--record", self.dir / f"{name}.rec",
                 "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
 
-    def start(self, name, hand, seconds, *more):
+    def start(self, name, hand, seconds, *more, scene=None):
         # To files: nobody reads meanwhile.
         said = open(self.dir / f"{name}.err", "w", encoding="utf-8")  # pylint: disable=R1732
         self.addCleanup(said.close)
-        one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more))),
+        one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, scene=scene))),
                                stdout=subprocess.DEVNULL, stderr=said)
         self.addCleanup(one.wait)
         self.addCleanup(one.kill)
@@ -233,12 +238,138 @@ class OneMachine(Case):
                 (["--realtime", "--site", "A" * 32], "is no name of a site"),
                 (["--realtime", "--site", "A@231"], "is no domain"),
                 (["--realtime", "--with", "10.0.0.1"], "add --site NAME"),
+                (["--realtime", "--own-scene"], "add --site NAME"),
                 (["--realtime", "--site", "A", "--with", "host\"/>"], "is no address")):
             with self.subTest(words=words):
                 _, line = refusal(self, self.dir, lambda words=words: subprocess.run(
                     [PALPATE, "feel", str(self.scene), "--device", f"path:{hand}", *words],
                     capture_output=True, text=True, timeout=60))
                 self.assertIn(says, line)
+
+
+class Edits(Case):
+    """What one site edits in its scene, with a folder of its own for each."""
+
+    def setUp(self):
+        super().setUp()
+        self.hand = self.path("hand", None)
+
+    def write(self, name, strengths, **more):
+        """A site's scene: planes far away that pull with so many newtons, x, y and z."""
+        folder = self.dir / f"of-{name}"
+        if not folder.exists():
+            folder.mkdir()
+            (folder / f"{name}-s.vdb").symlink_to(self.dir / "two.vdb")
+        modes = [{"name": axis, "mode": "guide", "shape": "plane", "strength": strength,
+                  "at": [9 * (axis == a) for a in "xyz"], "along": [int(axis == a) for a in "xyz"]}
+                 for axis, strength in zip("xyz", strengths)]
+        scene = {"palpate": 1, "modes": modes + more.pop("modes", []),
+                 "volumes": {"bowl": {"file": f"{name}-s.vdb", "grid": "bowl"}, **more}}
+        new = folder / "new"
+        new.write_text(json.dumps(scene))
+        new.replace(folder / "scene.json")
+        return folder / "scene.json"
+
+    def site(self, name, seconds, *more, strengths=(1, 1, 1)):
+        return self.start(name, self.hand, seconds, *more, scene=self.write(name, strengths))
+
+    def last(self, name):
+        """What was felt last [N]."""
+        return own(rows_of(self.dir / f"{name}.rec"))[-1]
+
+    def attempt(self, run, *names):
+        def once(last):
+            run()
+            late = self.was_late(*names)
+            self.assertFalse(late and last, "the machine is too busy for a loop")
+            return late
+        self.unless_late(once)
+
+    def test_an_edit_is_felt_by_others_and_by_who_comes_when_its_author_is_gone(self):
+        def run():
+            killed = self.site("A", 20, "--watch")
+            other = self.site("B", 20)
+            self.wait_for("B", "site A: its hand is felt")
+            self.wait_for("A", "site B: its hand is felt")
+            self.write("A", (3, 1, 1))
+            begin = time.monotonic()
+            self.wait_for("A", "has changed: it is felt now")
+            took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
+            killed.kill()
+            self.wait_for("B", "site A: nothing is heard of it")
+            # Longer than DDS believes that he may still be there.
+            time.sleep(2.5)
+            late = self.site("C", 3)
+            self.wait_for("C", 'site A: its edit of mode "x" is felt now')
+            self.assertEqual(late.wait(timeout=30), 0, self.said("C"))
+            other.send_signal(signal.SIGINT)
+            other.wait(timeout=30)
+            print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
+            self.assertLess(took, 2.0)
+
+        self.attempt(run, "A", "B", "C")
+        for name in "BC":
+            np.testing.assert_allclose(self.last(name), [3, 1, 1], atol=1e-6)
+            file = json.loads((self.dir / f"of-{name}/scene.json").read_text())
+            self.assertEqual(file["modes"][0]["strength"], 1, "the file was written")
+        again = self.dir / "again.rec"
+        subprocess.run([PALPATE, "feel", self.dir / "B.rec", "--device",
+                        f"replay:{self.dir}/B.rec", "--record", again], check=True,
+                       capture_output=True, timeout=60)
+        told = subprocess.run([PALPATE, "compare", self.dir / "B.rec", again], check=True,
+                              capture_output=True, text=True, timeout=60).stdout
+        self.assertIn("the same to the last bit", told)
+
+    def test_edits_at_once_end_alike(self):
+        def run():
+            both = [self.site(name, 20, "--watch") for name in "AB"]
+            self.wait_for("A", "site B: its hand is felt")
+            self.wait_for("B", "site A: its hand is felt")
+            # Each its own, and one together.
+            self.write("A", (2, 1, 1.5))
+            self.write("B", (1, 2, 2.5))
+            for name, other in ("AB", "BA"):
+                self.wait_for(name, "has changed: it is felt now")
+                self.wait_for(name, f"site {other}: its edit of mode")
+            time.sleep(1.5)
+            for one in both:
+                one.send_signal(signal.SIGINT)
+                one.wait(timeout=30)
+
+        self.attempt(run, "A", "B")
+        np.testing.assert_allclose(self.last("A"), self.last("B"), atol=1e-6)
+        np.testing.assert_allclose(self.last("A")[:2], [2, 2], atol=1e-6)
+        self.assertIn(round(float(self.last("A")[2]), 6), (1.5, 2.5))
+
+    def test_what_is_not_here_and_who_keeps_his_own(self):
+        def run():
+            sites = [self.site("A", 20, "--watch", strengths=(1, 1, 2)), self.site("B", 20),
+                     self.site("C", 20, "--own-scene", "--watch")]
+            for name in "AB":
+                self.wait_for(name, "site C: its hand is felt")
+            self.wait_for("B", "site A: it feels another scene: not the same here: mode \"z\"")
+            more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
+                    "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
+                               "name": "rim"}]}
+            self.write("A", (1, 1, 2), **more)
+            self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is not felt: '
+                               'volume "tumour": it is not here')
+            self.write("A", (2.5, 1, 2), **more)
+            self.wait_for("B", 'site A: its edit of mode "x" is felt now')
+            self.write("C", (1, 3, 1))
+            self.wait_for("C", "has changed: it is felt now")
+            time.sleep(1.0)
+            for one in sites:
+                one.send_signal(signal.SIGINT)
+                one.wait(timeout=30)
+
+        self.attempt(run, "A", "B", "C")
+        np.testing.assert_allclose(self.last("B"), [2.5, 1, 1], atol=1e-6)
+        np.testing.assert_allclose(self.last("C"), [1, 3, 1], atol=1e-6)
+        self.assertEqual(self.said("B").count("is not felt"), 1)
+        for name in "AB":
+            self.assertNotIn("site C: its edit", self.said(name))
+        self.assertNotIn("edit", self.said("C"))
 
 
 class Far(Case):
@@ -296,19 +427,24 @@ class Far(Case):
 
     def test_parted_and_joined_again(self):
         times = {}
+        before = self.scene.read_text()
 
         def act(relay):
             time.sleep(3.5)
             relay.send_signal(signal.SIGUSR1)
             times["parted"] = time.monotonic()
+            self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
             time.sleep(2.0)
             relay.send_signal(signal.SIGUSR1)
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
         for n in range(TRIES):
-            self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
-                         self.words("B", hands[1], 9, "--with", "10.77.0.1"),
-                         "--delay-ms", 5, "--loss", 0.01, act=act)
+            self.scene.write_text(before)
+            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
+                                self.words("B", hands[1], 9, "--with", "10.77.0.1"),
+                                "--delay-ms", 5, "--loss", 0.01, act=act)
+            # What was edited meanwhile comes as well.
+            self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
             rows = rows_of(self.dir / "B.rec")
             if not (rows["fault"] != 0).any():
                 break
