@@ -67,10 +67,11 @@ std::string digestOf(const Json& value) {
   return fmt::format("{:016x}", hash);
 }
 
-/// Which of two edits of one part counts. One site may have made two of one stamp, in two lives.
+/// Which of two edits of one part counts. One site may have made two of one stamp, in two lives; of
+/// those the texts, as 2 and 2.0 are equal.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
   if (a.stamp != b.stamp) return a.stamp > b.stamp;
-  return a.value != b.value && a.value.dump() > b.value.dump();
+  return a.value.dump() > b.value.dump();
 }
 
 std::string wordsForOne(const SharedKey& key) {
