@@ -1,7 +1,7 @@
 #include "palpate/scenes/site/shared_scene.h"
 
 #include <algorithm>
-#include <iterator>
+#include <array>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -17,10 +17,10 @@ constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double has
 constexpr std::size_t kMostNames = 64;                         ///< Sites that are remembered.
 
 /// Keys that are of the machine, or say where something on it is.
-constexpr std::string_view kLocal[] = {"description", "file", "frames", "grid", "window"};
+constexpr std::array<std::string_view, 5> kLocal{"description", "file", "frames", "grid", "window"};
 
 bool isLocal(const std::string& key) {
-  return std::find(std::begin(kLocal), std::end(kLocal), key) != std::end(kLocal);
+  return std::find(kLocal.begin(), kLocal.end(), key) != kLocal.end();
 }
 
 /// One part of an object: what is of the machine, or what is not.
@@ -82,7 +82,7 @@ std::string wordsForOne(const SharedKey& key) {
   return key[3].empty() ? key[2] : fmt::format("{} of \"{}\"", key[2], key[3]);
 }
 
-const std::string kSubject = "what it tells of its scene";
+const char* const kSubject = "what it tells of its scene";
 
 [[noreturn]] void refuse(const std::string& why) {
   throw Error(kSubject, why, "see to who it is, and to its version");
@@ -109,20 +109,20 @@ void checkNames(const Json& value) {
   }
 }
 
+/// A part that may be told of.
+bool isTold(const SharedKey& key) {
+  if (key.empty() || !std::all_of(key.begin(), key.end(), isName)) return false;
+  if (key[0] == "play") return key.size() == 1;
+  if (key.size() < 2) return false;
+  if (key[0] == "modes") return key.size() == (key[1].empty() ? 5U : 3U);
+  return (key[0] == "volumes" || key[0] == "fields") && key.size() == 2 && !key[1].empty();
+}
+
 SharedKey keyFrom(const Json& json) {
-  constexpr std::size_t kLongest = 5;
-  if (!json.is_array() || json.empty() || json.size() > kLongest) refuse("a part has no name");
+  if (!json.is_array()) refuse("a part is no list");
   SharedKey key;
-  for (const Json& word : json) {
-    if (!word.is_string()) refuse("a part has no name");
-    key.push_back(word.get<std::string>());
-    checkName(key.back());
-  }
-  const bool named = key[0] == "volumes" || key[0] == "fields";
-  const bool good = (key[0] == "play" && key.size() == 1) ||
-                    (named && key.size() == 2 && !key[1].empty()) ||
-                    (key[0] == "modes" && key.size() == (key[1].empty() ? 5U : 3U));
-  if (!good) refuse("there is a part that no scene has");
+  for (const Json& word : json) key.push_back(word.is_string() ? word.get<std::string>() : "\n");
+  if (!isTold(key)) refuse("there is a part that no scene has, or of too long a name");
   return key;
 }
 
@@ -355,8 +355,7 @@ void SharedScene::settle(const SharedScene& copy) {
 SharedText SharedScene::told() const {
   SharedText text{edits_, {}};
   for (const auto& [key, value] : sharedOf(file_)) {
-    const bool told = std::all_of(key.begin(), key.end(), isName);
-    if (told && !edits_.contains(key)) text.rest.emplace(key, digestOf(value));
+    if (isTold(key) && !edits_.contains(key)) text.rest.emplace(key, digestOf(value));
   }
   return text;
 }
