@@ -16,20 +16,22 @@ constexpr std::size_t kLongestName = 200;                      ///< Of what is t
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double has it to the one.
 constexpr std::size_t kMostNames = 64;                         ///< Sites that are remembered.
 
-/// Keys that are of the machine, or say where something on it is.
-constexpr std::array<std::string_view, 5> kLocal{"description", "file", "frames", "grid", "window"};
-
-bool isLocal(const std::string& key) {
-  return std::find(kLocal.begin(), kLocal.end(), key) != kLocal.end();
+/// Of a volume what says how it stands and is read, not what it is of; of all else what is no
+/// prose.
+bool isShared(const std::string& kind, const std::string& key) {
+  constexpr std::array<std::string_view, 6> kOfVolumes{"axial",      "instances", "interpolation",
+                                                       "non_finite", "place",     "smooth"};
+  if (kind != "volumes") return key != "description";
+  return std::find(kOfVolumes.begin(), kOfVolumes.end(), key) != kOfVolumes.end();
 }
 
-/// One part of an object: what is of the machine, or what is not.
-Json partOf(const Json& object, bool local) {
-  Json part = Json::object();
+/// One half of an object: what is shared, or what is not.
+Json halfOf(const std::string& kind, const Json& object, bool shared) {
+  Json half = Json::object();
   for (const auto& [key, value] : object.items()) {
-    if (isLocal(key) == local) part[key] = value;
+    if (isShared(kind, key) == shared) half[key] = value;
   }
-  return part;
+  return half;
 }
 
 /// An object's text; empty where it has none of that name.
@@ -131,7 +133,7 @@ void checkValue(const SharedKey& key, const Json& value) {
   if (value.is_null()) return;
   if (!value.is_object()) refuse(wordsForOne(key) + " is no object");
   for (const auto& [name, part] : value.items()) {
-    if (isLocal(name)) {
+    if (!isShared(key[0], name)) {
       refuse(fmt::format("{} has \"{}\", which no site takes", wordsForOne(key), name));
     }
   }
@@ -165,14 +167,15 @@ std::map<SharedKey, Json> sharedOf(const Json& scene) {
   for (const char* kind : {"volumes", "fields"}) {
     if (!scene.contains(kind)) continue;
     for (const auto& [name, value] : scene.at(kind).items()) {
-      parts.emplace(SharedKey{kind, name}, partOf(value, false));
+      parts.emplace(SharedKey{kind, name}, halfOf(kind, value, true));
     }
   }
-  if (scene.contains("play")) parts.emplace(SharedKey{"play"}, partOf(scene.at("play"), false));
+  if (scene.contains("play"))
+    parts.emplace(SharedKey{"play"}, halfOf("play", scene.at("play"), true));
   const Json& modes = scene.at("modes");
   std::vector<SharedKey> keys = keysOfModes(modes);
   for (std::size_t i = 0; i < keys.size(); ++i) {
-    parts.emplace(std::move(keys[i]), partOf(modes[i], false));
+    parts.emplace(std::move(keys[i]), halfOf("modes", modes[i], true));
   }
   return parts;
 }
@@ -234,7 +237,7 @@ Json withEdits(Json scene, const SharedEdits& edits) {
       throw SceneError(wordsForOne(key), "it is not here", "add it to the scene's file");
     }
     // What is of the machine stays.
-    Json whole = where.contains(name) ? partOf(where[name], true) : Json::object();
+    Json whole = where.contains(name) ? halfOf(key[0], where[name], false) : Json::object();
     whole.update(value);
     where[name] = std::move(whole);
   }

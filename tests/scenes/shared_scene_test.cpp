@@ -241,6 +241,7 @@ TEST_CASE("what a stranger says of a scene is refused unless it is good", "[site
       saying(R"({"grid": "x"})", volume),
       saying(R"({"frames": {"rate": 1}})", volume),
       saying(R"({"window": {"budget_mb": 1e6}})", volume),
+      saying(R"({"some_later_key": "/etc/passwd"})", volume),
       saying(wall, R"(["modes", "wall", "0"])", R"([0, "boston"])"),
       saying(wall, R"(["modes", "wall", "0"])", R"([-1, "boston"])"),
       saying(wall, R"(["modes", "wall", "0"])", R"([1.5, "boston"])"),
