@@ -380,7 +380,7 @@ TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
   watcher.share("uppsala", file, text);
   CHECK(watcher.takeTold());
   const auto look = [&]() -> std::optional<BuiltScene> {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(1500);
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(1200);
     while (std::chrono::steady_clock::now() < end) {
       if (auto built = watcher.look()) return built;
       std::this_thread::sleep_for(std::chrono::milliseconds(1));

@@ -26,6 +26,7 @@ from refusals import refusal  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 RELAY = str(Path(sys.argv[2]).resolve())
+STRANGER = Path(RELAY).with_name("palpate_stranger")
 RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
@@ -297,9 +298,7 @@ class Edits(Case):
             took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
             killed.kill()
             self.wait_for("B", "site A: nothing is heard of it")
-            # Longer than DDS believes that he may still be there.
-            time.sleep(2.5)
-            late = self.site("C", 3)
+            late = self.site("C", 2)
             self.wait_for("C", 'site A: its edit of mode "x" is felt now')
             late.wait(timeout=30)
             other.send_signal(signal.SIGINT)
@@ -331,7 +330,7 @@ class Edits(Case):
             for name, other in ("AB", "BA"):
                 self.wait_for(name, "has changed: it is felt now")
                 self.wait_for(name, f"site {other}: its edit of mode")
-            time.sleep(1.5)
+            time.sleep(1.2)
             for one in both:
                 one.send_signal(signal.SIGINT)
                 one.wait(timeout=30)
@@ -358,7 +357,7 @@ class Edits(Case):
             self.wait_for("B", 'site A: its edit of mode "x" is felt now')
             self.write("C", (1, 3, 1))
             self.wait_for("C", "has changed: it is felt now")
-            time.sleep(1.0)
+            time.sleep(0.6)
             for one in sites:
                 one.send_signal(signal.SIGINT)
                 one.wait(timeout=30)
@@ -370,6 +369,38 @@ class Edits(Case):
         for name in "AB":
             self.assertNotIn("site C: its edit", self.said(name))
         self.assertNotIn("edit", self.said("C"))
+
+
+    def test_what_a_stranger_says_does_no_harm(self):
+        def says(is_, of=("modes", "x", "0"), count=1):
+            return json.dumps({"palpate_edits": 1, "rest": [],
+                               "edits": [{"of": of, "at": [count, "C"], "is": is_}]})
+
+        x = {"name": "x", "mode": "guide", "shape": "plane", "strength": 2, "at": [9, 0, 0],
+             "along": [1, 0, 0]}
+        bad = ["[" * 60000, says({"file": "/etc/passwd"}, ("volumes", "bowl")),
+               says({**x, "strength": 7}).replace("7", "1e999"), says({**x, "name": "y"}),
+               says({**x, "strength": 1e30}), says({**x, "strength": 1e6}, count=2)]
+
+        def run():
+            begin = self.site("B", 20)
+            stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
+            self.addCleanup(stranger.wait)
+            self.addCleanup(stranger.kill)
+            self.wait_for("B", 'site C: its edit of mode "x" is felt now')
+            time.sleep(0.5)
+            stranger.kill()
+            begin.send_signal(signal.SIGINT)
+            begin.wait(timeout=30)
+
+        self.attempt(run, "B")
+        self.assertEqual(self.said("B").count("nothing of it is taken"), 1)
+        self.assertEqual(self.said("B").count("1e+30 N is beyond"), 1)
+        with open(self.dir / "B.rec", "rb") as recording:
+            limits = json.loads(recording.readline())["device"]["limits"]
+        size = np.linalg.norm(rows_of(self.dir / "B.rec")["force"], axis=1)
+        self.assertGreater(size[-1], 2)
+        self.assertLessEqual(size.max(), limits["peak"] * (1 + 1e-9))
 
 
 class Far(Case):
@@ -461,5 +492,5 @@ class Far(Case):
 
 
 if __name__ == "__main__":
-    which = [word for word in sys.argv[3:] if word in ("OneMachine", "Far")]
+    which = [word for word in sys.argv[3:] if word in ("OneMachine", "Edits", "Far")]
     unittest.main(argv=sys.argv[:1] + which, verbosity=2)
