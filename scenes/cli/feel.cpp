@@ -226,6 +226,8 @@ void checkOptions(const FeelOptions& options) {
     }
   } else if (!options.with.empty()) {
     throw Error("--with", "it says where other sites are, and this is none", "add --site NAME");
+  } else if (!options.site_keys.empty()) {
+    throw Error("--site-keys", "there are no other sites", "leave it out, or add --site NAME");
   } else if (options.own_scene) {
     throw Error("--own-scene", "there are no other sites", "leave it out, or add --site NAME");
   }
@@ -519,6 +521,9 @@ void addSite(CLI::App& verb, FeelOptions& options) {
                   "and take their edits of the scene (docs/cluster.md)");
   verb.add_option("--with", options.with,
                   "With --site: the address of another machine with sites; again for more");
+  verb.add_option("--site-keys", options.site_keys,
+                  "With --site: a folder of keys that site_keys.sh made: meet who has such keys, "
+                  "and nobody else, encrypted");
   verb.add_flag("--own-scene", options.own_scene,
                 "With --site: take no edits of the scene from others, and tell them of none");
 }

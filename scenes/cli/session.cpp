@@ -239,6 +239,7 @@ void Fetched::sayThem() const {
 WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const ToFeel& from) {
   if (options.site.empty()) return;
   SiteParams params = siteFrom(options.site, options.with);
+  params.keys = options.site_keys;
   name_ = params.name;
   params.scene = shares_ = !options.own_scene && !from.text.empty();
   if (!options.own_scene && !shares_) {

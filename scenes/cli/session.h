@@ -49,6 +49,7 @@ struct FeelOptions {
   double refill = 0.0;
   std::string site;               ///< As siteFrom has it; empty: none.
   std::vector<std::string> with;  ///< Machines of other sites.
+  std::string site_keys;          ///< SiteParams::keys
   bool own_scene = false;         ///< Sites neither edit it nor hear of edits.
   bool window = false;
   std::optional<double> speed;  ///< Of recorded hands, 1: as they were; none: as fast as it goes.

@@ -10,7 +10,9 @@
 #include <dds/dds.h>
 #include <mutex>
 #include <netdb.h>
+#include <new>
 #include <optional>
+#include <string_view>
 #include <sys/socket.h>
 #include <thread>
 #include <unistd.h>
@@ -19,6 +21,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/site/site_security.h"
 #include "site_topics.h"
 
 namespace palpate {
@@ -85,6 +88,56 @@ std::string configOf(const SiteParams& params) {
       addressTowards(peers.front()), 2 * kMostLinks, text);
 }
 
+/// What DDS complains of, of which a stranger can bring about as much as he likes: one line of it
+/// is told. For all of the process, as DDS has it.
+class Complaints {
+ public:
+  Complaints() {
+    told() = {};
+    dds_set_log_sink(&Complaints::hear, nullptr);
+  }
+  Complaints(const Complaints&) = delete;
+  Complaints& operator=(const Complaints&) = delete;
+  ~Complaints() { dds_set_log_sink(nullptr, nullptr); }
+
+  /// The first line, once; empty: there is none.
+  [[nodiscard]] static std::string take() {
+    const std::lock_guard lock(mutex());
+    return std::exchange(told().line, {});
+  }
+
+ private:
+  static constexpr std::size_t kLongest = 200;
+  struct Told {
+    bool any = false;
+    std::string line;
+  };
+  static void hear(void* /*unused*/, const dds_log_data_t* of) noexcept {
+    std::string_view words(of->message, std::min(of->size, kLongest));
+    while (words.ends_with('\n')) words.remove_suffix(1);
+    const std::lock_guard lock(mutex());
+    if (std::exchange(told().any, true)) return;
+    try {
+      told().line = words;
+      // A name in a certificate may be anything.
+      std::replace_if(
+          told().line.begin(), told().line.end(), [](char c) { return c < ' ' || c > '~'; }, '?');
+    } catch (const std::bad_alloc&) {
+      told().line.clear();
+    }
+  }
+  static std::mutex& mutex() noexcept {
+    static std::mutex one;
+    return one;
+  }
+  static Told& told() noexcept {
+    static Told one;
+    return one;
+  }
+};
+
+using Qos = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+
 /// An entity of DDS, or why there is none.
 dds_entity_t need(dds_entity_t entity, const char* what) {
   if (entity >= 0) return entity;
@@ -128,6 +181,9 @@ class Site::Carrier {
     if (std::exchange(failed_, false)) {
       news_.emplace_back("site: there is no memory for it: hands elsewhere let go");
     }
+    if (const std::string line = Complaints::take(); !line.empty()) {
+      news_.push_back(fmt::format("site: DDS: {}; what else it complains of is not told", line));
+    }
     return std::exchange(news_, {});
   }
   std::map<std::string, SiteState> others() const {
@@ -157,17 +213,29 @@ class Site::Carrier {
     bool gone = true;  ///< And that was told.
   };
 
+  [[nodiscard]] static dds_entity_t join(dds_domainid_t domain, const std::string& keys) {
+    if (keys.empty()) {
+      return need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
+    }
+    const Qos qos(dds_create_qos(), &dds_delete_qos);
+    secure(qos.get(), keys);
+    const dds_entity_t participant = dds_create_participant(domain, qos.get(), nullptr);
+    if (participant >= 0) return participant;
+    std::string why = Complaints::take();
+    if (why.empty()) why = dds_strretcode(-participant);
+    throw Error("--site-keys", fmt::format("DDS does not take those of {} ({})", keys, why),
+                "make them anew by site_keys.sh (docs/cluster.md)");
+  }
+
   void open(const SiteParams& params) {
     const auto domain = static_cast<dds_domainid_t>(params.domain);
     domain_ = need(dds_create_domain(domain, configOf(params).c_str()), "DDS's domain");
     try {
-      const dds_entity_t participant =
-          need(dds_create_participant(domain, nullptr, nullptr), "a place in DDS's domain");
+      const dds_entity_t participant = join(domain, params.keys);
       const dds_entity_t topic = need(
           dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr, nullptr),
           "the topic of hands");
-      const std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> held(dds_create_qos(),
-                                                                       &dds_delete_qos);
+      const Qos held(dds_create_qos(), &dds_delete_qos);
       dds_qos_t* qos = held.get();
       dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
       dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
@@ -442,6 +510,7 @@ class Site::Carrier {
   std::string name_;
   std::uint64_t number_;
   HandLinks& links_;
+  Complaints complaints_;
   dds_entity_t domain_ = 0;
   dds_entity_t reader_ = 0;
   dds_entity_t writer_ = 0;

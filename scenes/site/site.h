@@ -17,7 +17,8 @@ struct SiteParams {
   std::string name;               ///< Letters, digits, - and _, at most 31; each site has its own.
   int domain = 0;                 ///< DDS's, 0 to 230: sites of other ones do not meet.
   std::vector<std::string> with;  ///< Addresses of machines, numeric; none: this machine alone.
-  bool scene = false;             ///< Sites tell each other of their scenes, too.
+  std::string keys;    ///< The folder of its keys; empty: none, and whoever comes is met.
+  bool scene = false;  ///< Sites tell each other of their scenes, too.
 };
 
 /// Longest text that a site tells of its scene [bytes].

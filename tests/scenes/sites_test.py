@@ -8,6 +8,7 @@ import json
 import math
 import os
 import random
+import shutil
 import signal
 import socket
 import subprocess
@@ -27,6 +28,7 @@ from refusals import refusal  # noqa: E402
 PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 RELAY = str(Path(sys.argv[2]).resolve())
 STRANGER = Path(RELAY).with_name("palpate_stranger")
+KEYS = str(Path(__file__).resolve().parents[2] / "scenes/site/site_keys.sh")
 RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
@@ -60,6 +62,37 @@ def steepest(rows):
 def work(rows):
     """What hands elsewhere have done on this one, up to each tick [J]."""
     return np.cumsum(np.sum(pulled(rows)[:-1] * np.diff(rows["hand"], axis=0), axis=1))
+
+
+class Wire:
+    """What goes over this machine's loopback by UDP, to ports of DDS's domain."""
+
+    def __enter__(self):
+        try:
+            self.all = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(3))
+            self.all.bind(("lo", 0))
+            self.all.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 24)
+            self.all.setblocking(False)
+            self.works = True
+        except PermissionError:
+            self.works = False
+        return self
+
+    def __exit__(self, *_):
+        if self.works:
+            self.all.close()
+
+    def heard(self):
+        """Since the last time."""
+        found, first = [], 7400 + 250 * domain()
+        while self.works:
+            try:
+                packet = self.all.recv(1 << 16)
+            except BlockingIOError:
+                break
+            if packet[23] == socket.IPPROTO_UDP and first <= int.from_bytes(packet[36:38], "big") < first + 250:
+                found.append(packet)
+        return b"".join(found)
 
 
 class Case(unittest.TestCase):
@@ -231,6 +264,57 @@ class OneMachine(Case):
         self.assertEqual(facts["sites"], {})
         self.assertEqual(facts["force_max"], 0)
 
+    def keys(self, folder, *names):
+        subprocess.run([KEYS, self.dir / folder, *names], check=True, capture_output=True, timeout=60)
+
+    def test_who_has_no_keys_is_not_met(self):
+        self.keys("ours", "A", "B")
+        self.keys("theirs", "C")
+
+        def attempt(last):
+            hands = {name: self.path(name, lambda t, n=n: (0.2 + 0.005 * n, 0, 0)) for n, name in enumerate("ABCDE")}
+            keys = {"A": "ours/A", "B": "ours/B", "C": "theirs/C"}
+            with Wire() as wire:
+                running = {name: self.start(name, hands[name], 5, "--site-keys", self.dir / keys[name]) for name in keys}
+                time.sleep(2.5)
+                secret = wire.heard()
+                running |= {name: self.start(name, hands[name], 2) for name in "DE"}
+                status = {name: one.wait(timeout=30) for name, one in running.items()}
+                told = wire.heard()
+            if self.was_late("A", "B", "D", "E") and not last:
+                return True
+            said = {name: self.said(name) for name in hands}
+            # 4: nothing was felt, as the scene is elsewhere, and nobody else is there.
+            self.assertEqual(status, {"A": 0, "B": 0, "C": 4, "D": 0, "E": 0}, said)
+            # However often one is asked.
+            self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
+            met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
+            self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
+            if wire.works:
+                # Certificates can be read, not what is talked of; without keys it can.
+                self.assertGreater(len(secret), 10000)
+                self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
+                self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
+            return False
+        self.unless_late(attempt)
+        self.assertGreater(np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1).max(), 0.5)
+
+    def test_keys_that_are_none_are_refused(self):
+        self.keys("ours", "A")
+        self.keys("theirs", "A")
+        hand = self.path("A", None)
+
+        def refused(says):
+            _, line = refusal(self, self.dir, lambda: subprocess.run(
+                [PALPATE, "feel", str(self.scene), "--device", f"path:{hand}", "--realtime", "--seconds", "1", "--site",
+                 f"A@{domain()}", "--site-keys", str(self.dir / "ours/A")], capture_output=True, text=True, timeout=60))
+            self.assertIn(says, line)
+        for file in ("cert.pem", "governance.p7s", "key.pem"):
+            shutil.copy(self.dir / "theirs/A" / file, self.dir / "ours/A" / file)
+            refused("DDS does not take those of")
+        (self.dir / "ours/A/permissions.p7s").unlink()
+        refused("there is no ")
+
     def test_what_is_refused(self):
         hand = self.path("A", None)
         for words, says in (
@@ -240,6 +324,8 @@ class OneMachine(Case):
                 (["--realtime", "--site", "A@231"], "is no domain"),
                 (["--realtime", "--with", "10.0.0.1"], "add --site NAME"),
                 (["--realtime", "--own-scene"], "add --site NAME"),
+                (["--realtime", "--site-keys", "k"], "add --site NAME"),
+                (["--realtime", "--site", "A", "--site-keys", "none"], "there is no "),
                 (["--realtime", "--site", "A", "--with", "host\"/>"], "is no address")):
             with self.subTest(words=words):
                 _, line = refusal(self, self.dir, lambda words=words: subprocess.run(
