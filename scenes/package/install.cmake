@@ -16,6 +16,9 @@ if(NOT PALPATE_ENGINE_ONLY)
                    ${PROJECT_SOURCE_DIR}/scenes/stability_picture.py
                    ${PROJECT_SOURCE_DIR}/scenes/trace_picture.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
+  # What one runs once, to make keys for sites.
+  install(PROGRAMS ${PROJECT_SOURCE_DIR}/scenes/site/site_keys.sh
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/scenes/picture_style.py
     DESTINATION ${CMAKE_INSTALL_DATADIR}/palpate COMPONENT programs)
   install(FILES ${PROJECT_SOURCE_DIR}/devices/70-palpate-arms.rules ${here}/70-palpate-realtime.rules
@@ -143,7 +146,7 @@ set(CPACK_COMPONENTS_ALL programs library)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, palpate-view, python3-matplotlib")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS librados2)
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "librados2, openssl")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
     ${here}/postinst ${here}/postrm ${here}/triggers)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)
