@@ -279,13 +279,10 @@ class OneMachine(Case):
                 time.sleep(2.5)
                 secret = wire.heard()
                 running |= {name: self.start(name, hands[name], 2) for name in "DE"}
-                status = {name: one.wait(timeout=30) for name, one in running.items()}
+                for one in running.values():
+                    one.wait(timeout=30)
                 told = wire.heard()
-            if self.was_late("A", "B", "D", "E") and not last:
-                return True
             said = {name: self.said(name) for name in hands}
-            # 4: nothing was felt, as the scene is elsewhere, and nobody else is there.
-            self.assertEqual(status, {"A": 0, "B": 0, "C": 4, "D": 0, "E": 0}, said)
             # However often one is asked.
             self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
             met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
@@ -295,9 +292,13 @@ class OneMachine(Case):
                 self.assertGreater(len(secret), 10000)
                 self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
                 self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
+            # A loop that is late is cut, which others see as well.
+            felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1).max() > 0.5
+            if not felt and self.was_late("A", "B") and not last:
+                return True
+            self.assertTrue(felt, said)
             return False
         self.unless_late(attempt)
-        self.assertGreater(np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1).max(), 0.5)
 
     def test_keys_that_are_none_are_refused(self):
         self.keys("ours", "A")
