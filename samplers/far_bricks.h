@@ -48,6 +48,7 @@ struct ObjectRequest {
     fail(nullptr);
     last = std::chrono::steady_clock::now();
   }
+  /// The answer is that it could not be had.
   void fail(const char* reason, long number = 0) noexcept {
     status = BrickStatus::kUnreadable;
     why = reason;
