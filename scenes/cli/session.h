@@ -192,10 +192,10 @@ class WithSites {
   void sayThem() const;
 
  private:
-  std::string name_;
-  bool shares_ = false;
   std::optional<HandLinks> links_;
   std::optional<Site> site_;
+  std::string name_;
+  bool shares_ = false;
 };
 
 /// What a run asks for, once it is known to be good.

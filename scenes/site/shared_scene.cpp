@@ -72,7 +72,7 @@ std::string digestOf(const Json& value) {
 /// Which of two edits of one part counts. One site may have made two of one stamp, in two lives; of
 /// those the texts, as 2 and 2.0 are equal.
 bool isLater(const SharedEdit& a, const SharedEdit& b) {
-  if (a.stamp != b.stamp) return a.stamp > b.stamp;
+  if (a.stamp != b.stamp) return b.stamp < a.stamp;
   return a.value.dump() > b.value.dump();
 }
 
@@ -278,9 +278,9 @@ SharedText sharedTextFrom(const std::string& text) {
     if (stamp.count == 0 || stamp.count > kMostCount || !isSiteName(stamp.site)) {
       refuse("an edit has no stamp");
     }
-    SharedKey key = keyFrom(one.at("of"));
+    const SharedKey key = keyFrom(one.at("of"));
     checkValue(key, one.at("is"));
-    merge(told.edits, {{std::move(key), {one.at("is"), stamp}}});
+    merge(told.edits, {{key, {one.at("is"), stamp}}});
   }
   for (const Json& one : json.at("rest")) {
     if (!one.is_array() || one.size() != 2 || !one[1].is_string()) refuse("a digest is none");

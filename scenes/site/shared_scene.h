@@ -5,13 +5,13 @@
 /// have heard of the same edits, in whatever order and however often, have the same map.
 #pragma once
 
-#include <compare>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -30,7 +30,11 @@ using SharedKey = std::vector<std::string>;
 struct SharedStamp {
   std::uint64_t count = 0;  ///< Larger than any that its site had heard of.
   std::string site;         ///< Where it was made.
-  [[nodiscard]] auto operator<=>(const SharedStamp&) const = default;  ///< The larger is later.
+  [[nodiscard]] bool operator==(const SharedStamp&) const = default;
+  /// The larger is later.
+  [[nodiscard]] bool operator<(const SharedStamp& other) const noexcept {
+    return std::tie(count, site) < std::tie(other.count, other.site);
+  }
 };
 
 /// What a part has become.
