@@ -294,7 +294,11 @@ void FarBricks::State::probe() {
   }
   if (!ask.exchange(false)) return;
   asker->ask(head.size(), true);
-  if (store->begin(kBrickManifestFile, *asker)) asked = asker->last.time_since_epoch().count();
+  if (store->begin(kBrickManifestFile, *asker)) {
+    asked = asker->last.time_since_epoch().count();
+  } else {
+    answer();
+  }
 }
 
 void FarBricks::State::run() {

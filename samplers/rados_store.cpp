@@ -100,6 +100,10 @@ std::optional<Address> parse(std::string_view name) {
 
 /// A read on its way. What librados writes to is its own, as one that was dropped may still come.
 struct Read {
+  ~Read() {
+    if (completion != nullptr) librados().aio_release(completion);
+  }
+
   ObjectRequest* request = nullptr;  ///< None: nobody waits for it any more.
   std::vector<char> bytes;
   rados_completion_t completion = nullptr;
@@ -107,13 +111,19 @@ struct Read {
   class RadosStore* of = nullptr;
 };
 
+/// What an error of librados' is called; lasts.
+const char* nameOf(int error) noexcept {
+  // No ::strerror, which is for one thread alone.
+  const char* const name = strerrordesc_np(-error);
+  return name == nullptr ? "an error that has no name" : name;
+}
+
 /// What a read's result says: how many bytes, or what went wrong.
 void conclude(ObjectRequest& request, const char* bytes, int result) noexcept {
   if (result == -ENOENT) {
     request.status = BrickStatus::kMissing;
   } else if (result < 0) {
-    // No ::strerror, which is for one thread alone.
-    request.fail(strerrordesc_np(-result));
+    request.fail(nameOf(result));
   } else if (static_cast<std::size_t>(result) > request.limit) {
     request.status = BrickStatus::kCut;
   } else {
@@ -172,7 +182,7 @@ RadosStore::RadosStore(const std::string& name, const StoreParams& params) {
   const auto fail = [&](int how, const std::string& what, const char* remedy) {
     if (pool_ != nullptr) call_.ioctx_destroy(pool_);
     if (cluster_ != nullptr) call_.shutdown(cluster_);
-    throw VolumeError(name, what + " (" + strerrordesc_np(-how) + ")", remedy);
+    throw VolumeError(name, what + " (" + nameOf(how) + ")", remedy);
   };
   int how = call_.create(&cluster_, address_.user.c_str());
   if (how < 0) fail(how, "Ceph does not begin", "check the system");
@@ -210,7 +220,7 @@ RadosStore::~RadosStore() {
   changed_.wait(lock, [&] {
     return std::all_of(reads_.begin(), reads_.end(), [](const auto& read) { return read->done; });
   });
-  for (const auto& read : reads_) call_.aio_release(read->completion);
+  reads_.clear();
   lock.unlock();
   call_.ioctx_destroy(pool_);
   call_.shutdown(cluster_);
@@ -245,7 +255,10 @@ bool RadosStore::begin(const std::string& name, ObjectRequest& request) noexcept
     read->request = &request;
     read->of = this;
     read->bytes.resize(sizeOf(request));
-    call_.aio_create_completion2(read, &RadosStore::finish, &read->completion);
+    if (call_.aio_create_completion2(read, &RadosStore::finish, &read->completion) != 0) {
+      request.fail(kNoMemory);
+      return false;
+    }
     {
       const std::lock_guard lock(mutex_);
       reads_.push_back(std::move(owned));
@@ -253,9 +266,8 @@ bool RadosStore::begin(const std::string& name, ObjectRequest& request) noexcept
     const int how = call_.aio_read(pool_, object.c_str(), read->completion, read->bytes.data(),
                                    read->bytes.size(), 0);
     if (how == 0) return true;
-    request.fail(strerrordesc_np(-how));
+    request.fail(nameOf(how));
     const std::lock_guard lock(mutex_);
-    call_.aio_release(read->completion);
     std::erase_if(reads_, [&](const auto& one) { return one.get() == read; });
   } catch (const std::bad_alloc&) {
     request.fail(kNoMemory);
@@ -298,7 +310,6 @@ ObjectRequest* RadosStore::ended(std::chrono::milliseconds patience) noexcept {
     const std::unique_ptr<Read> read = std::move(*found);
     reads_.erase(found);
     const int result = call_.aio_get_return_value(read->completion);
-    call_.aio_release(read->completion);
     if (read->request == nullptr) continue;
     conclude(*read->request, read->bytes.data(), result);
     return read->request;

@@ -241,8 +241,12 @@ WithSites::WithSites(const FeelOptions& options, const DeviceInfo& device, const
   SiteParams params = siteFrom(options.site, options.with);
   params.keys = options.site_keys;
   name_ = params.name;
-  params.scene = shares_ = !options.own_scene && !from.text.empty();
-  if (!options.own_scene && !shares_) {
+  // Who edits what hands feel is known: this machine's programs, or who has keys.
+  const bool known = options.with.empty() || !options.site_keys.empty();
+  params.scene = shares_ = known && !options.own_scene && !from.text.empty();
+  if (!known && options.watch && !options.own_scene) {
+    complain("feel: edits are not told to other machines' sites without --site-keys");
+  } else if (!options.own_scene && !shares_ && known) {
     complain("feel: " + from.file + ": it is no scene file: what other sites edit is not felt");
   }
   // The time of day: a program that is started again is a later life.

@@ -91,7 +91,7 @@ void Watcher::buildShared(Made& made, bool read, bool still, const Dials& dials)
   try {
     with(all);
     return;
-  } catch (const Error&) {
+  } catch (const std::exception&) {
     if (all.empty()) throw;
   }
   // One by one: of what is wrong with the file alone the user is told.
@@ -103,7 +103,7 @@ void Watcher::buildShared(Made& made, bool read, bool still, const Dials& dials)
     try {
       with(more);
       felt = std::move(more);
-    } catch (const Error& error) {
+    } catch (const std::exception& error) {
       std::vector<SharedKey> of;
       for (const auto& [key, one] : edit) of.push_back(key);
       made.refused.push_back(fmt::format("site {}: its edit of {} is not felt: {}",
@@ -133,13 +133,21 @@ void Watcher::tellOfEdits(const Made& made) {
       changed[edit.stamp.site].push_back(key);
     }
   }
+  constexpr std::size_t kMostLines = 4;  // whoever says that he is a site
+  std::size_t lines = 0;
   for (const auto& [site, keys] : changed) {
+    if (++lines > kMostLines) {
+      sayAside("feel: and of {} sites more\n", changed.size() - kMostLines);
+      break;
+    }
     sayAside("feel: {}\n",
              sentence(fmt::format("site {}: its edit of {} is felt now", site, wordsFor(keys))));
   }
 }
 
 std::optional<BuiltScene> Watcher::look() {
+  // Each may begin an engagement, which comes to its end before the next one.
+  constexpr auto kBetweenEdits = std::chrono::seconds(2);
   if (made_.valid()) {
     if (made_.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return std::nullopt;
     const std::shared_ptr<const IgtlImage> image =
@@ -157,6 +165,7 @@ std::optional<BuiltScene> Watcher::look() {
         sayAside("feel: {}\n", sentence(news_));
       }
       felt_ = tried_;
+      if (edited_) next_edits_ = std::chrono::steady_clock::now() + kBetweenEdits;
       if (read_ || edited_) {
         spec_ = std::move(made.spec);
         ids_ = std::move(made.ids);
@@ -182,8 +191,6 @@ std::optional<BuiltScene> Watcher::look() {
     return std::nullopt;
   }
   read_ = changed();
-  // Each may begin an engagement, which comes to its end before the next one.
-  constexpr auto kBetweenEdits = std::chrono::seconds(1);
   const auto now = std::chrono::steady_clock::now();
   edited_ = shared_ && now >= next_edits_ && shared_->takeNews();
   if (edited_) next_edits_ = now + kBetweenEdits;

@@ -12,7 +12,9 @@
 namespace palpate {
 namespace {
 
-constexpr std::size_t kLongestName = 200;                      ///< Of what is told [bytes].
+constexpr std::size_t kLongestName = 200;  ///< Of what is told [bytes].
+/// A stamp is not so far above all that are known: nobody climbs to where none is larger.
+constexpr std::uint64_t kMostAhead = std::uint64_t{1} << 20U;
 constexpr std::uint64_t kMostCount = std::uint64_t{1} << 53U;  ///< A double has it to the one.
 constexpr std::size_t kMostNames = 64;                         ///< Sites that are remembered.
 
@@ -296,6 +298,10 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
   try {
     const SharedText other = sharedTextFrom(text);
     SharedEdits all = edits_;
+    const std::uint64_t most = newest() + kMostAhead;
+    for (const auto& [key, edit] : other.edits) {
+      if (edit.stamp.count > most) refuse("an edit's stamp is far ahead");
+    }
     if (merge(all, other.edits)) {
       if (textOf({all, {}}).size() > kMostSceneText) refuse("all edits together are too much");
       edits_ = std::move(all);
@@ -324,9 +330,7 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
 
 void SharedScene::edit(const std::string& text) {
   Json file = parseJson(text, "", raiseAs<Error>);
-  SharedStamp stamp{0, site_};
-  for (const auto& [key, edit] : edits_) stamp.count = std::max(stamp.count, edit.stamp.count);
-  stamp.count = std::min(stamp.count + 1, kMostCount);
+  const SharedStamp stamp{std::min(newest() + 1, kMostCount), site_};
   SharedEdits own = editsBetween(file_, file, stamp);
   // What is as all feel it already is no edit.
   std::erase_if(own, [&](const auto& one) {
@@ -347,8 +351,17 @@ void SharedScene::edit(const std::string& text) {
   untold_ = true;
 }
 
+std::uint64_t SharedScene::newest() const noexcept {
+  std::uint64_t count = 0;
+  for (const auto& [key, edit] : edits_) count = std::max(count, edit.stamp.count);
+  return count;
+}
+
 void SharedScene::settle(const SharedScene& copy) {
-  merge(edits_, copy.edits_);
+  SharedEdits all = edits_;
+  merge(all, copy.edits_);
+  // What was heard meanwhile is heard again, and refused with a line.
+  edits_ = textOf({all, {}}).size() > kMostSceneText ? copy.edits_ : std::move(all);
   text_ = copy.text_;
   file_ = copy.file_;
   felt_ = copy.felt_;

@@ -102,6 +102,7 @@ class SharedScene {
   [[nodiscard]] const SharedEdits& edits() const noexcept { return edits_; }
 
  private:
+  [[nodiscard]] std::uint64_t newest() const noexcept;  ///< Of all stamps.
   [[nodiscard]] SharedText told() const;
 
   std::string site_;

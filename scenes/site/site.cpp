@@ -29,6 +29,7 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+constexpr auto kAlone = std::chrono::seconds(3);       ///< Until one wonders where others are.
 constexpr auto kEvery = std::chrono::milliseconds(4);  ///< Between two looks.
 constexpr auto kRest = std::chrono::milliseconds(50);  ///< Between two messages of a hand at rest.
 constexpr double kSmallWay = 1e-4;                     ///< [m]: no news of a proxy.
@@ -93,7 +94,10 @@ std::string configOf(const SiteParams& params) {
 class Complaints {
  public:
   Complaints() {
-    told() = {};
+    {
+      const std::lock_guard lock(mutex());
+      told() = {};
+    }
     dds_set_log_sink(&Complaints::hear, nullptr);
   }
   Complaints(const Complaints&) = delete;
@@ -252,7 +256,8 @@ class Site::Carrier {
       // No wait for who takes nothing; who comes late gets the newest.
       dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
       dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
-      dds_qset_resource_limits(qos, 64, 64, 1);
+      // A full reader would hold up all of DDS: what is taken is bound where it is read.
+      dds_qset_resource_limits(qos, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED, 1);
       scene_reader_ =
           need(dds_create_reader(participant, scenes, qos, nullptr), "what hears of scenes");
       scene_writer_ =
@@ -304,6 +309,14 @@ class Site::Carrier {
     std::array<void*, kMostAtOnce> samples{};
     std::array<dds_sample_info_t, kMostAtOnce> infos{};
     const auto now = Clock::now();
+    if (!alone_told_ && now - begun_ > kAlone) {
+      alone_told_ = true;
+      if (others_.empty()) {
+        news_.emplace_back(
+            "site: no other site is heard yet: where one is there, look at --with, domains and "
+            "--site-keys of both, and whether UDP passes");
+      }
+    }
     const dds_return_t count =
         dds_take(reader_, samples.data(), infos.data(), kMostAtOnce, kMostAtOnce);
     const Loan loan{reader_, samples, count};
@@ -367,9 +380,9 @@ class Site::Carrier {
     Other& other = others_[name];
     SiteState& state = other.state;
     // Another program of the name is a site anew, whatever its numbers are, once the one before is
-    // silent; until then he is not heard.
+    // silent and has let go; until then he is not heard. So is one that DDS has lost and found.
     if (other.slot != kMostLinks && writer != other.writer) {
-      if (state.here) return;
+      if (state.here || state.presence > 0.0) return;
       letGo(other);
     }
     if (other.slot == kMostLinks && !seat(name, other)) return;
@@ -511,6 +524,7 @@ class Site::Carrier {
   std::uint64_t number_;
   HandLinks& links_;
   Complaints complaints_;
+  Clock::time_point begun_ = Clock::now();
   dds_entity_t domain_ = 0;
   dds_entity_t reader_ = 0;
   dds_entity_t writer_ = 0;
@@ -521,6 +535,7 @@ class Site::Carrier {
   std::condition_variable wake_;
   bool quit_ = false;
   bool failed_ = false;
+  bool alone_told_ = false;
   std::vector<std::string> news_;
   std::map<std::string, Other> others_;
   std::optional<std::string> scene_;           ///< To be told,

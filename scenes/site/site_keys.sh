@@ -8,20 +8,26 @@ set -euo pipefail
 command -v openssl >/dev/null || { echo "site_keys.sh: there is no openssl: install it" >&2; exit 1; }
 folder=$1
 shift
+[ "$(printf '%s\n' "$@" | sort -u | wc -l)" -eq $# ] || { echo "site_keys.sh: a site is named twice" >&2; exit 2; }
 for site in "$@"; do
     [[ $site =~ ^[A-Za-z0-9_-]{1,31}$ ]] && [ "$site" != ca ] || {
         echo "site_keys.sh: \"$site\" is no name of a site: give up to 31 letters, digits, - and _" >&2; exit 2; }
     [ ! -e "$folder/$site" ] || { echo "site_keys.sh: $folder/$site is there: remove it first" >&2; exit 1; }
 done
 umask 077
-mkdir -p "$folder/ca"
+mkdir -p "$folder"
+rm -rf "$folder"/*.new
 days=3650
 key() { openssl ecparam -name prime256v1 -genkey -noout -out "$1"; }
 sign() { openssl smime -sign -in "$1" -text -out "$2" -signer "$folder/ca/cert.pem" -inkey "$folder/ca/key.pem"; }
 
-if [ ! -e "$folder/ca/cert.pem" ]; then
-    key "$folder/ca/key.pem"
-    openssl req -x509 -new -key "$folder/ca/key.pem" -days $days -subj "/CN=palpate sites" -out "$folder/ca/cert.pem"
+# Whatever breaks off leaves a folder that ends in .new alone.
+if [ ! -e "$folder/ca" ]; then
+    mkdir "$folder/ca.new"
+    key "$folder/ca.new/key.pem"
+    openssl req -x509 -new -key "$folder/ca.new/key.pem" -days $days -subj "/CN=palpate sites" \
+        -out "$folder/ca.new/cert.pem"
+    mv "$folder/ca.new" "$folder/ca"
 fi
 # Nobody without keys is met; all that is sent is encrypted, who is there included.
 cat >"$folder/ca/governance.xml" <<END
@@ -46,7 +52,7 @@ cat >"$folder/ca/governance.xml" <<END
 END
 sign "$folder/ca/governance.xml" "$folder/ca/governance.p7s"
 for site in "$@"; do
-    at=$folder/$site
+    at=$folder/$site.new
     mkdir "$at"
     key "$at/key.pem"
     openssl req -new -key "$at/key.pem" -subj "/CN=$site" -out "$at/request"
@@ -70,4 +76,6 @@ END
     cp "$folder/ca/cert.pem" "$at/identity_ca.cert.pem"
     cp "$folder/ca/cert.pem" "$at/permissions_ca.cert.pem"
     rm "$at/request" "$at/permissions.xml"
+    mv "$at" "$folder/$site"
+    echo "$folder/$site: to $site, as --site-keys"
 done

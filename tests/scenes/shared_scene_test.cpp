@@ -348,6 +348,33 @@ TEST_CASE("edits of all sites together are bounded", "[site]") {
   CHECK(told->size() <= kMostSceneText);
 }
 
+TEST_CASE("nobody climbs to where no stamp is larger", "[site]") {
+  SharedScene site("uppsala", scene().dump());
+  const std::uint64_t most = std::uint64_t{1} << 20U;
+  CHECK(site.hear("boston", textOf({edit("wall", 1.0, most + 1, "boston"), {}})).size() == 1);
+  CHECK(site.edits().empty());
+  CHECK(site.hear("boston", textOf({edit("wall", 1.0, most, "boston"), {}})).empty());
+  CHECK(site.edits().size() == 1);
+}
+
+TEST_CASE("what is heard while an edit is built stays within what can be told", "[site]") {
+  SharedScene site("uppsala", scene().dump());
+  SharedScene building = site;
+  const auto many = [](SharedScene& to, const std::string& begin) {
+    for (int n = 0; n < 250; ++n) {
+      const std::string name = begin + std::to_string(n) + std::string(150, 'x');
+      (void)to.hear("boston", textOf({edit(name, 1.0, 1, "boston"), {}}));
+    }
+  };
+  many(site, "a");
+  many(building, "b");
+  site.settle(building);
+  const auto told = site.takeTold();
+  REQUIRE(told);
+  CHECK(told->size() <= kMostSceneText);
+  CHECK(site.edits() == building.edits());
+}
+
 TEST_CASE("of another scene one line tells what differs", "[site]") {
   // Of a name that nobody would take nothing is told; all else is.
   Json odd = scene();
@@ -380,7 +407,7 @@ TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
   watcher.share("uppsala", file, text);
   CHECK(watcher.takeTold());
   const auto look = [&]() -> std::optional<BuiltScene> {
-    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(1200);
+    const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(2500);
     while (std::chrono::steady_clock::now() < end) {
       if (auto built = watcher.look()) return built;
       std::this_thread::sleep_for(std::chrono::milliseconds(1));

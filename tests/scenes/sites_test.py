@@ -154,6 +154,9 @@ class Case(unittest.TestCase):
             if not attempt(n == TRIES - 1):
                 return
 
+    def keys(self, folder, *names):
+        subprocess.run([KEYS, self.dir / folder, *names], check=True, capture_output=True, timeout=60)
+
     def was_late(self, *names):
         return any(LATE in self.said(name) for name in names)
 
@@ -223,7 +226,7 @@ class OneMachine(Case):
         self.assertIn("site B: it has gone", self.said("A"))  # the second one took leave
 
     def test_who_is_in_another_domain_is_not_met(self):
-        mine = self.start("A", self.path("A", None), 2)
+        mine = self.start("A", self.path("A", None), 5)
         other = subprocess.run(
             [PALPATE, "feel", self.scene, "--realtime", "--site", f"B@{domain() + 1}", "--device",
              f"path:{self.path('B', None)}", "--seconds", "1", "--json"],
@@ -231,6 +234,7 @@ class OneMachine(Case):
         mine.wait(timeout=30)
         self.assertEqual(json.loads(other.stdout)["sites"], {})
         self.assertEqual(json.loads((self.dir / "A.json").read_text())["sites"], {})
+        self.assertEqual(self.said("A").count("no other site is heard yet"), 1)
 
     def test_one_name_twice_is_told_and_not_felt(self):
         first = self.start("A", self.path("A", None), 3)
@@ -263,9 +267,6 @@ class OneMachine(Case):
         facts = json.loads((self.dir / "A.json").read_text())
         self.assertEqual(facts["sites"], {})
         self.assertEqual(facts["force_max"], 0)
-
-    def keys(self, folder, *names):
-        subprocess.run([KEYS, self.dir / folder, *names], check=True, capture_output=True, timeout=60)
 
     def test_who_has_no_keys_is_not_met(self):
         self.keys("ours", "A", "B")
@@ -556,10 +557,13 @@ class Far(Case):
             relay.send_signal(signal.SIGUSR1)
 
         hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
+        # Edits go to who has keys.
+        self.keys("ours", "A", "B")
+        keys = [("--site-keys", self.dir / "ours" / name) for name in "AB"]
         for n in range(TRIES):
             self.scene.write_text(before)
-            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
-                                self.words("B", hands[1], 9, "--with", "10.77.0.1"),
+            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
+                                self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
                                 "--delay-ms", 5, "--loss", 0.01, act=act)
             # What was edited meanwhile comes as well.
             self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
