@@ -361,7 +361,8 @@ void SharedScene::settle(const SharedScene& copy) {
   SharedEdits all = edits_;
   merge(all, copy.edits_);
   // What was heard meanwhile is heard again, and refused with a line.
-  edits_ = textOf({all, {}}).size() > kMostSceneText ? copy.edits_ : std::move(all);
+  if (textOf({all, {}}).size() > kMostSceneText) all = copy.edits_;
+  edits_ = std::move(all);
   text_ = copy.text_;
   file_ = copy.file_;
   felt_ = copy.felt_;
