@@ -76,7 +76,9 @@ openvdb::FloatGrid::Ptr scattered() {
     const auto at = [&](double low, double high) {
       return static_cast<int>(random.uniform(low, high));
     };
-    const Coord c(at(-90.0, 200.0), at(-20.0, 5000.0), at(-150.0, 250.0));
+    // In two of the tree's largest nodes, far apart.
+    const int y = at(-20.0, 100.0) + n % 2 * 4080;
+    const Coord c(at(-90.0, 200.0), y, at(-150.0, 250.0));
     grid->tree().setValueOn(c, static_cast<float>(random.uniform(-1.0, 1.0)));
   }
   grid->setName("scattered");
