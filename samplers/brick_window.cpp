@@ -288,6 +288,7 @@ struct BrickWindow::Loader {
     bool alive = false;
   };
   std::array<Heard, kMostHands> heard;
+  int settling = 0;  ///< Who waits in settle(): as long as one does, no hand counts as silent.
   std::size_t pinned = 0;
   std::vector<std::string> troubles;
 
@@ -551,7 +552,7 @@ void BrickWindow::Loader::listen(Clock::time_point now) {
     Heard& hand = heard[h];
     const std::uint32_t beats = pool.hands[h].beats.load(std::memory_order_acquire);
     const bool beat = beats != std::exchange(hand.beats, beats);
-    if (beat) hand.at = now;
+    if (beat || settling > 0) hand.at = now;
     if (beat == hand.alive) continue;
     // In virtual time nobody knows how long a tick takes.
     if (hand.alive && (pool.waits || now - hand.at < kSilent)) continue;
@@ -597,7 +598,10 @@ bool BrickWindow::Loader::settle(Clock::time_point until) {
     choose();
     chosen = aimed;
   }
-  return changed.wait_until(lock, until, [&] { return pending == 0; });
+  ++settling;
+  const bool settled = changed.wait_until(lock, until, [&] { return pending == 0; });
+  --settling;
+  return settled;
 }
 
 BrickWindow::BrickWindow(std::unique_ptr<BrickSource> source, const WindowParams& params)

@@ -141,8 +141,8 @@ class BrickWindow {
   /// when the whole volume has gone.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until all that is wanted by now is there or known not to be; false where that takes
-  /// longer [s]. Before each tick in virtual time, which waits for no disk. Where nothing has
-  /// changed it costs two loads.
+  /// longer [s]. Before each tick in virtual time, which waits for no disk. Meanwhile a hand that
+  /// was looked after is, though it tells nothing. Where nothing has changed it costs two loads.
   [[nodiscard]] bool settle(double seconds) const;
 
  private:

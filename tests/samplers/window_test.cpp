@@ -510,11 +510,12 @@ TEST_CASE("all of the box about a brick is there, and what is far from the rest 
 
 namespace {
 
-/// Bricks of a folder that are said to take a second, and what is wanted of them.
+/// Bricks of a folder that are said to take long or do, and what is wanted of them.
 class FarBricks final : public BrickSource {
  public:
-  explicit FarBricks(const std::filesystem::path& folder, double delay)
-      : of_(folder), delay_(delay) {}
+  explicit FarBricks(const std::filesystem::path& folder, double delay,
+                     std::chrono::milliseconds each = {})
+      : of_(folder), delay_(delay), each_(each) {}
   [[nodiscard]] const BrickManifest& manifest() const noexcept override { return of_.manifest(); }
   void want(std::vector<BrickWish> wishes) override {
     for (const BrickWish& wish : wishes) {
@@ -524,7 +525,9 @@ class FarBricks final : public BrickSource {
   }
   [[nodiscard]] std::optional<BrickArrival> next(std::span<std::byte> slot,
                                                  std::chrono::milliseconds patience) override {
-    return of_.next(slot, patience);
+    auto arrival = of_.next(slot, patience);
+    if (arrival) std::this_thread::sleep_for(each_);
+    return arrival;
   }
   [[nodiscard]] bool isThere() override { return of_.isThere(); }
   [[nodiscard]] BrickArrival read(const BrickId& id, std::span<std::byte> slot) override {
@@ -538,6 +541,7 @@ class FarBricks final : public BrickSource {
  private:
   PosixBricks of_;
   double delay_;
+  std::chrono::milliseconds each_;
   std::atomic<int> farthest_{0};
 };
 
@@ -558,6 +562,23 @@ TEST_CASE("where bricks take long to come a hand's way is looked ahead farther",
   };
   CHECK(farthest(0.0) == 2);
   CHECK(farthest(1.0) == 5);
+}
+
+TEST_CASE("who waits for a window is not taken for silent meanwhile", "[bricks]") {
+  const TemporaryFolder folder;
+  const auto volume = bumpy(150);
+  (void)writeBricks(folder / "bricks", brickInput(volume));
+  // 27 bricks: 1.6 s, of which a hand may be silent for one.
+  const auto window = std::make_shared<BrickWindow>(
+      std::make_unique<FarBricks>(folder / "bricks", 0.0, std::chrono::milliseconds(60)),
+      WindowParams{budgetOf(60), 0.25, false});
+  window->aim(0, {Vec3::Constant(75.0), Vec3::Constant(75.0), Vec3::Zero()});
+  REQUIRE(window->settle(20.0));
+  CHECK(window->state().fetched == 27);
+  const Both both(volume, window);
+  for (const double x : {5.0, 75.0, 145.0}) {
+    CHECK_FALSE(both.ofWindow(kVoxel * Vec3::Constant(x)).coarse);
+  }
 }
 
 TEST_CASE("what cannot be had is tried again ever more rarely", "[bricks]") {
