@@ -127,14 +127,15 @@ struct PartGroup {
   std::vector<std::size_t> modes;   ///< Indices into SceneSpec::graph's.
 };
 
+/// Volumes in bricks, by name.
+using Windows = std::map<std::string, std::shared_ptr<const BrickWindow>>;
+
 /// A scene and what it was made of.
 struct BuiltScene {
-  std::shared_ptr<const Scene> scene;                                 ///< For any number of hands.
-  std::map<std::string, std::shared_ptr<const Volume>> volumes;       ///< Those that are grids, and
-                                                                      ///< the computed fields.
-  std::map<std::string, std::shared_ptr<const BrickWindow>> windows;  ///< Those in bricks: in
-                                                                      ///< `volumes` are their
-                                                                      ///< coarsest levels.
+  std::shared_ptr<const Scene> scene;                            ///< For any number of hands.
+  std::map<std::string, std::shared_ptr<const Volume>> volumes;  ///< Those that are grids, and
+                                                                 ///< the computed fields.
+  Windows windows;  ///< In `volumes` are their coarsest levels.
   std::map<std::string, std::shared_ptr<const FrameSequence>>
       sequences;                                  ///< Those that are played: in `volumes` are their
                                                   ///< first frames.

@@ -407,7 +407,7 @@ int feel(FeelOptions options) {
   }
 
   if (!options.record.empty()) {
-    const std::string scene = recordedScene(to_feel.file, to_feel.text, spec, {});
+    const std::string scene = recordedScene(to_feel.file, to_feel.text, spec, {}, built.windows);
     for (std::size_t h = 0; h < hands.size(); ++h) {
       record(*hands[h], placeOf(options.record, h), options.rate, {built.scene->id, scene});
     }
@@ -496,8 +496,11 @@ int feel(FeelOptions options) {
   }
   const bool nothing = std::none_of(hands.begin(), hands.end(),
                                     [](const auto& hand) { return hand->log.felt.anything(); });
+  const bool cut = std::any_of(hands.begin(), hands.end(), [](const auto& hand) {
+    return hand->log.felt.fault() != Fault::kNone;
+  });
   const bool lost = window && window->lost();
-  if (nothing && !lost) {
+  if (nothing && !lost && !cut) {
     complain(
         "feel: nothing was felt: the hand met no mode that acts: palpate check shows where the "
         "volumes are");
@@ -516,9 +519,11 @@ int feel(FeelOptions options) {
 }
 
 void addSite(CLI::App& verb, FeelOptions& options) {
-  verb.add_option("--site", options.site,
-                  "NAME[@DOMAIN]: feel the hands of other sites of this machine, be felt by them, "
-                  "and take their edits of the scene (docs/cluster.md)");
+  verb.add_option(
+      "--site", options.site,
+      "NAME[@DOMAIN]: feel the hands of other sites, be felt by them, and share edits of "
+      "the scene; with other machines by --with, and edits by --site-keys as well "
+      "(docs/cluster.md)");
   verb.add_option("--with", options.with,
                   "With --site: the address of another machine with sites; again for more");
   verb.add_option("--site-keys", options.site_keys,

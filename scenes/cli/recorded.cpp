@@ -44,6 +44,21 @@ OrderedJson stateOf(const fs::path& file) {
   return {{"bytes", bytes}, {"crc32c", crc}};
 }
 
+/// By which bricks that are elsewhere are known.
+OrderedJson stateOf(const BrickManifest& manifest) {
+  return {{"identity", fmt::format("{:016x}", manifest.identity())}};
+}
+
+/// What is at a place now; null where it cannot be read.
+OrderedJson stateNow(const fs::path& place) {
+  if (!isRemote(place)) return stateOf(place);
+  try {
+    return stateOf(openBricks(place)->manifest());
+  } catch (const Error&) {
+    return nullptr;
+  }
+}
+
 /// A recorded scene's JSON; throws Error where it is none.
 OrderedJson jsonOf(const RecordedScene& scene) {
   OrderedJson json = OrderedJson::parse(scene.text, nullptr, false);
@@ -63,7 +78,7 @@ std::vector<std::string> changedFiles(const OrderedJson& json) {
   std::vector<std::string> changed;
   for (const OrderedJson& volume : json["volumes"]) {
     const auto file = volume.at("file").get<std::string>();
-    if (stateOf(file) != volume.at("state")) changed.push_back(file);
+    if (stateNow(file) != volume.at("state")) changed.push_back(file);
   }
   return changed;
 }
@@ -167,7 +182,7 @@ std::optional<ToFeel> sceneAsItIs(const Recording& recording, std::uint64_t id) 
 }
 
 std::string recordedScene(const std::string& file, const std::string& text, const SceneSpec& spec,
-                          const std::vector<LiveDial>& dials) {
+                          const std::vector<LiveDial>& dials, const Windows& windows) {
   OrderedJson json;
   json["file"] = absolutePlace(file).string();
   json["text"] = text.empty() ? OrderedJson() : OrderedJson(text);
@@ -175,12 +190,16 @@ std::string recordedScene(const std::string& file, const std::string& text, cons
   for (const LiveDial& dial : dials) json["dials"].push_back({dial.mode, dial.factor});
   json["volumes"] = OrderedJson::array();
   std::set<fs::path> files;
+  const auto add = [&](const fs::path& at, const auto& of) {
+    if (!files.insert(at).second) return;
+    json["volumes"].push_back({{"file", absolutePlace(at).string()}, {"state", stateOf(of)}});
+  };
   for (const auto& [name, volume] : spec.volumes) {
-    for (const fs::path& at : filesOf(volume)) {
-      if (!files.insert(at).second) continue;
-      OrderedJson of = {{"file", fs::absolute(at).string()}};
-      of["state"] = stateOf(at);
-      json["volumes"].push_back(of);
+    for (const fs::path& at : filesOf(volume)) add(at, at);
+    // What is elsewhere is not asked again: the window knows.
+    const auto window = windows.find(name);
+    if (isRemote(volume.file) && window != windows.end()) {
+      add(volume.file, window->second->manifest());
     }
   }
   return json.dump(-1, ' ', false, OrderedJson::error_handler_t::replace);

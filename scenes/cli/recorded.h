@@ -32,9 +32,11 @@ struct ToFeel {
 [[nodiscard]] ToFeel openWithText(const std::string& file, const Progress& progress);
 
 /// A scene as a recording keeps it (JSON): its file, its text, how its modes' dials were turned,
-/// and of each volume's file the size and the checksum. Reads those files once.
+/// and of each volume's file the size and the checksum, of bricks elsewhere their identity. Reads
+/// those files once, and nothing that is elsewhere. `windows`: of the scene that was built of it.
 [[nodiscard]] std::string recordedScene(const std::string& file, const std::string& text,
-                                        const SceneSpec& spec, const std::vector<LiveDial>& dials);
+                                        const SceneSpec& spec, const std::vector<LiveDial>& dials,
+                                        const Windows& windows);
 
 /// The scene of that id in a recording, where it and its volumes are still the files that they
 /// were; none where they are not, where dials were turned, or where it is not in it. Throws Error.

@@ -147,12 +147,13 @@ double stepOf(const Fetched& of) {
 }
 
 /// Tells the recordings of a scene that is about to become the hands'.
-void record(const Run& run, const Scene& scene, const Watcher& watcher) {
+void record(const Run& run, const BuiltScene& built, const Watcher& watcher) {
   const auto recorded = [](const auto& hand) { return hand->recorder != nullptr; };
   if (std::none_of(run.hands.begin(), run.hands.end(), recorded)) return;
   const std::string& read = watcher.text().empty() ? run.from.text : watcher.text();
-  const std::string text = recordedScene(run.from.file, read, watcher.spec(), watcher.dials());
-  for (const auto& hand : run.hands) hand->recorder->expect({scene.id, text});
+  const std::string text =
+      recordedScene(run.from.file, read, watcher.spec(), watcher.dials(), built.windows);
+  for (const auto& hand : run.hands) hand->recorder->expect({built.scene->id, text});
 }
 
 /// While it lives clients may cut the force.
@@ -223,8 +224,8 @@ void Fetched::addTo(OrderedJson& summary) const {
 void Fetched::sayThem() const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
-    say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
-        state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
+    say("bricks    {}: {} fetched as hands went, {} there, in a window of {} ({} MB){}\n", name,
+        state.fetched, state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
         state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
                          : "");
   }
@@ -290,7 +291,7 @@ void WithSites::addTo(OrderedJson& summary) const {
 void WithSites::sayThem() const {
   if (!site_) return;
   for (const auto& [name, other] : site_->others()) {
-    say("site      {}: {} messages heard, {} missed{}\n", name, other.heard, other.missed,
+    say("site      {}: {} messages heard, {} lost on the way{}\n", name, other.heard, other.missed,
         other.here ? "" : "; gone");
   }
 }
@@ -420,7 +421,7 @@ void runOnTime(Run& run, Guardian& guardian) {
       keys.step(stepOf(run.fetched));
       // As long as the file says the same, what the keys have said is left alone.
       if (!(built->play == run.play)) clock.steer(run.play = built->play);
-      record(run, *built->scene, *watcher);
+      record(run, *built, *watcher);
       if (run.igtl != nullptr) run.igtl->expect(*built);
       for (const auto& hand : hands) hand->feel(built->scene, watcher->dials());
     }

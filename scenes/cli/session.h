@@ -166,7 +166,7 @@ class Fetched {
   }
 
  private:
-  std::map<std::string, std::shared_ptr<const BrickWindow>> windows_;
+  Windows windows_;
   std::map<std::string, std::shared_ptr<const FrameSequence>> sequences_;
 };
 

@@ -3,7 +3,6 @@
 import ctypes
 import ctypes.util
 import json
-import os
 import random
 import re
 import resource
@@ -20,20 +19,11 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from program import PALPATE, run  # noqa: E402
 from refusals import refusal  # noqa: E402
 
-BIN = Path(sys.argv[1])
 VOLUMES = sys.argv[2]
-PALPATE = str(BIN / "palpate")
 ROOT = Path(__file__).resolve().parents[2]
-
-
-def run(*words, status=0, **more):
-    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
-                          **more)
-    if status is not None and done.returncode != status:
-        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
-    return done
 
 
 def bytes_in(folder):
@@ -344,7 +334,7 @@ class Felt(Case):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")
         out, summary = self.feel("bricks.json", "bricks.csv")
-        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
+        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched as hands went, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
         self.assertEqual(summary["coarse_share"], 0)
         self.assertGreater(summary["felt_share"], 0.5)
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)

@@ -4,7 +4,6 @@
 Apache serves what is right; a server of Python's, what is not. All on this machine's loopback, or in
 networks of their own with a relay between them.
 """
-import csv
 import functools
 import http.server
 import json
@@ -13,9 +12,9 @@ import os
 import shutil
 import signal
 import socket
+import ssl
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import unittest
@@ -27,6 +26,7 @@ from bowl import PALPATE, PATIENCE, Case, Ended, Stored, free_port, run  # noqa:
 RELAY = str(Path(sys.argv[2]).resolve())
 APACHE = shutil.which("apache2", path=os.environ.get("PATH", "") + ":/usr/sbin")
 MODULES = "/usr/lib/apache2/modules"
+TRUSTED = "/etc/ssl/certs/ca-certificates.crt"
 os.environ["no_proxy"] = "127.0.0.1"
 
 
@@ -121,7 +121,20 @@ class Server(Case):
 
 
 class Served(Stored, Server):
-    pass
+    def test_another_volume_at_the_address_is_told(self):
+        record, bowl, other = (self.dir / name for name in ("served.rec", "bowl", "other"))
+        run("feel", self.address, "--device", f"path:{self.dir / 'hand.csv'}", "--record", record)
+        again = run("feel", record, "--device", f"replay:{record}")
+        self.assertNotIn("that was recorded", again.stderr)
+        run("brick", self.dir / "bodies.vdb", other, "--grid", "cloud")
+        bowl.rename(self.dir / "kept")
+        other.rename(bowl)
+        try:
+            again = run("feel", record, "--device", f"replay:{record}", status=None)
+        finally:
+            bowl.rename(other)
+            (self.dir / "kept").rename(bowl)
+        self.assertIn(f"{self.address}: it is not the file that was recorded", again.stderr)
 
 
 class Killed(Ended, Server):
@@ -203,10 +216,35 @@ class Wrong(Case):
             lambda path: lambda of: of.give(b"", 302, [("Location", "file:///etc/passwd")])), "answers 302")
         self.refused(self.served_badly(lambda path: lambda of: of.give(b"x" * 100)), "palpate.bricks")
 
-    def served_badly(self, wrong):
+    def test_https_is_of_whom_the_machine_trusts(self):
+        key, own = self.dir / "key.pem", self.dir / "own.pem"
+        subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1",
+                        "-nodes", "-days", "2", "-subj", "/CN=palpate", "-addext", "subjectAltName=IP:127.0.0.1",
+                        "-keyout", key, "-out", own], check=True, capture_output=True, timeout=PATIENCE)
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(own, key)
+        address = self.served_badly(lambda path: None, context)
+        self.refused(address, "certificate")
+        # A machine that trusts it: one whose list is another, for one program.
+        trusting = ["unshare", "--mount", "--map-root-user", "sh", "-c",
+                    f'mount --bind "$0" {TRUSTED} && exec "$@"', own]
+        if not Path(TRUSTED).exists() or subprocess.run([*trusting, "true"], check=False).returncode:
+            self.skipTest("nobody is trusted here, or that cannot be changed for one program")
+        summary = self.dir / "https.json"
+        subprocess.run([*trusting, PALPATE, "feel", self.scene(address), "--device",
+                        f"path:{self.dir / 'hand.csv'}", "--summary", summary],
+                       check=True, capture_output=True, timeout=PATIENCE)
+        told = json.loads(summary.read_text())
+        self.assertEqual(told["bricks"]["bowl"]["failed"], 0)
+        self.assertGreater(told["bricks"]["bowl"]["fetched"], 0)
+        self.assertGreater(told["force_max"], 1)
+
+    def served_badly(self, wrong, secret=None):
         """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
         server = http.server.ThreadingHTTPServer(
             ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
+        if secret is not None:
+            server.socket = secret.wrap_socket(server.socket, server_side=True)
         server.daemon_threads = True
         server.handle_error = lambda request, address: None  # a client that hangs up
         thread = threading.Thread(target=server.serve_forever)
@@ -214,7 +252,8 @@ class Wrong(Case):
         self.addCleanup(thread.join)
         self.addCleanup(server.server_close)
         self.addCleanup(server.shutdown)
-        return f"http://127.0.0.1:{server.server_address[1]}/bowl"
+        scheme = "http" if secret is None else "https"
+        return f"{scheme}://127.0.0.1:{server.server_address[1]}/bowl"
 
     def of_brick(self, answer, says):
         """Each of the finest level's bricks is answered so: felt coarsely, and told."""

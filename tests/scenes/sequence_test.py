@@ -2,7 +2,6 @@
 """Volumes that are played, as users meet them: sequence_test.py BIN_DIR VOLUMES_PROGRAM."""
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -12,19 +11,11 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+from program import PALPATE, run  # noqa: E402
 from refusals import refusal  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
-BIN = Path(sys.argv[1]).resolve()
-PALPATE = str(BIN / "palpate")
 FRAMES = 8
-
-
-def run(*words, status=0):
-    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300)
-    if done.returncode != status:
-        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
-    return done
 
 
 def write_nrrd(file, values):

@@ -10,18 +10,10 @@ import time
 import unittest
 from pathlib import Path
 
+from program import PALPATE, run
 from refusals import refusal
 
-PALPATE = str(Path(sys.argv[1]) / "palpate")
 PATIENCE = 60  # s
-
-
-def run(*words, status=0, **more):
-    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
-                          **more)
-    if status is not None and done.returncode != status:
-        raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
-    return done
 
 
 def free_port():
