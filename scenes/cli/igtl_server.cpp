@@ -236,7 +236,7 @@ void IgtlServer::run() {
     } catch (const std::exception& error) {
       // There was no memory for a moment.
       clients_.clear();
-      complainOnce(std::string("igtl: all connections are closed: ") + error.what());
+      complaints_.say(std::string("igtl: all connections are closed: ") + error.what());
     }
   }
   clients_.clear();
@@ -293,8 +293,8 @@ void IgtlServer::accept() {
     if (clients_.size() >= kMostClients) {
       ++counts_->refused;
       close(socket);
-      complainOnce(fmt::format("igtl: {} is refused: {} are connected: close one",
-                               shownPlace(from, size), kMostClients));
+      complaints_.say(fmt::format("igtl: {} is refused: {} are connected: close one",
+                                  shownPlace(from, size), kMostClients));
       continue;
     }
     const int yes = 1;
@@ -302,6 +302,7 @@ void IgtlServer::accept() {
     setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &kSocketBuffer, sizeof kSocketBuffer);
     clients_.push_back(std::make_unique<Client>(socket, shownPlace(from, size)));
     clients_.back()->took = nowNs();
+    greetings_.say("igtl: " + clients_.back()->peer + " is connected");
   }
 }
 
@@ -312,17 +313,17 @@ void IgtlServer::drop(Client& client, const std::string& why) {
   client.body = {};
   if (why.empty()) return;
   ++counts_->ended;
-  complainOnce("igtl: " + client.peer + ": " + why + ": its connection is closed");
+  complaints_.say("igtl: " + client.peer + ": " + why + ": its connection is closed");
 }
 
-void IgtlServer::complainOnce(const std::string& line) {
+void IgtlServer::Seldom::say(const std::string& line) {
   const std::int64_t now = nowNs();
-  if (now < next_line_) {
-    ++more_lines_;
+  if (now < next_) {
+    ++more_;
     return;
   }
-  next_line_ = now + kSecond;
-  const std::int64_t more = std::exchange(more_lines_, 0);
+  next_ = now + kSecond;
+  const std::int64_t more = std::exchange(more_, 0);
   complain(more > 0 ? fmt::format("{} ({} more before it)", line, more) : line);
 }
 
@@ -422,7 +423,7 @@ void IgtlServer::endBody(Client& client) {
   }
   ++counts_->received;
   if (client.answers) {
-    complainOnce("igtl: " + client.peer + ": " + client.why);
+    complaints_.say("igtl: " + client.peer + ": " + client.why);
     return reply(client, client.answer, client.why);
   }
   if (!kept) {

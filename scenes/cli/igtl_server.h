@@ -97,6 +97,15 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   struct Client;
   struct Counts;
+  /// Lines of a kind of which a client can bring about any number: one a second.
+  class Seldom {
+   public:
+    void say(const std::string& line);
+
+   private:
+    std::int64_t next_ = 0;  ///< No line before [ns].
+    std::int64_t more_ = 0;  ///< That were not said.
+  };
 
   void run();
   void round();
@@ -113,7 +122,6 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   void flush(Client& client);
   void endLate(Client& client);
   void drop(Client& client, const std::string& why);
-  void complainOnce(const std::string& line);
   /// No image may begin: one is on its way, or waits to be taken.
   [[nodiscard]] bool full();
   [[nodiscard]] std::string statusOf(const IgtlShown& shown);
@@ -138,9 +146,9 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   std::shared_ptr<const IgtlImage> image_;
   std::string news_;
 
-  std::int64_t next_ = 0;        ///< When is sent next [ns].
-  std::int64_t next_line_ = 0;   ///< No complaint before [ns].
-  std::int64_t more_lines_ = 0;  ///< Complaints that were not printed.
+  std::int64_t next_ = 0;  ///< When is sent next [ns].
+  Seldom complaints_;
+  Seldom greetings_;
   std::int64_t next_status_ = 0;
   std::string status_;
   std::atomic<bool> quit_{false};

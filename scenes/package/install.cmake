@@ -146,7 +146,7 @@ set(CPACK_COMPONENTS_ALL programs library)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME palpate)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_DEPENDS adduser)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_RECOMMENDS "palpate-import, palpate-view, python3-matplotlib")
-set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "librados2, openssl")
+set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SUGGESTS "ca-certificates, librados2, openssl")
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_CONTROL_EXTRA
     ${here}/postinst ${here}/postrm ${here}/triggers)
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libpalpate-dev)

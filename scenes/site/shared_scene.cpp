@@ -8,6 +8,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/site/site.h"
+#include "palpate/scenes/site/site_number.h"
 
 namespace palpate {
 namespace {
@@ -60,15 +61,6 @@ std::vector<SharedKey> keysOfModes(const Json& modes) {
     keys.push_back(std::move(key));
   }
   return keys;
-}
-
-/// A number for a text, the same everywhere. FNV-1a.
-std::string digestOf(const Json& value) {
-  std::uint64_t hash = 0xcbf29ce484222325U;
-  for (const char c : value.dump()) {
-    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
-  }
-  return fmt::format("{:016x}", hash);
 }
 
 /// Which of two edits of one part counts. One site may have made two of one stamp, in two lives; of
@@ -372,7 +364,8 @@ void SharedScene::settle(const SharedScene& copy) {
 SharedText SharedScene::told() const {
   SharedText text{edits_, {}};
   for (const auto& [key, value] : sharedOf(file_)) {
-    if (isTold(key) && !edits_.contains(key)) text.rest.emplace(key, digestOf(value));
+    if (isTold(key) && !edits_.contains(key))
+      text.rest.emplace(key, fmt::format("{:016x}", numberOf(value.dump())));
   }
   return text;
 }

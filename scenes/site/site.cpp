@@ -21,6 +21,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/site/site_number.h"
 #include "palpate/scenes/site/site_security.h"
 #include "site_topics.h"
 
@@ -38,13 +39,9 @@ constexpr std::uint32_t kMostAtOnce = 64;              ///< Messages a look.
 constexpr auto kSceneEvery = std::chrono::milliseconds(200);  ///< Between two words of a scene.
 constexpr std::size_t kMostScenes = kMostLinks;               ///< Held until they are taken.
 
-/// A number for a name, the same everywhere; not 0. FNV-1a.
-std::uint64_t numberOf(const std::string& name) noexcept {
-  std::uint64_t hash = 0xcbf29ce484222325U;
-  for (const char c : name) {
-    hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
-  }
-  return hash | 1U;
+/// Of a site, by its name; not 0.
+std::uint64_t numberOfSite(const std::string& name) noexcept {
+  return numberOf(name) | 1U;
 }
 
 /// Of this machine, where it would go from here to that address. Throws Error.
@@ -159,7 +156,7 @@ std::array<double, 3> numbers(const Vec3& v) noexcept {
 class Site::Carrier {
  public:
   Carrier(const SiteParams& params, HandLinks& links)
-      : name_(params.name), number_(numberOf(name_)), links_(links) {
+      : name_(params.name), number_(numberOfSite(name_)), links_(links) {
     open(params);
     try {
       thread_ = std::thread([this] { run(); });
@@ -470,7 +467,7 @@ class Site::Carrier {
     other.slot = slot;
     heard_.who[slot] = ++seats_;  // nobody's before: its link begins anew
     heard_.words[slot] = {};
-    site_[slot] = numberOf(name);
+    site_[slot] = numberOfSite(name);
     return true;
   }
 
@@ -543,7 +540,7 @@ class Site::Carrier {
 
   // The thread's.
   LinksHeard heard_;
-  std::array<std::uint64_t, kMostLinks> site_{};  ///< Whose each is, by numberOf; 0: nobody's.
+  std::array<std::uint64_t, kMostLinks> site_{};  ///< Whose each is, by numberOfSite; 0: nobody's.
   std::uint64_t seats_ = 0;
   std::uint64_t ticked_ = 0;
   bool told_same_ = false;

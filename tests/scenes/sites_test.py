@@ -121,16 +121,16 @@ class Case(unittest.TestCase):
         file.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
         return file
 
-    def words(self, name, hand, seconds, *more, scene=None):
-        return [PALPATE, "feel", scene or self.scene, "--realtime", "--site", f"{name}@{domain()}",
+    def words(self, name, hand, seconds, *more, scene=None, site=None):
+        return [PALPATE, "feel", scene or self.scene, "--realtime", "--site", f"{site or name}@{domain()}",
                 "--device", f"path:{hand}", "--record", self.dir / f"{name}.rec",
                 "--seconds", seconds, "--summary", self.dir / f"{name}.json", *more]
 
-    def start(self, name, hand, seconds, *more, scene=None):
+    def start(self, name, hand, seconds, *more, **which):
         # To files: nobody reads meanwhile.
         said = open(self.dir / f"{name}.err", "w", encoding="utf-8")  # pylint: disable=R1732
         self.addCleanup(said.close)
-        one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, scene=scene))),
+        one = subprocess.Popen(list(map(str, self.words(name, hand, seconds, *more, **which))),
                                stdout=subprocess.DEVNULL, stderr=said)
         self.addCleanup(one.wait)
         self.addCleanup(one.kill)
@@ -139,10 +139,10 @@ class Case(unittest.TestCase):
     def said(self, name):
         return (self.dir / f"{name}.err").read_text(encoding="utf-8")
 
-    def wait_for(self, name, words, seconds=10.0):
+    def wait_for(self, name, words, seconds=10.0, times=1):
         """When such words were said."""
         end = time.monotonic() + seconds
-        while words not in self.said(name):
+        while self.said(name).count(words) < times:
             if time.monotonic() > end:
                 self.fail(f"{name} has not said \"{words}\": {self.said(name)}")
             time.sleep(0.005)
@@ -192,6 +192,31 @@ class OneMachine(Case):
             told = subprocess.run([PALPATE, "compare", self.dir / f"{name}.rec", again], check=True,
                                   capture_output=True, text=True, timeout=60).stdout
             self.assertIn("the same to the last bit", told)
+
+    def test_another_of_a_name_waits_until_the_one_before_has_let_go(self):
+        def attempt(last):
+            alone = self.start("A", self.path("A", None), 20)
+            killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
+            self.wait_for("A", "site B: its hand is felt")
+            another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 20, site="B")
+            self.wait_for("C", "another one has the same name")
+            time.sleep(0.5)
+            killed.send_signal(signal.SIGKILL)
+            self.wait_for("A", "site B: its hand is felt", times=2)
+            time.sleep(1.0)
+            for one in (alone, another):
+                one.send_signal(signal.SIGINT)
+                one.wait(timeout=30)
+            late = self.was_late("A", "B", "C")
+            self.assertFalse(late and last, "the machine is too busy for a loop")
+            return late
+
+        self.unless_late(attempt)
+        rows = rows_of(self.dir / "A.rec")
+        force = pulled(rows)[:, 0]
+        self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
+        self.assertAlmostEqual(force[-1], -1.0, delta=1e-3)
+        self.assertLess(steepest(rows), STEEPEST, "it is let go at once")
 
     def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
         def attempt(last):
@@ -380,10 +405,15 @@ class Edits(Case):
             other = self.site("B", 20)
             self.wait_for("B", "site A: its hand is felt")
             self.wait_for("A", "site B: its hand is felt")
-            self.write("A", (3, 1, 1))
+            self.write("A", (2, 1, 1))
             begin = time.monotonic()
             self.wait_for("A", "has changed: it is felt now")
-            took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
+            felt = self.wait_for("B", 'site A: its edit of mode "x" is felt now')
+            took = felt - begin
+            # The next one waits until the force of that has come.
+            self.write("A", (3, 1, 1))
+            then = self.wait_for("B", 'site A: its edit of mode "x" is felt now', times=2)
+            self.assertGreater(then - felt, 1.9)
             killed.kill()
             self.wait_for("B", "site A: nothing is heard of it")
             late = self.site("C", 2)
@@ -466,9 +496,14 @@ class Edits(Case):
 
         x = {"name": "x", "mode": "guide", "shape": "plane", "strength": 2, "at": [9, 0, 0],
              "along": [1, 0, 0]}
+        def in_many_names():
+            edits = [{"of": ("modes", f"n{n}", "0"), "at": [1, f"S{n}"],
+                      "is": {**x, "name": f"n{n}", "strength": 1e-3}} for n in range(6)]
+            return json.dumps({"palpate_edits": 1, "rest": [], "edits": edits})
+
         bad = ["[" * 60000, says({"file": "/etc/passwd"}, ("volumes", "bowl")),
                says({**x, "strength": 7}).replace("7", "1e999"), says({**x, "name": "y"}),
-               says({**x, "strength": 1e30}), says({**x, "strength": 1e6}, count=2)]
+               says({**x, "strength": 1e30}), in_many_names(), says({**x, "strength": 1e6}, count=2)]
 
         def run():
             begin = self.site("B", 20)
@@ -483,6 +518,8 @@ class Edits(Case):
 
         self.attempt(run, "B")
         self.assertEqual(self.said("B").count("nothing of it is taken"), 1)
+        self.assertLessEqual(self.said("B").count('its edit of mode "n'), 4)
+        self.assertRegex(self.said("B"), "and of [23] sites more")
         self.assertEqual(self.said("B").count("1e+30 N is beyond"), 1)
         with open(self.dir / "B.rec", "rb") as recording:
             limits = json.loads(recording.readline())["device"]["limits"]
@@ -517,7 +554,7 @@ class Far(Case):
         return said
 
     def test_no_network_makes_energy(self):
-        worst = -math.inf
+        worst, on_time = -math.inf, 0
         for seed in range(RUNS):
             chance = random.Random(seed)
             hands = [self.path(name, self.sway(2 * seed + n)) for n, name in enumerate("AB")]
@@ -526,23 +563,42 @@ class Far(Case):
                        "--loss", (loss := round(chance.choice((0, 0.1, 0.5)) * chance.random(), 3)),
                        "--twice", round(0.5 * chance.random(), 3),
                        "--overtaken", round(0.5 * chance.random(), 3), "--seed", seed]
-            # The first is ended by the relay, when the second has ended.
-            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
-                                self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
-            done = {}
-            for name in "AB":
-                rows = rows_of(self.dir / f"{name}.rec")
-                done[name] = work(rows)
-                self.assertLessEqual(np.linalg.norm(rows["pull"], axis=1).max(), PEAK + 1e-9)
-                felt = np.linalg.norm(pulled(rows), axis=1) > 0.01
+            for _ in range(TRIES):
+                # The first is ended by the relay, when the second has ended.
+                said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2"),
+                                    self.words("B", hands[1], 5, "--with", "10.77.0.1"), *network)
+                rows = {name: rows_of(self.dir / f"{name}.rec") for name in "AB"}
+                # In the end; either alone may get what the other has put in.
+                both = sum(work(of)[-1] for of in rows.values())
+                worst = max(worst, both)
+                self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
+                for of in rows.values():
+                    self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
+                # A hand whose force was cut is silent, too.
+                if late := any((of["fault"] != 0).any() for of in rows.values()):
+                    continue
                 # Where a third is lost two sites may need longer to find each other.
-                if loss < 0.3 and not (rows["fault"] != 0).any():
+                for name, of in rows.items() if loss < 0.3 else ():
+                    felt = np.linalg.norm(pulled(of), axis=1) > 0.01
                     self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
-            # In the end; either alone may get what the other has put in.
-            both = done["A"][-1] + done["B"][-1]
-            worst = max(worst, both)
-            self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
-        print(f"{RUNS} networks: both hands together got at most {1e3 * worst:.3g} mJ", flush=True)
+                break
+            on_time += not late
+        print(f"{RUNS} networks, {on_time} of them without a fault: both hands together got at most "
+              f"{1e3 * worst:.3g} mJ", flush=True)
+
+    def test_edits_without_keys_stay_on_their_machine(self):
+        before = self.scene.read_text()
+
+        def act(_):
+            time.sleep(2.5)
+            self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
+
+        hands = [self.path("A", None), self.path("B", lambda t: (0.205, 0, 0))]
+        said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch"),
+                            self.words("B", hands[1], 6, "--with", "10.77.0.1"), act=act)
+        self.assertIn("site A: its hand is felt", said)
+        self.assertIn("has changed: it is felt now", said)
+        self.assertNotIn("its edit", said)
 
     def test_parted_and_joined_again(self):
         times = {}

@@ -111,37 +111,41 @@ int makeTun(const std::string& address) {
   return tun;
 }
 
-void send(int to, int descriptor) {
+/// A message with a descriptor beside it.
+struct Handing {
   char byte = 0;
   iovec data{&byte, 1};
   alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int))> room{};
   msghdr message{};
-  message.msg_iov = &data;
-  message.msg_iovlen = 1;
-  message.msg_control = room.data();
-  message.msg_controllen = room.size();
-  cmsghdr* head = CMSG_FIRSTHDR(&message);
+
+  Handing() {
+    message.msg_iov = &data;
+    message.msg_iovlen = 1;
+    message.msg_control = room.data();
+    message.msg_controllen = room.size();
+  }
+  Handing(const Handing&) = delete;
+  Handing& operator=(const Handing&) = delete;
+  ~Handing() = default;
+};
+
+void send(int to, int descriptor) {
+  Handing of;
+  cmsghdr* head = CMSG_FIRSTHDR(&of.message);
   head->cmsg_level = SOL_SOCKET;
   head->cmsg_type = SCM_RIGHTS;
   head->cmsg_len = CMSG_LEN(sizeof(int));
   std::memcpy(CMSG_DATA(head), &descriptor, sizeof descriptor);
-  if (sendmsg(to, &message, 0) != 1) fail("its device is handed over");
+  if (sendmsg(to, &of.message, 0) != 1) fail("its device is handed over");
 }
 
 int receive(int from) {
-  char byte = 0;
-  iovec data{&byte, 1};
-  alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(int))> room{};
-  msghdr message{};
-  message.msg_iov = &data;
-  message.msg_iovlen = 1;
-  message.msg_control = room.data();
-  message.msg_controllen = room.size();
-  if (recvmsg(from, &message, MSG_CMSG_CLOEXEC) != 1) {
+  Handing of;
+  if (recvmsg(from, &of.message, MSG_CMSG_CLOEXEC) != 1) {
     throw std::runtime_error("there is no network to be had");
   }
   int descriptor = -1;
-  std::memcpy(&descriptor, CMSG_DATA(CMSG_FIRSTHDR(&message)), sizeof descriptor);
+  std::memcpy(&descriptor, CMSG_DATA(CMSG_FIRSTHDR(&of.message)), sizeof descriptor);
   return descriptor;
 }
 
