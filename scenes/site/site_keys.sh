@@ -16,14 +16,18 @@ for site in "$@"; do
 done
 umask 077
 mkdir -p "$folder"
-rm -rf "$folder"/*.new
 days=3650
 key() { openssl ecparam -name prime256v1 -genkey -noout -out "$1"; }
 sign() { openssl smime -sign -in "$1" -text -out "$2" -signer "$folder/ca/cert.pem" -inkey "$folder/ca/key.pem"; }
 
-# Whatever breaks off leaves a folder that ends in .new alone.
+# Whatever breaks off leaves a folder that ends in .new, which is begun anew, and is named by no other.
+fresh() {
+    [ ! -e "$1" ] || [ -e "$1/key.pem" ] || { echo "site_keys.sh: $1 is there, and not of keys: remove it first" >&2; exit 1; }
+    rm -rf "$1"
+    mkdir "$1"
+}
 if [ ! -e "$folder/ca" ]; then
-    mkdir "$folder/ca.new"
+    fresh "$folder/ca.new"
     key "$folder/ca.new/key.pem"
     openssl req -x509 -new -key "$folder/ca.new/key.pem" -days $days -subj "/CN=palpate sites" \
         -out "$folder/ca.new/cert.pem"
@@ -53,7 +57,7 @@ END
 sign "$folder/ca/governance.xml" "$folder/ca/governance.p7s"
 for site in "$@"; do
     at=$folder/$site.new
-    mkdir "$at"
+    fresh "$at"
     key "$at/key.pem"
     openssl req -new -key "$at/key.pem" -subj "/CN=$site" -out "$at/request"
     openssl x509 -req -in "$at/request" -CA "$folder/ca/cert.pem" -CAkey "$folder/ca/key.pem" -CAcreateserial \
