@@ -485,6 +485,7 @@ class FieldComputer {
   }
 
  private:
+  static constexpr int kMostComputed = 64;  ///< Each may be as large as its volume.
   struct Made {
     std::shared_ptr<const Volume> volume;
     std::string from;
@@ -546,6 +547,12 @@ class FieldComputer {
       throw SceneError(path, "it is to be computed at load, and axial vectors have no derivatives",
                        "remove \"axial\", or let no mode need its gradient");
     }
+    // A message of another site's may name thousands.
+    if (++computed_ > kMostComputed) {
+      throw SceneError(path,
+                       fmt::format("more than {} fields are to be computed at load", kMostComputed),
+                       "derive fewer of derived ones");
+    }
     try {
       made = {cache_.derive(of->volume, what), of->from, of->axial && what == Derivation::kUnit};
     } catch (const VolumeError& e) {
@@ -557,6 +564,7 @@ class FieldComputer {
   const SceneSpec& spec_;
   BuiltScene& built_;
   SceneCache& cache_;
+  int computed_ = 0;
   std::map<std::string, Made> made_;
 };
 
@@ -695,6 +703,7 @@ void placeGuides(const SceneSpec& spec, const BuiltScene& built, GraphSpec& grap
 BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCache* cache) {
   SceneCache own;
   SceneCache& things = cache != nullptr ? *cache : own;
+  SceneCache::Building building(things);
   BuiltScene built;
   const std::set<std::string> displacing = displacementNames(spec);
   checkDisplacements(spec, displacing);
@@ -847,7 +856,7 @@ BuiltScene buildScene(const SceneSpec& spec, const Progress& progress, SceneCach
                                                "{} to {}: there is no surface to feel",
                                                i, mode.value, low, high)));
   }
-  things.forgetUnused();
+  building.done();
   return built;
 }
 

@@ -160,15 +160,15 @@ std::size_t SceneCache::hashOf(const Displaced& key) {
   return std::hash<const void*>()(key.frames.front().get()) + key.frames.size();
 }
 
-void SceneCache::forgetUnused() {
-  volumes_.forgetUnused();
-  derived_.forgetUnused();
-  fields_.forgetUnused();
-  warps_.forgetUnused();
-  bricks_.forgetUnused();
-  windowed_.forgetUnused();
-  sequences_.forgetUnused();
-  sequenced_.forgetUnused();
+void SceneCache::forget(bool Mark::*unless) {
+  volumes_.forget(unless);
+  derived_.forget(unless);
+  fields_.forget(unless);
+  warps_.forget(unless);
+  bricks_.forget(unless);
+  windowed_.forget(unless);
+  sequences_.forget(unless);
+  sequenced_.forget(unless);
 }
 
 }  // namespace palpate

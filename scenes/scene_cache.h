@@ -73,10 +73,40 @@ class SceneCache {
                              const std::string& path);
   /// As makeVdbField of each, in parallel.
   [[nodiscard]] std::vector<FieldPtr> fields(const std::vector<Placed>& wanted);
-  /// Frees what has not been asked for since the last call. After a scene has been built.
-  void forgetUnused();
+  /// While a scene is built. What it has not asked for is freed when it is done; where it cannot be
+  /// built, what it was the first to ask for.
+  class Building {
+   public:
+    explicit Building(SceneCache& of) noexcept : of_(of) {}  ///< One at a time.
+    Building(const Building&) = delete;
+    Building& operator=(const Building&) = delete;
+    ~Building() {
+      if (!done_) of_.forget(&Mark::kept);
+    }
+    /// The scene is whole.
+    void done() {
+      done_ = true;
+      of_.forget(&Mark::used);
+    }
+
+   private:
+    SceneCache& of_;
+    bool done_ = false;
+  };
+  /// Things that are kept.
+  [[nodiscard]] std::size_t size() const noexcept {
+    return volumes_.size() + derived_.size() + fields_.size() + warps_.size() + bricks_.size() +
+           windowed_.size() + sequences_.size() + sequenced_.size();
+  }
 
  private:
+  struct Mark {
+    bool used = true;   ///< By the scene that is being built,
+    bool kept = false;  ///< by the one before it.
+  };
+  /// Frees what is not marked so.
+  void forget(bool Mark::*unless);
+
   template <class Key, class Value>
   class Shelf {
    public:
@@ -86,22 +116,23 @@ class SceneCache {
       const auto entry =
           std::find_if(begin, end, [&](const auto& e) { return e.second.key == key; });
       if (entry == end) return nullptr;
-      entry->second.used = true;
+      entry->second.mark.used = true;
       return &entry->second.value;
     }
     const Value& keep(const Key& key, Value value) {
-      return entries_.emplace(hashOf(key), Entry{key, std::move(value), true})->second.value;
+      return entries_.emplace(hashOf(key), Entry{key, std::move(value), {}})->second.value;
     }
-    void forgetUnused() {
-      std::erase_if(entries_, [](const auto& e) { return !e.second.used; });
-      for (auto& [hash, entry] : entries_) entry.used = false;
+    [[nodiscard]] std::size_t size() const noexcept { return entries_.size(); }
+    void forget(bool Mark::*unless) {
+      std::erase_if(entries_, [&](const auto& e) { return !(e.second.mark.*unless); });
+      for (auto& [hash, entry] : entries_) entry.mark = {false, true};
     }
 
    private:
     struct Entry {
       Key key;
       Value value;
-      bool used;
+      Mark mark;
     };
     std::unordered_multimap<std::size_t, Entry> entries_;
   };

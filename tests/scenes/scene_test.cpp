@@ -444,6 +444,15 @@ TEST_CASE("fields are computed at load only where a derivative of them is needed
   CHECK(built.computed.at("swirl").why == "field \"slope\" needs its derivatives");
   CHECK(built.scene->graph.vector_properties == std::vector<std::string>{"gradient of swirl"});
 
+  // As many as a message of another site's may name.
+  scene = vortexScene("f63", 0.4, "above");
+  for (int i = 0; i < 65; ++i) {
+    const std::string of = i == 0 ? "flow" : "f" + std::to_string(i - 1);
+    scene["fields"]["f" + std::to_string(i)] = {{i % 2 == 0 ? "magnitude" : "gradient", of}};
+  }
+  scene["modes"][0]["of"] = "f64";
+  CHECK_THAT(error(scene), Contains("more than 64 fields are to be computed at load"));
+
   scene = vortexScene("spin", 0.4, "above");
   CHECK_THAT(error(scene), Contains("s.json: /modes/0/of"));
   scene = vortexScene("speed", 0.4, "above");
@@ -562,11 +571,20 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   const BuiltScene moved = build();
   CHECK(moved.volumes == first.volumes);
   CHECK(moved.scene->shape != first.scene->shape);
-  // What was broken in between costs nothing.
-  json["modes"][0]["of"] = "nothing";
+  // What was broken in between costs nothing, and nothing of it is kept.
+  const std::size_t kept = cache.size();
+  json["fields"]["more"] = {{"gradient", "swirl"}};
+  json["fields"]["most"] = {{"magnitude", "more"}};
+  json["modes"].push_back({{"mode", "surface"}, {"of", "most"}, {"strength", 1}});
+  json["modes"].push_back({{"mode", "surface"}, {"of", "nothing"}, {"strength", 1}});
   CHECK_THROWS_AS(build(), SceneError);
-  json["modes"][0]["of"] = "swirl";
-  CHECK(build().scene->shape == moved.scene->shape);
+  CHECK(cache.size() == kept);
+  json["modes"].erase(2);
+  CHECK(build().computed.size() > moved.computed.size());
+  CHECK(cache.size() > kept);
+  json["modes"].erase(1);
+  CHECK(build().volumes == moved.volumes);
+  CHECK(cache.size() == kept);
   // The file is written anew.
   const auto file = folder / "flow.vdb";
   const auto time = std::filesystem::last_write_time(file);
@@ -578,8 +596,7 @@ TEST_CASE("what has not changed is taken from the scene before", "[scene]") {
   // What no scene uses any more is freed.
   const std::weak_ptr<const Volume> gone = renewed.volumes.at("flow");
   renewed = {};
-  cache.forgetUnused();
-  cache.forgetUnused();
+  SceneCache::Building(cache).done();
   CHECK(gone.expired());
 }
 
