@@ -60,7 +60,7 @@ struct ArmIdentity {
   bool numbered = true;           ///< `own` is a serial number.
 };
 
-/// Tells descriptions of arms apart: FNV-1a.
+/// Tells descriptions of arms, names and such apart: FNV-1a.
 [[nodiscard]] constexpr std::uint64_t fingerprintOf(std::string_view text) noexcept {
   std::uint64_t print = 14695981039346656037ULL;
   for (const char c : text) print = (print ^ static_cast<unsigned char>(c)) * 1099511628211ULL;

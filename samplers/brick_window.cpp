@@ -318,6 +318,7 @@ BrickWindow::Loader::Loader(BrickSource& of, Pool& to)
                         arrival.why);
     }
     publish(id, takeFree());
+    ++fetched;
     ++pinned;
   }
   looked = Clock::now();
@@ -538,7 +539,10 @@ void BrickWindow::Loader::look(Clock::time_point now) {
           source.manifest().info().name + ": the volume is not there any more: bring it back"});
   }
   if (!there || !doubted) return;
-  gone = false;
+  if (gone.exchange(false)) {
+    troubles.push_back(source.manifest().info().name +
+                       ": the volume is there again: switch the force on when the hand is ready");
+  }
   std::erase_if(told, [](const auto& of) { return of.second == BrickStatus::kGone; });
   lines.erase(BrickStatus::kGone);
   // What was missing may have been on its way out.

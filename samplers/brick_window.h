@@ -33,7 +33,7 @@ struct WindowState {
   std::uint64_t slots = 0;     ///< Bricks that the pool can hold.
   std::uint64_t resident = 0;  ///< Bricks in it, those of the coarsest level included.
   std::uint64_t bytes = 0;     ///< Of pool, tables and what is being fetched.
-  std::uint64_t fetched = 0;   ///< Since the window was made.
+  std::uint64_t fetched = 0;   ///< Those that it began with included.
   std::uint64_t failed = 0;    ///< Bricks that could not be had: felt coarse, and tried again.
   bool locked = false;         ///< The pool stays in memory.
   bool gone = false;           ///< As lost().
@@ -138,7 +138,7 @@ class BrickWindow {
   /// BrickSource::isThere. What is in memory is read on. RT: wait-free.
   [[nodiscard]] bool lost() const noexcept;
   /// What went wrong since the last call: a line a brick and trouble, once, 8 of a kind; and one
-  /// when the whole volume has gone.
+  /// when the whole volume has gone, and when it is back.
   [[nodiscard]] std::vector<std::string> takeTroubles() const;
   /// Waits until all that is wanted by now is there or known not to be; false where that takes
   /// longer [s]. Before each tick in virtual time, which waits for no disk. Meanwhile a hand that

@@ -21,6 +21,7 @@ struct StoreParams {
   std::chrono::milliseconds stalled{2'000};   ///< A transfer has to go on within this,
   std::chrono::milliseconds longest{30'000};  ///< and to end within this.
   std::chrono::milliseconds silent{2'000};    ///< isThere(): no answer for so long is none.
+  std::chrono::milliseconds opened{60'000};   ///< Within this it has told what there is.
 };
 
 /// ObjectRequest::why where it has no room in memory.

@@ -269,6 +269,8 @@ void IgtlServer::round() {
     }
   }
   if ((wanted.back().revents & POLLIN) != 0) accept();
+  complaints_.look();
+  greetings_.look();
   if (now >= next_) {
     const auto period = static_cast<std::int64_t>(1e9 / rate_);
     next_ += period;
@@ -317,14 +319,17 @@ void IgtlServer::drop(Client& client, const std::string& why) {
 }
 
 void IgtlServer::Seldom::say(const std::string& line) {
+  last_ = line;
+  ++more_;
+  look();
+}
+
+void IgtlServer::Seldom::look() {
   const std::int64_t now = nowNs();
-  if (now < next_) {
-    ++more_;
-    return;
-  }
+  if (more_ == 0 || now < next_) return;
   next_ = now + kSecond;
-  const std::int64_t more = std::exchange(more_, 0);
-  complain(more > 0 ? fmt::format("{} ({} more before it)", line, more) : line);
+  const std::int64_t before = std::exchange(more_, 0) - 1;
+  complain(before > 0 ? fmt::format("{} ({} more before it)", last_, before) : last_);
 }
 
 bool IgtlServer::full() {

@@ -97,12 +97,15 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
   };
   struct Client;
   struct Counts;
-  /// Lines of a kind of which a client can bring about any number: one a second.
+  /// Lines of a kind of which a client can bring about any number: of each second the last.
   class Seldom {
    public:
     void say(const std::string& line);
+    /// Says what there is, once it may.
+    void look();
 
    private:
+    std::string last_;
     std::int64_t next_ = 0;  ///< No line before [ns].
     std::int64_t more_ = 0;  ///< That were not said.
   };

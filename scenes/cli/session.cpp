@@ -224,8 +224,8 @@ void Fetched::addTo(OrderedJson& summary) const {
 void Fetched::sayThem() const {
   for (const auto& [name, window] : windows_) {
     const WindowState state = window->state();
-    say("bricks    {}: {} fetched as hands went, {} there, in a window of {} ({} MB){}\n", name,
-        state.fetched, state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
+    say("bricks    {}: {} fetched, {} there, in a window of {} ({} MB){}\n", name, state.fetched,
+        state.resident, state.slots, rounded(static_cast<double>(state.bytes) / 1e6),
         state.failed > 0 ? fmt::format("; {} could not be had and were felt coarsely", state.failed)
                          : "");
   }
@@ -291,8 +291,8 @@ void WithSites::addTo(OrderedJson& summary) const {
 void WithSites::sayThem() const {
   if (!site_) return;
   for (const auto& [name, other] : site_->others()) {
-    say("site      {}: {} messages heard, {} lost on the way{}\n", name, other.heard, other.missed,
-        other.here ? "" : "; gone");
+    say("site      {}: {} messages heard, {} overtaken or lost{}\n", name, other.heard,
+        other.missed, other.here ? "" : "; gone");
   }
 }
 

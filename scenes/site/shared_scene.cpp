@@ -6,9 +6,9 @@
 
 #include <fmt/format.h>
 
+#include "palpate/devices/arm.h"
 #include "palpate/engine/error.h"
 #include "palpate/scenes/site/site.h"
-#include "palpate/scenes/site/site_number.h"
 
 namespace palpate {
 namespace {
@@ -312,8 +312,10 @@ std::vector<std::string> SharedScene::hear(const std::string& from, const std::s
     if (other.rest.empty() || own.rest.empty() || differ.empty() || !isNew(different_, from)) {
       return {};
     }
-    return {fmt::format("site {}: it feels another scene: not the same here: {}", from,
-                        wordsFor(differ))};
+    return {
+        fmt::format("site {}: it feels another scene: not the same here: {}: copy one's file "
+                    "to the other, or edit it once more",
+                    from, wordsFor(differ))};
   } catch (const Error& error) {
     if (!isNew(unread_, from)) return {};
     return {fmt::format("site {}: {}: nothing of it is taken", from, error.what())};
@@ -365,7 +367,7 @@ SharedText SharedScene::told() const {
   SharedText text{edits_, {}};
   for (const auto& [key, value] : sharedOf(file_)) {
     if (isTold(key) && !edits_.contains(key))
-      text.rest.emplace(key, fmt::format("{:016x}", numberOf(value.dump())));
+      text.rest.emplace(key, fmt::format("{:016x}", fingerprintOf(value.dump())));
   }
   return text;
 }

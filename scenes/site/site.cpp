@@ -20,8 +20,8 @@
 
 #include <fmt/format.h>
 
+#include "palpate/devices/arm.h"
 #include "palpate/engine/error.h"
-#include "palpate/scenes/site/site_number.h"
 #include "palpate/scenes/site/site_security.h"
 #include "site_topics.h"
 
@@ -41,7 +41,7 @@ constexpr std::size_t kMostScenes = kMostLinks;               ///< Held until th
 
 /// Of a site, by its name; not 0.
 std::uint64_t numberOfSite(const std::string& name) noexcept {
-  return numberOf(name) | 1U;
+  return fingerprintOf(name) | 1U;
 }
 
 /// Of this machine, where it would go from here to that address. Throws Error.
@@ -283,9 +283,18 @@ class Site::Carrier {
     }
   }
 
+  /// A line, of those that a stranger can bring about: so many a second, the others are counted.
   void say(std::string line) {
-    constexpr std::size_t kMostNews = 100;
-    if (news_.size() < kMostNews) news_.push_back(std::move(line));
+    constexpr std::size_t kMostLines = 3 * kMostLinks;
+    if (const auto now = Clock::now(); now - said_at_ > std::chrono::seconds(1)) {
+      if (said_ > kMostLines) {
+        news_.push_back(
+            fmt::format("site: {} lines more of sites that come and go", said_ - kMostLines));
+      }
+      said_at_ = now;
+      said_ = 0;
+    }
+    if (++said_ <= kMostLines) news_.push_back(std::move(line));
   }
 
   /// Samples that are DDS's own.
@@ -545,6 +554,8 @@ class Site::Carrier {
   std::uint64_t ticked_ = 0;
   bool told_same_ = false;
   bool told_full_ = false;
+  Clock::time_point said_at_;  ///< The second's begin,
+  std::size_t said_ = 0;       ///< and its lines.
   std::uint64_t messages_ = 0;
   Clock::time_point sent_at_;
   Clock::time_point scene_at_;

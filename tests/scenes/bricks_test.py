@@ -334,7 +334,7 @@ class Felt(Case):
         bricks = self.skin()
         self.feel("whole.json", "whole.csv")
         out, summary = self.feel("bricks.json", "bricks.csv")
-        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched as hands went, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
+        self.assertRegex(out.stdout, r"bricks    rod: \d+ fetched, \d+ there, in a window of \d+ \([\d.]+ MB\)\n")
         self.assertEqual(summary["coarse_share"], 0)
         self.assertGreater(summary["felt_share"], 0.5)
         self.assertEqual(summary["bricks"]["rod"]["failed"], 0)

@@ -135,6 +135,9 @@ class Served(Stored, Server):
             bowl.rename(other)
             (self.dir / "kept").rename(bowl)
         self.assertIn(f"{self.address}: it is not the file that was recorded", again.stderr)
+        self.gone()
+        again = run("feel", record, "--device", f"replay:{record}", status=2)
+        self.assertNotIn("that was recorded", again.stderr)
 
 
 class Killed(Ended, Server):

@@ -138,6 +138,22 @@ class Ended:
     def test_a_server_that_stops_answering_does_too(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
 
+    def test_one_that_is_back_is_told(self):
+        summary = self.on_time(60)
+        self.kill(signal.SIGSTOP)
+        self.wait_for("the volume is not there any more")
+        self.kill(signal.SIGCONT)
+        self.wait_for("the volume is there again")
+        self.running.send_signal(signal.SIGINT)
+        self.running.wait(timeout=PATIENCE)
+        self.assertFalse(json.loads(summary.read_text())["bricks"]["bowl"]["gone"])
+
+    def wait_for(self, words):
+        for line in self.running.stderr:
+            if words in line:
+                return
+        self.fail(f"it ended without \"{words}\"")
+
     def test_one_that_hesitates_does_not(self):
         def hesitate():
             self.kill(signal.SIGSTOP)

@@ -1,0 +1,46 @@
+/// Seven sites that come and go as fast as they can, on this machine: palpate_comers DOMAIN
+/// SECONDS.
+#include <array>
+#include <chrono>
+#include <cstdlib>
+#include <dds/dds.h>
+#include <string>
+#include <thread>
+
+#include "site_topics.h"
+
+int main(int argc, char** argv) {
+  if (argc != 3) return 2;
+  const auto domain = static_cast<dds_domainid_t>(std::atoi(argv[1]));
+  const auto seconds = std::chrono::duration<double>(std::atof(argv[2]));
+  const dds_entity_t whole = dds_create_domain(
+      domain,
+      "<CycloneDDS><Domain Id=\"any\"><General><Interfaces><NetworkInterface "
+      "address=\"127.0.0.1\"/>"
+      "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>"
+      "auto</ParticipantIndex><MaxAutoParticipantIndex>14</MaxAutoParticipantIndex><Peers><Peer "
+      "address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>");
+  const dds_entity_t participant = dds_create_participant(domain, nullptr, nullptr);
+  const dds_entity_t topic =
+      dds_create_topic(participant, &palpate_site_Hand_desc, "palpate_hand", nullptr, nullptr);
+  dds_qos_t* qos = dds_create_qos();
+  dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 1);
+  dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC, DDS_SECS(2));
+  const dds_entity_t writer = dds_create_writer(participant, topic, qos, nullptr);
+  dds_delete_qos(qos);
+  if (writer < 0) return 1;
+  std::array<palpate_site_Hand, 7> hands{};
+  const auto end = std::chrono::steady_clock::now() + seconds;
+  while (std::chrono::steady_clock::now() < end) {
+    for (std::size_t i = 0; i < hands.size(); ++i) {
+      ("Z" + std::to_string(i)).copy(hands[i].site, sizeof hands[i].site - 1);
+      ++hands[i].number;
+      (void)dds_write(writer, &hands[i]);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    for (palpate_site_Hand& hand : hands) (void)dds_dispose(writer, &hand);
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  dds_delete(whole);
+}
