@@ -56,6 +56,12 @@ class Bad(http.server.SimpleHTTPRequestHandler):
         self.wfile.write(body)
 
 
+class Kept(Bad):
+    """With connections that stand: each begins by reading all whom the machine trusts."""
+
+    protocol_version = "HTTP/1.1"
+
+
 def apache(home, folder, address):
     """What serves a folder, in the foreground."""
     home.mkdir()
@@ -244,8 +250,9 @@ class Wrong(Case):
 
     def served_badly(self, wrong, secret=None):
         """An address at which each path is answered as `wrong(path)` says; None: as it should be."""
+        serves = Bad if secret is None else Kept
         server = http.server.ThreadingHTTPServer(
-            ("127.0.0.1", 0), functools.partial(Bad, directory=str(self.dir), wrong=wrong))
+            ("127.0.0.1", 0), functools.partial(serves, directory=str(self.dir), wrong=wrong))
         if secret is not None:
             server.socket = secret.wrap_socket(server.socket, server_side=True)
         server.daemon_threads = True

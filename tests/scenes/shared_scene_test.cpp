@@ -384,7 +384,9 @@ TEST_CASE("of another scene one line tells what differs", "[site]") {
   const std::string told = *boston.takeTold();
   const auto lines = uppsala.hear("boston", told);
   REQUIRE(lines.size() == 1);
-  CHECK(lines[0] == "site boston: it feels another scene: not the same here: mode \"wall\"");
+  CHECK(lines[0] ==
+        "site boston: it feels another scene: not the same here: mode \"wall\": copy one's "
+        "file to the other, or edit it once more");
   CHECK(uppsala.hear("boston", told).empty());
   // What was edited is the same from then on.
   SharedScene late("late", scene().dump());
