@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <set>
 #include <span>
 #include <system_error>
@@ -73,12 +74,13 @@ OrderedJson jsonOf(const RecordedScene& scene) {
   return json;
 }
 
-/// Those of its files that are not what they were.
-std::vector<std::string> changedFiles(const OrderedJson& json) {
-  std::vector<std::string> changed;
+/// Those of its files that are not what they were, and what they are now.
+std::map<std::string, OrderedJson> changedFiles(const OrderedJson& json) {
+  std::map<std::string, OrderedJson> changed;
   for (const OrderedJson& volume : json["volumes"]) {
     const auto file = volume.at("file").get<std::string>();
-    if (stateNow(file) != volume.at("state")) changed.push_back(file);
+    OrderedJson now = stateNow(file);
+    if (now != volume.at("state")) changed.emplace(file, std::move(now));
   }
   return changed;
 }
@@ -107,8 +109,8 @@ ToFeel toFeelAgain(const RecordedScene& scene) {
   try {
     const OrderedJson json = jsonOf(scene);
     ToFeel out = toFeel(json);
-    for (const std::string& file : changedFiles(json)) {
-      if (stateNow(file).is_null()) continue;
+    for (const auto& [file, now] : changedFiles(json)) {
+      if (now.is_null()) continue;
       complain(file + ": it is not the file that was recorded: what is felt differs with it");
     }
     return out;

@@ -286,6 +286,8 @@ class Site::Carrier {
   /// A line, of those that a stranger can bring about: so many a second, the others are counted.
   void say(std::string line) {
     constexpr std::size_t kMostLines = 3 * kMostLinks;
+    constexpr std::size_t kMostNews = 100;  // that nobody has taken
+    if (news_.size() >= kMostNews) return;
     if (const auto now = Clock::now(); now - said_at_ > std::chrono::seconds(1)) {
       if (said_ > kMostLines) {
         news_.push_back(

@@ -161,6 +161,14 @@ class Case(unittest.TestCase):
     def was_late(self, *names):
         return any(LATE in self.said(name) for name in names)
 
+    def attempt(self, run, *names):
+        def once(last):
+            run()
+            late = self.was_late(*names)
+            self.assertFalse(late and last, "the machine is too busy for a loop")
+            return late
+        self.unless_late(once)
+
 
 class OneMachine(Case):
     def test_two_hands_pull_each_other_and_are_felt_again(self):
@@ -195,7 +203,7 @@ class OneMachine(Case):
             self.assertIn("the same to the last bit", told)
 
     def test_another_of_a_name_waits_until_the_one_before_has_let_go(self):
-        def attempt(last):
+        def run():
             alone = self.start("A", self.path("A", None), 20)
             killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
             self.wait_for("A", "site B: its hand is felt")
@@ -209,11 +217,8 @@ class OneMachine(Case):
             for one in (alone, another):
                 one.send_signal(signal.SIGINT)
                 one.wait(timeout=30)
-            late = self.was_late("A", "B", "C")
-            self.assertFalse(late and last, "the machine is too busy for a loop")
-            return late
 
-        self.unless_late(attempt)
+        self.attempt(run, "A", "B", "C")
         rows = rows_of(self.dir / "A.rec")
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
@@ -221,7 +226,7 @@ class OneMachine(Case):
         self.assertLess(steepest(rows), STEEPEST, "it is let go at once")
 
     def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
-        def attempt(last):
+        def run():
             mine = self.path("A", None)
             his = self.path("B", lambda t: (0.205, 0, 0))
             alone = self.start("A", mine, 12)
@@ -236,11 +241,8 @@ class OneMachine(Case):
             back = self.start("B", his, 2)
             back.wait(timeout=30)
             alone.wait(timeout=30)
-            late = self.was_late("A", "B")
-            self.assertFalse(late and last, "the machine is too busy for a loop")
-            return late
 
-        self.unless_late(attempt)
+        self.attempt(run, "A", "B")
         rows = rows_of(self.dir / "A.rec")
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
@@ -416,14 +418,6 @@ class Edits(Case):
     def last(self, name):
         """What was felt last [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
-
-    def attempt(self, run, *names):
-        def once(last):
-            run()
-            late = self.was_late(*names)
-            self.assertFalse(late and last, "the machine is too busy for a loop")
-            return late
-        self.unless_late(once)
 
     def test_an_edit_is_felt_by_others_and_by_who_comes_when_its_author_is_gone(self):
         def run():
