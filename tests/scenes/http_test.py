@@ -121,10 +121,6 @@ class Server(Case):
             time.sleep(0.05)
         time.sleep(2.0)
 
-    def gone(self):
-        self.kill(signal.SIGKILL)
-        self.server.wait()
-
 
 class Served(Stored, Server):
     def test_another_volume_at_the_address_is_told(self):
@@ -141,7 +137,8 @@ class Served(Stored, Server):
             bowl.rename(other)
             (self.dir / "kept").rename(bowl)
         self.assertIn(f"{self.address}: it is not the file that was recorded", again.stderr)
-        self.gone()
+        self.kill(signal.SIGKILL)
+        self.server.wait()
         again = run("feel", record, "--device", f"replay:{record}", status=2)
         self.assertNotIn("that was recorded", again.stderr)
 

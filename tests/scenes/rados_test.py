@@ -146,15 +146,6 @@ class Server(Case):
     def felt(self):
         time.sleep(4.0)
 
-    def gone(self):
-        """One that stood still goes on."""
-        self.kill(signal.SIGCONT)
-        if self.cluster.store.returncode is None:
-            try:
-                self.cluster.store.wait(timeout=0.2)
-            except subprocess.TimeoutExpired:
-                pass
-
 
 class Killed(Ended, Server):
     pass

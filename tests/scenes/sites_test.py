@@ -22,6 +22,7 @@ import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 from cases import cases  # noqa: E402
+from on_time import LATE, TRIES, unless_late  # noqa: E402
 from recordings import rows_of  # noqa: E402
 from refusals import refusal  # noqa: E402
 
@@ -35,8 +36,6 @@ START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
 SILENCE, RAMP = 0.2, 0.5  # kLinkSilence, kLinkRamp [s]
 STEEPEST = 1.1 * PEAK / RAMP  # [N/s]
-LATE = "the loop was late"
-TRIES = 5
 
 
 def domain():
@@ -149,39 +148,20 @@ class Case(unittest.TestCase):
             time.sleep(0.005)
         return time.monotonic()
 
-    def unless_late(self, attempt):
-        """A machine that others use cuts forces: tried anew."""
-        for n in range(TRIES):
-            if not attempt(n == TRIES - 1):
-                return
-
     def keys(self, folder, *names):
         subprocess.run([KEYS, self.dir / folder, *names], check=True, capture_output=True, timeout=60)
 
-    def was_late(self, *names):
-        return any(LATE in self.said(name) for name in names)
-
-    def attempt(self, run, *names):
-        def once(last):
-            run()
-            late = self.was_late(*names)
-            self.assertFalse(late and last, "the machine is too busy for a loop")
-            return late
-        self.unless_late(once)
+    def was_late(self):
+        return any(LATE in file.read_text(encoding="utf-8") for file in self.dir.glob("*.err"))
 
 
 class OneMachine(Case):
+    @unless_late
     def test_two_hands_pull_each_other_and_are_felt_again(self):
-        def attempt(last):
-            hands = {"A": self.path("A", None), "B": self.path("B", lambda t: (0.21, 0, 0))}
-            both = [self.start(name, hand, 3) for name, hand in hands.items()]
-            status = [one.wait(timeout=30) for one in both]
-            if self.was_late("A", "B") and not last:
-                return True
-            self.assertEqual(status, [0, 0], self.said("A") + self.said("B"))
-            return False
-
-        self.unless_late(attempt)
+        hands = {"A": self.path("A", None), "B": self.path("B", lambda t: (0.21, 0, 0))}
+        both = [self.start(name, hand, 3) for name, hand in hands.items()]
+        status = [one.wait(timeout=30) for one in both]
+        self.assertEqual(status, [0, 0], self.said("A") + self.said("B"))
         for name, other, sign in (("A", "B", 1), ("B", "A", -1)):
             self.assertIn(f"site {other}: its hand is felt", self.said(name))
             rows = rows_of(self.dir / f"{name}.rec")
@@ -202,47 +182,45 @@ class OneMachine(Case):
                                   capture_output=True, text=True, timeout=60).stdout
             self.assertIn("the same to the last bit", told)
 
+    @unless_late
     def test_another_of_a_name_waits_until_the_one_before_has_let_go(self):
-        def run():
-            alone = self.start("A", self.path("A", None), 20)
-            killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
-            self.wait_for("A", "site B: its hand is felt")
-            another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 20, site="B")
-            self.wait_for("C", "another one has the same name")
-            time.sleep(0.5)
-            before = self.said("A").count("site B: its hand is felt")
-            killed.send_signal(signal.SIGKILL)
-            self.wait_for("A", "site B: its hand is felt", times=before + 1)
-            time.sleep(1.0)
-            for one in (alone, another):
-                one.send_signal(signal.SIGINT)
-                one.wait(timeout=30)
+        alone = self.start("A", self.path("A", None), 20)
+        killed = self.start("B", self.path("B", lambda t: (0.205, 0, 0)), 20)
+        self.wait_for("A", "site B: its hand is felt")
+        another = self.start("C", self.path("C", lambda t: (0.195, 0, 0)), 20, site="B")
+        self.wait_for("C", "another one has the same name")
+        time.sleep(0.5)
+        before = self.said("A").count("site B: its hand is felt")
+        killed.send_signal(signal.SIGKILL)
+        self.wait_for("A", "site B: its hand is felt", times=before + 1)
+        time.sleep(1.0)
+        for one in (alone, another):
+            one.send_signal(signal.SIGINT)
+            one.wait(timeout=30)
 
-        self.attempt(run, "A", "B", "C")
         rows = rows_of(self.dir / "A.rec")
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
         self.assertAlmostEqual(force[-1], -1.0, delta=1e-3)
         self.assertLess(steepest(rows), STEEPEST, "it is let go at once")
 
+    @unless_late
     def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
-        def run():
-            mine = self.path("A", None)
-            his = self.path("B", lambda t: (0.205, 0, 0))
-            alone = self.start("A", mine, 12)
-            killed = self.start("B", his, 12)
-            self.wait_for("A", "site B: its hand is felt")
-            time.sleep(1.0)
-            killed.send_signal(signal.SIGKILL)
-            gone = time.monotonic()
-            heard = self.wait_for("A", "site B: nothing is heard of it")
-            self.assertLess(heard - gone, 1.0)
-            time.sleep(1.0)
-            back = self.start("B", his, 2)
-            back.wait(timeout=30)
-            alone.wait(timeout=30)
+        mine = self.path("A", None)
+        his = self.path("B", lambda t: (0.205, 0, 0))
+        alone = self.start("A", mine, 12)
+        killed = self.start("B", his, 12)
+        self.wait_for("A", "site B: its hand is felt")
+        time.sleep(1.0)
+        killed.send_signal(signal.SIGKILL)
+        gone = time.monotonic()
+        heard = self.wait_for("A", "site B: nothing is heard of it")
+        self.assertLess(heard - gone, 1.0)
+        time.sleep(1.0)
+        back = self.start("B", his, 2)
+        back.wait(timeout=30)
+        alone.wait(timeout=30)
 
-        self.attempt(run, "A", "B")
         rows = rows_of(self.dir / "A.rec")
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
@@ -297,38 +275,33 @@ class OneMachine(Case):
         self.assertEqual(facts["sites"], {})
         self.assertEqual(facts["force_max"], 0)
 
+    @unless_late
     def test_who_has_no_keys_is_not_met(self):
         self.keys("ours", "A", "B")
         self.keys("theirs", "C")
 
-        def attempt(last):
-            hands = {name: self.path(name, lambda t, n=n: (0.2 + 0.005 * n, 0, 0)) for n, name in enumerate("ABCDE")}
-            keys = {"A": "ours/A", "B": "ours/B", "C": "theirs/C"}
-            with Wire() as wire:
-                running = {name: self.start(name, hands[name], 5, "--site-keys", self.dir / keys[name]) for name in keys}
-                time.sleep(2.5)
-                secret = wire.heard()
-                running |= {name: self.start(name, hands[name], 2) for name in "DE"}
-                for one in running.values():
-                    one.wait(timeout=30)
-                told = wire.heard()
-            said = {name: self.said(name) for name in hands}
-            # However often one is asked.
-            self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
-            met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
-            self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
-            if wire.works:
-                # Certificates can be read, not what is talked of; without keys it can.
-                self.assertGreater(len(secret), 10000)
-                self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
-                self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
-            # A loop that is late is cut, which others see as well.
-            felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1).max() > 0.5
-            if not felt and self.was_late("A", "B") and not last:
-                return True
-            self.assertTrue(felt, said)
-            return False
-        self.unless_late(attempt)
+        hands = {name: self.path(name, lambda t, n=n: (0.2 + 0.005 * n, 0, 0)) for n, name in enumerate("ABCDE")}
+        keys = {"A": "ours/A", "B": "ours/B", "C": "theirs/C"}
+        with Wire() as wire:
+            running = {name: self.start(name, hands[name], 5, "--site-keys", self.dir / keys[name]) for name in keys}
+            time.sleep(2.5)
+            secret = wire.heard()
+            running |= {name: self.start(name, hands[name], 2) for name in "DE"}
+            for one in running.values():
+                one.wait(timeout=30)
+            told = wire.heard()
+        said = {name: self.said(name) for name in hands}
+        # However often one is asked.
+        self.assertLessEqual(max(words.count("site: DDS:") for words in said.values()), 1, said)
+        met = {name: set(json.loads((self.dir / f"{name}.json").read_text())["sites"]) for name in hands}
+        self.assertEqual(met, {"A": {"B"}, "B": {"A"}, "C": set(), "D": {"E"}, "E": {"D"}})
+        if wire.works:
+            # Certificates can be read, not what is talked of; without keys it can.
+            self.assertGreater(len(secret), 10000)
+            self.assertFalse(b"palpate_hand" in secret, "it is not encrypted")
+            self.assertTrue(b"palpate_hand" in told, "nothing is heard here")
+        felt = np.linalg.norm(pulled(rows_of(self.dir / "A.rec")), axis=1)
+        self.assertGreater(felt.max(), 0.5, said)
 
     def test_who_comes_and_goes_is_told_so_often_a_second(self):
         alone = self.start("A", self.path("A", None), 30)
@@ -419,29 +392,28 @@ class Edits(Case):
         """What was felt last [N]."""
         return own(rows_of(self.dir / f"{name}.rec"))[-1]
 
+    @unless_late
     def test_an_edit_is_felt_by_others_and_by_who_comes_when_its_author_is_gone(self):
-        def run():
-            killed = self.site("A", 20, "--watch")
-            other = self.site("B", 20)
-            self.wait_for("B", "site A: its hand is felt")
-            self.wait_for("A", "site B: its hand is felt")
-            self.write("A", (2, 1, 1))
-            begin = time.monotonic()
-            self.wait_for("A", "has changed: it is felt now")
-            took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
-            self.write("A", (3, 1, 1))
-            self.wait_for("B", 'site A: its edit of mode "x" is felt now', times=2)
-            killed.kill()
-            self.wait_for("B", "site A: nothing is heard of it")
-            late = self.site("C", 2)
-            self.wait_for("C", 'site A: its edit of mode "x" is felt now')
-            late.wait(timeout=30)
-            other.send_signal(signal.SIGINT)
-            other.wait(timeout=30)
-            print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
-            self.assertLess(took, 2.0)
+        killed = self.site("A", 20, "--watch")
+        other = self.site("B", 20)
+        self.wait_for("B", "site A: its hand is felt")
+        self.wait_for("A", "site B: its hand is felt")
+        self.write("A", (2, 1, 1))
+        begin = time.monotonic()
+        self.wait_for("A", "has changed: it is felt now")
+        took = self.wait_for("B", 'site A: its edit of mode "x" is felt now') - begin
+        self.write("A", (3, 1, 1))
+        self.wait_for("B", 'site A: its edit of mode "x" is felt now', times=2)
+        killed.kill()
+        self.wait_for("B", "site A: nothing is heard of it")
+        late = self.site("C", 2)
+        self.wait_for("C", 'site A: its edit of mode "x" is felt now')
+        late.wait(timeout=30)
+        other.send_signal(signal.SIGINT)
+        other.wait(timeout=30)
+        print(f"an edit was felt elsewhere after {took:.2f} s", flush=True)
+        self.assertLess(took, 2.0)
 
-        self.attempt(run, "A", "B", "C")
         # The second waits until the force of the first has come.
         rows = rows_of(self.dir / "B.rec")
         times = rows["time"][1:][np.diff(rows["scene"].astype(np.int64)) != 0][-2:]
@@ -458,50 +430,48 @@ class Edits(Case):
                               capture_output=True, text=True, timeout=60).stdout
         self.assertIn("the same to the last bit", told)
 
+    @unless_late
     def test_edits_at_once_end_alike(self):
-        def run():
-            both = [self.site(name, 20, "--watch") for name in "AB"]
-            self.wait_for("A", "site B: its hand is felt")
-            self.wait_for("B", "site A: its hand is felt")
-            # Each its own, and one together.
-            self.write("A", (2, 1, 1.5))
-            self.write("B", (1, 2, 2.5))
-            for name, other in ("AB", "BA"):
-                self.wait_for(name, "has changed: it is felt now")
-                self.wait_for(name, f"site {other}: its edit of mode")
-            time.sleep(1.2)
-            for one in both:
-                one.send_signal(signal.SIGINT)
-                one.wait(timeout=30)
+        both = [self.site(name, 20, "--watch") for name in "AB"]
+        self.wait_for("A", "site B: its hand is felt")
+        self.wait_for("B", "site A: its hand is felt")
+        # Each its own, and one together.
+        self.write("A", (2, 1, 1.5))
+        self.write("B", (1, 2, 2.5))
+        for name, other in ("AB", "BA"):
+            self.wait_for(name, "has changed: it is felt now")
+            self.wait_for(name, f"site {other}: its edit of mode")
+        time.sleep(1.2)
+        for one in both:
+            one.send_signal(signal.SIGINT)
+            one.wait(timeout=30)
 
-        self.attempt(run, "A", "B")
         np.testing.assert_allclose(self.last("A"), self.last("B"), atol=1e-6)
         np.testing.assert_allclose(self.last("A")[:2], [2, 2], atol=1e-6)
         self.assertIn(round(float(self.last("A")[2]), 6), (1.5, 2.5))
 
+    @unless_late
     def test_what_is_not_here_and_who_keeps_his_own(self):
-        def run():
-            sites = [self.site("A", 20, "--watch", strengths=(1, 1, 2)), self.site("B", 20),
-                     self.site("C", 20, "--own-scene", "--watch")]
-            for name in "AB":
-                self.wait_for(name, "site C: its hand is felt")
-            self.wait_for("B", "site A: it feels another scene: not the same here: mode \"z\"")
-            more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
-                    "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
-                               "name": "rim"}]}
-            self.write("A", (1, 1, 2), **more)
-            self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is not felt: '
-                               'volume "tumour": it is not here')
-            self.write("A", (2.5, 1, 2), **more)
-            self.wait_for("B", 'site A: its edit of mode "x" is felt now')
-            self.write("C", (1, 3, 1))
-            self.wait_for("C", "has changed: it is felt now")
-            time.sleep(0.6)
-            for one in sites:
-                one.send_signal(signal.SIGINT)
-                one.wait(timeout=30)
+        sites = [self.site("A", 20, "--watch", strengths=(1, 1, 2)), self.site("B", 20),
+                 self.site("C", 20, "--own-scene", "--watch")]
+        for name in "AB":
+            self.wait_for(name, "site C: its hand is felt")
+        self.wait_for("B", "site A: it feels another scene: not the same here: mode \"z\"")
+        more = {"tumour": {"file": "A-s.vdb", "grid": "bowl"},
+                "modes": [{"mode": "isosurface", "of": "tumour", "value": 0, "strength": 1,
+                           "name": "rim"}]}
+        self.write("A", (1, 1, 2), **more)
+        self.wait_for("B", 'site A: its edit of mode "rim", volume "tumour" is not felt: '
+                           'volume "tumour": it is not here')
+        self.write("A", (2.5, 1, 2), **more)
+        self.wait_for("B", 'site A: its edit of mode "x" is felt now')
+        self.write("C", (1, 3, 1))
+        self.wait_for("C", "has changed: it is felt now")
+        time.sleep(0.6)
+        for one in sites:
+            one.send_signal(signal.SIGINT)
+            one.wait(timeout=30)
 
-        self.attempt(run, "A", "B", "C")
         np.testing.assert_allclose(self.last("B"), [2.5, 1, 1], atol=1e-6)
         np.testing.assert_allclose(self.last("C"), [1, 3, 1], atol=1e-6)
         self.assertEqual(self.said("B").count("is not felt"), 1)
@@ -510,6 +480,7 @@ class Edits(Case):
         self.assertNotIn("edit", self.said("C"))
 
 
+    @unless_late
     def test_what_a_stranger_says_does_no_harm(self):
         def says(is_, of=("modes", "x", "0"), count=1):
             return json.dumps({"palpate_edits": 1, "rest": [],
@@ -526,18 +497,16 @@ class Edits(Case):
                says({**x, "strength": 7}).replace("7", "1e999"), says({**x, "name": "y"}),
                says({**x, "strength": 1e30}), in_many_names(), says({**x, "strength": 1e6}, count=2)]
 
-        def run():
-            begin = self.site("B", 20)
-            stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
-            self.addCleanup(stranger.wait)
-            self.addCleanup(stranger.kill)
-            self.wait_for("B", 'site C: its edit of mode "x" is felt now')
-            time.sleep(0.5)
-            stranger.kill()
-            begin.send_signal(signal.SIGINT)
-            begin.wait(timeout=30)
+        begin = self.site("B", 20)
+        stranger = subprocess.Popen([STRANGER, f"C@{domain()}", *bad])
+        self.addCleanup(stranger.wait)
+        self.addCleanup(stranger.kill)
+        self.wait_for("B", 'site C: its edit of mode "x" is felt now')
+        time.sleep(0.5)
+        stranger.kill()
+        begin.send_signal(signal.SIGINT)
+        begin.wait(timeout=30)
 
-        self.attempt(run, "B")
         self.assertEqual(self.said("B").count("nothing of it is taken"), 1)
         self.assertLessEqual(self.said("B").count('its edit of mode "n'), 4)
         self.assertRegex(self.said("B"), "and of [23] sites more")
@@ -570,6 +539,7 @@ class Far(Case):
         if act:
             act(relay)
         said = relay.communicate(timeout=100)[1]
+        (self.dir / "relayed.err").write_text(said, encoding="utf-8")
         if relay.returncode == 77:
             self.skipTest("no networks of one's own: " + said)
         return said
@@ -596,7 +566,7 @@ class Far(Case):
                 for of in rows.values():
                     self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
                 # A hand whose force was cut is silent, too.
-                if late := any((of["fault"] != 0).any() for of in rows.values()):
+                if late := self.was_late():
                     continue
                 # Where a third is lost two sites may need longer to find each other.
                 for name, of in rows.items() if loss < 0.3 else ():
@@ -620,14 +590,13 @@ class Far(Case):
         self.assertIn("has changed: it is felt now", said)
         self.assertNotIn("its edit", said)
 
+    @unless_late
     def test_parted_and_joined_again(self):
-        times = {}
         before = self.scene.read_text()
 
         def act(relay):
             time.sleep(3.5)
             relay.send_signal(signal.SIGUSR1)
-            times["parted"] = time.monotonic()
             self.scene.write_text(before.replace('"strength": 2', '"strength": 3'))
             time.sleep(2.0)
             relay.send_signal(signal.SIGUSR1)
@@ -636,17 +605,12 @@ class Far(Case):
         # Edits go to who has keys.
         self.keys("ours", "A", "B")
         keys = [("--site-keys", self.dir / "ours" / name) for name in "AB"]
-        for n in range(TRIES):
-            self.scene.write_text(before)
-            said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
-                                self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
-                                "--delay-ms", 5, "--loss", 0.01, act=act)
-            # What was edited meanwhile comes as well.
-            self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
-            rows = rows_of(self.dir / "B.rec")
-            if not (rows["fault"] != 0).any():
-                break
-            self.assertLess(n, TRIES - 1, "the machine is too busy for a loop")
+        said = self.through(self.words("A", hands[0], 30, "--with", "10.77.0.2", "--watch", *keys[0]),
+                            self.words("B", hands[1], 9, "--with", "10.77.0.1", *keys[1]),
+                            "--delay-ms", 5, "--loss", 0.01, act=act)
+        # What was edited meanwhile comes as well.
+        self.assertIn('site A: its edit of isosurface of "bowl" is felt now', said)
+        rows = rows_of(self.dir / "B.rec")
         force = np.linalg.norm(pulled(rows), axis=1)
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
         self.assertLess(steepest(rows), STEEPEST)
