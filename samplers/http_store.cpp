@@ -188,7 +188,8 @@ class HttpStore final : public ObjectStore {
 
 std::unique_ptr<ObjectStore> makeHttpStore(const std::string& address, const StoreParams& params) {
   if (!isAddress(address)) {
-    throw VolumeError(address, "it is no address", "give http://host/folder");
+    throw VolumeError(address, "it is no address",
+                      "give http://host/folder, without a user, ? or #");
   }
   beginCurl();
   std::string folder = address;

@@ -240,6 +240,8 @@ void IgtlServer::run() {
     }
   }
   clients_.clear();
+  complaints_.end();
+  greetings_.end();
 }
 
 void IgtlServer::round() {
@@ -330,6 +332,11 @@ void IgtlServer::Seldom::look() {
   next_ = now + kSecond;
   const std::int64_t before = std::exchange(more_, 0) - 1;
   complain(before > 0 ? fmt::format("{} ({} more before it)", last_, before) : last_);
+}
+
+void IgtlServer::Seldom::end() {
+  next_ = 0;
+  look();
 }
 
 bool IgtlServer::full() {

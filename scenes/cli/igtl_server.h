@@ -103,6 +103,8 @@ class IgtlServer {  // NOLINT(clang-analyzer-optin.performance.Padding)
     void say(const std::string& line);
     /// Says what there is, once it may.
     void look();
+    /// Says it now: there is no more to come.
+    void end();
 
    private:
     std::string last_;

@@ -313,6 +313,30 @@ class OneMachine(Case):
         # 21 a second; of the last they are told once their hands are silent.
         self.assertLess(self.said("A").count("site Z"), 21 * 5)
 
+    def test_there_are_seven_places(self):
+        def stay(first, count):
+            subprocess.run([COMERS, str(domain()), "1.5", str(first), str(count)], check=True, timeout=60)
+            time.sleep(2 * SILENCE)
+
+        full = "more than 7 hands elsewhere: some are not felt"
+        alone = self.start("A", self.path("A", None), 30)
+        self.wait_for("A", "no other site is heard yet")
+        stay(0, 7)
+        self.assertNotIn(full, self.said("A"))
+        # Places of those that are silent.
+        stay(10, 9)
+        self.assertIn(full, self.said("A"))
+        # More names than are kept, twice.
+        for first in (100, 200):
+            stay(first, 40)
+        alone.send_signal(signal.SIGINT)
+        alone.wait(timeout=30)
+        for first, count in ((0, 7), (10, 9), (100, 40), (200, 40)):
+            felt = sum(f"site Z{n}: its hand is felt" in self.said("A") for n in range(first, first + count))
+            self.assertEqual(felt, 7, f"{first}: {self.said('A')}")
+        self.assertEqual(self.said("A").count(full), 1)
+        self.assertLessEqual(len(json.loads((self.dir / "A.json").read_text())["sites"]), 4 * 7)
+
     def test_making_keys_leaves_all_else_alone(self):
         mine = [self.dir / "mine" / name for name in ("thesis.new", "draft.new/page")]
         mine[1].parent.mkdir(parents=True)
@@ -623,5 +647,5 @@ class Far(Case):
 
 
 if __name__ == "__main__":
-    which = [word for word in sys.argv[3:] if word in ("OneMachine", "Edits", "Far")]
+    which = [word for word in sys.argv[3:] if word.split(".")[0] in ("OneMachine", "Edits", "Far")]
     unittest.main(argv=sys.argv[:1] + which, verbosity=2)

@@ -1,16 +1,18 @@
-/// Seven sites that come and go as fast as they can, on this machine: palpate_comers DOMAIN
-/// SECONDS.
-#include <array>
+/// Sites of this machine, by names alone: palpate_comers DOMAIN SECONDS [FIRST COUNT].
+/// Seven that come and go as fast as they can, or COUNT that stay: ZFIRST, and so on.
 #include <chrono>
 #include <cstdlib>
 #include <dds/dds.h>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "site_topics.h"
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
+  if (argc != 3 && argc != 5) return 2;
+  const bool stay = argc == 5;
+  const int first = stay ? std::atoi(argv[3]) : 0;
   const auto domain = static_cast<dds_domainid_t>(std::atoi(argv[1]));
   const auto seconds = std::chrono::duration<double>(std::atof(argv[2]));
   const dds_entity_t whole = dds_create_domain(
@@ -30,15 +32,17 @@ int main(int argc, char** argv) {
   const dds_entity_t writer = dds_create_writer(participant, topic, qos, nullptr);
   dds_delete_qos(qos);
   if (writer < 0) return 1;
-  std::array<palpate_site_Hand, 7> hands{};
+  std::vector<palpate_site_Hand> hands(static_cast<std::size_t>(stay ? std::atoi(argv[4]) : 7));
   const auto end = std::chrono::steady_clock::now() + seconds;
   while (std::chrono::steady_clock::now() < end) {
     for (std::size_t i = 0; i < hands.size(); ++i) {
-      ("Z" + std::to_string(i)).copy(hands[i].site, sizeof hands[i].site - 1);
+      ("Z" + std::to_string(first + static_cast<int>(i)))
+          .copy(hands[i].site, sizeof hands[i].site - 1);
       ++hands[i].number;
       (void)dds_write(writer, &hands[i]);
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    if (stay) continue;
     for (palpate_site_Hand& hand : hands) (void)dds_dispose(writer, &hand);
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
