@@ -80,7 +80,9 @@ struct ModePressed {
 class Curve {
  public:
   Curve(const Opened& opened, const Way& way)
-      : scene_(*opened.built.scene), way_(way), modes_(scene_.graph.modes.size()) {}
+      : scene_(*opened.built.scene), way_(way), modes_(scene_.graph.modes.size()) {
+    for (const std::string& name : scene_.graph.mode_names) names_.push_back(Legible(name).text());
+  }
 
   void add(int tick, const StepReport& r, const ProxyState& state, const StepTrace& trace) {
     Row row = seen(tick, r);
@@ -144,7 +146,7 @@ class Curve {
     const bool inside = side == Side::kInside;
     if (loads.empty() && !inside) return;
     const char* word = inside && holdOf(loads) == Hold::kIdle ? "inside" : wordFor(holdOf(loads));
-    row.contacts += (row.contacts.empty() ? "" : "; ") + scene_.graph.mode_names[i] + "=" + word;
+    row.contacts += (row.contacts.empty() ? "" : "; ") + names_[i] + "=" + word;
   }
 
   /// Energies, as the hand meets them: a force holds until the next tick.
@@ -174,6 +176,7 @@ class Curve {
   const Way way_;
   std::vector<Row> rows_;
   std::vector<ModePressed> modes_;
+  std::vector<std::string> names_;  ///< As a row has them, which may be of many.
   std::array<int, kStepStatuses> statuses_{};
   Vec3 last_force_ = Vec3::Zero();
   double last_stiffness_ = 0.0;
