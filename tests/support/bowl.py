@@ -105,6 +105,7 @@ class Ended:
         (self.dir / "held.csv").write_text("t,x,y,z\n0,0.01,0.01,0\n1.5,0.01,0.01,-0.024\n"
                                            f"{seconds},0.01,0.01,-0.024\n")
         summary = self.dir / "held.json"
+        summary.unlink(missing_ok=True)
         self.running = subprocess.Popen(
             [PALPATE, "feel", self.scene(self.address), "--device", f"path:{self.dir / 'held.csv'}",
              "--realtime", "--summary", summary], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)

@@ -1,10 +1,13 @@
 /// Sites of this machine, by names alone: palpate_comers DOMAIN SECONDS [FIRST COUNT].
-/// Seven that come and go as fast as they can, or COUNT that stay: ZFIRST, and so on.
+/// Seven that come and go as fast as they can, or COUNT that stay: ZFIRST, and so on. It says on
+/// stderr where it was kept from its core for so long that they were nearly silent.
 #include <chrono>
 #include <cstdlib>
 #include <dds/dds.h>
+#include <iostream>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "site_topics.h"
@@ -34,7 +37,9 @@ int main(int argc, char** argv) {
   if (writer < 0) return 1;
   std::vector<palpate_site_Hand> hands(static_cast<std::size_t>(stay ? std::atoi(argv[4]) : 7));
   const auto end = std::chrono::steady_clock::now() + seconds;
-  while (std::chrono::steady_clock::now() < end) {
+  auto last = std::chrono::steady_clock::now();
+  bool late = false;
+  while (last < end) {
     for (std::size_t i = 0; i < hands.size(); ++i) {
       ("Z" + std::to_string(first + static_cast<int>(i)))
           .copy(hands[i].site, sizeof hands[i].site - 1);
@@ -42,9 +47,13 @@ int main(int argc, char** argv) {
       (void)dds_write(writer, &hands[i]);
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    if (stay) continue;
-    for (palpate_site_Hand& hand : hands) (void)dds_dispose(writer, &hand);
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    if (!stay) {
+      for (palpate_site_Hand& hand : hands) (void)dds_dispose(writer, &hand);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    const auto before = std::exchange(last, std::chrono::steady_clock::now());
+    late = late || last - before > std::chrono::milliseconds(100);
   }
+  if (late) std::cerr << "the loop was late\n";
   dds_delete(whole);
 }
