@@ -460,7 +460,6 @@ class IgtlTest(unittest.TestCase):
         client.until("TRANSFORM", "PalpateHand")
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
-    @unless_late
     def test_who_is_slow_holds_up_nobody(self):
         run = self.start(device="simulated", *("--igtl-rate", "100"))
         deaf = socket.socket()
@@ -482,7 +481,6 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["igtl"]["ended"], 2)  # the deaf one as well
         self.assertGreater(summary["igtl"]["skipped"], 100)
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
-        self.assertEqual(summary["faults"], {})
 
     def test_thousands_of_connections(self):
         run = self.start(device="simulated")
