@@ -2,7 +2,7 @@
 # clang-format on every file, clang-tidy on every source outside tests/ that has not passed it as it
 # is (see tidy.py). Configures a build of its own, so that no precompiled header of another compiler
 # is in the way.
-#   --all   clang-tidy on all of them, before a release
+#   --all   clang-tidy on all of them and with the slow checks, before a release
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
