@@ -10,6 +10,9 @@ import sys
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parent / "support"))
+import suite  # noqa: E402
+
 ROOT = Path(sys.argv[1]).resolve()
 SKIPPED = {".git", "build", "out"}
 REFERENCE = re.compile(r"([\w./-]+\.(?:h|cpp|py|sh|md|json|txt)):(\S.*)")
@@ -198,4 +201,4 @@ class Checker(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[2:])

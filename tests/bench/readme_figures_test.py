@@ -16,6 +16,9 @@ sys.dont_write_bytecode = True
 sys.path.insert(0, str(SCRIPT.parent))
 import readme_figures as figures  # noqa: E402  (it stands there)
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 CELLS = {
     1: ["3e-9 N (eq. 2: 4.7 N)"],
     2: ["none; 44 solves at most"],
@@ -40,7 +43,7 @@ case "$(basename "$0") $*" in
     cmake*) exit 0 ;;
     "palpate --version") echo "palpate 0.2.0 ($COMMIT)"; echo "GNU 12.2.0, Release; imports"; exit 0 ;;
     *paper*) n=1 ;; *balance*) n=2 ;; *speed_accuracy*) n=3 ;; *tick*) n=4 ;; *press*) n=5 ;;
-    *1.5*) n=6 ;; *scale*) n=7 ;; *whatever*) n=8 ;; *kill_table*) n=9 ;; *alloc*) n=10 ;;
+    *1.5*) n=6 ;; *scale*) n=7 ;; *whatever*) n=8 ;; *kill_table*) n=9 ;; *realtime*) n=10 ;;
 esac
 [ "$n" != "$FAILS" ] || { echo "it went wrong" >&2; exit 3; }
 cat "$RECORDED/$n.txt"
@@ -155,4 +158,4 @@ class Writing(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[2:])

@@ -1,5 +1,5 @@
 /// docs/stability.md, section 6: where other methods fail, they do, and the engine does
-/// not. The numbers are printed: ctest -V -R regime.
+/// not. The numbers are printed: palpate_map_tests "regime*".
 #include <cmath>
 #include <iostream>
 

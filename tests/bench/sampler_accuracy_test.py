@@ -8,6 +8,9 @@ import tempfile
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 PROGRAM = sys.argv[1]
 CHART = sys.argv[2]
 
@@ -121,4 +124,4 @@ class SamplerAccuracy(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[3:])

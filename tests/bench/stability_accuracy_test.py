@@ -7,6 +7,9 @@ import tempfile
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 PROGRAM = sys.argv[1]
 CHART = sys.argv[2]
 
@@ -54,5 +57,4 @@ class StabilityAccuracy(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    sys.argv = sys.argv[:1]
-    unittest.main()
+    suite.main(sys.argv[3:])

@@ -640,7 +640,8 @@ TEST_CASE("kinks that meet share a load, and what nothing presses on carries not
   }
 }
 
-TEST_CASE("bad input stays bad input, and friction allocates nothing", "[modes][friction]") {
+TEST_CASE("bad input stays bad input, and friction allocates nothing",
+          "[modes][friction][realtime]") {
   Balance b;
   REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), Vec3::UnitZ(), 2.0}));
   REQUIRE(b.set.tryAddFriction(Vec3::Zero(), 0.5));

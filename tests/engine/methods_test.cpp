@@ -329,7 +329,8 @@ TEST_CASE("the smallest |f_res| is the balance of most pairs and of fewer sets o
   CHECK(eight.reached < 0.95);
 }
 
-TEST_CASE("every method follows the probe when nothing pulls, and allocates nothing", "[methods]") {
+TEST_CASE("every method follows the probe when nothing pulls, and allocates nothing",
+          "[methods][realtime]") {
   const Vec3 probe(1e-3, 2e-3, -3e-3);
   const std::vector<Primitive> none;
   const std::vector<Primitive> idle{{PrimitiveKind::kPoint, probe, Vec3::UnitX(), 0.0},

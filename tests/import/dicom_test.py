@@ -6,13 +6,14 @@ import math
 import os
 import random
 import struct
-import subprocess
 import sys
 import tempfile
 import unittest
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 BIN = Path(sys.argv[1])
@@ -193,7 +194,7 @@ class Case(unittest.TestCase):
         self.out = self.dir / "out.vdb"
 
     def run_import(self, source, *more):
-        return subprocess.run([str(BIN / "palpate-import"), str(source), str(self.out), *more],
+        return process.run([str(BIN / "palpate-import"), str(source), str(self.out), *more],
                               capture_output=True, text=True, timeout=120)
 
     def imported(self, source, *more):
@@ -214,7 +215,7 @@ class Case(unittest.TestCase):
     def sampled(self, points, interpolation):
         """The value at points (RAS, mm) and whether there are data."""
         table = "x,y,z\n" + "".join(",".join(repr(c) for c in p) + "\n" for p in points)
-        done = subprocess.run([str(BIN / "palpate"), "sample", str(self.out), "--grid", "density",
+        done = process.run([str(BIN / "palpate"), "sample", str(self.out), "--grid", "density",
                                "--points", "-", "--interpolation", interpolation], input=table,
                               capture_output=True, text=True, timeout=120)
         self.assertEqual(done.returncode, 0, done.stderr)
@@ -243,6 +244,7 @@ class Case(unittest.TestCase):
 
 
 class Places(Case):
+    @suite.smoke
     def test_an_axial_series(self):
         volume = Volume()
         folder = volume.write(self.dir / "ct")
@@ -268,6 +270,7 @@ class Places(Case):
         self.imported(volume.write(self.dir / "mr"))
         self.same(volume)
 
+    @suite.smoke
     def test_a_tilted_gantry_shears(self):
         tilt = math.radians(20)
         # Slices lean about x, but the table moves along z.
@@ -287,6 +290,7 @@ class Places(Case):
         self.imported("IM003")
         self.same(volume)
 
+    @suite.smoke
     def test_frames_of_one_file(self):
         volume = Volume()
         # The frames in another order than the slices.
@@ -312,6 +316,7 @@ class Places(Case):
         self.imported(file)
         self.same(volume)
 
+    @suite.smoke
     def test_packed_pixels(self):
         for syntax in RLE, JPEG:
             volume = Volume(size=(20, 17, 4))
@@ -337,6 +342,7 @@ class Places(Case):
 
 
 class Values(Case):
+    @suite.smoke
     def test_units_and_types(self):
         # Whole and broken, signed and unsigned, beyond 16 bits, each slice its own.
         for slope, intercept in (1, 0), (2, -5), (0.25, 3.5), (100, -7), (-1, 0):
@@ -359,6 +365,7 @@ class Values(Case):
         self.imported(folder)
         self.same(volume, lambda i, j, k: (0.5 + k) * volume.stored(i, j, k) - 1024, places=2)
 
+    @suite.smoke
     def test_padding_is_no_data(self):
         hidden = {(0, 0, 0), (4, 3, 5), (2, 1, 3)}
         plain = Volume().stored
@@ -378,6 +385,7 @@ class Values(Case):
 
 
 class Choice(Case):
+    @suite.smoke
     def test_one_of_several_series(self):
         first = Volume(uid="1.2.30", number=7, description="Lung 1.0")
         second = Volume(uid="1.2.4", number=9, description="Head", size=(3, 3, 3), modality="MR")
@@ -425,6 +433,7 @@ class Choice(Case):
 
 
 class Trouble(Case):
+    @suite.smoke
     def test_missing_slices(self):
         volume = Volume(size=(4, 4, 30), origin=(0, 0, 0))
         self.refused(volume.write(self.dir / "one", slices=[k for k in range(30) if k != 6]),
@@ -480,6 +489,7 @@ class Trouble(Case):
             self.refused(Volume(**tag).write(self.dir / "nonsense"),
                          says="do not say where they are")
 
+    @suite.smoke
     def test_colour(self):
         volume = Volume(t00280002=("US", 3), t00280004=("CS", "RGB"), t00280006=("US", 0))
         volume.pixels = lambda k: bytes(5 * 4 * 3 * 2)
@@ -488,6 +498,7 @@ class Trouble(Case):
     def test_one_slice_is_flat(self):
         self.refused(Volume(size=(5, 4, 1)).write(self.dir / "one"), says="flat")
 
+    @suite.smoke
     def test_cut_and_broken_files(self):
         folder = Volume().write(self.dir / "ct")
         file = folder / "IM002"
@@ -510,6 +521,7 @@ class Trouble(Case):
             self.assertLessEqual(len(done.stderr.splitlines()), 1, done.stderr)
             self.out.unlink(missing_ok=True)
 
+    @suite.smoke
     def test_a_size_that_its_pixels_do_not_have(self):
         volume = Volume(t00280010=("US", 60000), t00280011=("US", 60000))
         self.refused(volume.write(self.dir / "ct"), says="fewer pixels")
@@ -529,6 +541,7 @@ class Time(Case):
         volume.intercept = -1024
         return folder, volume
 
+    @suite.smoke
     def test_the_first_step_is_the_earliest(self):
         for tags in ({"t00181060": ("DS", ["20", "520"])}, {"t00200100": ("IS", ["1", "2"])},
                      {"t00080032": ("TM", ["095959.5", "100000.25"])}):
@@ -543,6 +556,7 @@ class Time(Case):
                                 t00189087=("FD", [0.0, 1000.0]))
         self.refused(folder, says="differ in diffusion weighting")
 
+    @suite.smoke
     def test_missing_steps(self):
         folder, _ = self.series(t00181060=("DS", ["20", "520"]))
         next(folder.glob("*-3-1")).unlink()
@@ -552,7 +566,7 @@ class Time(Case):
 def built_without():
     with tempfile.TemporaryDirectory() as name:
         folder = Volume().write(Path(name) / "ct")
-        done = subprocess.run([str(BIN / "palpate-import"), str(folder), f"{name}/out.vdb"],
+        done = process.run([str(BIN / "palpate-import"), str(folder), f"{name}/out.vdb"],
                               capture_output=True, text=True, timeout=120)
         return "built without vtk-dicom" in done.stderr
 
@@ -561,4 +575,4 @@ if __name__ == "__main__":
     if built_without():
         print("palpate-import was built without vtk-dicom")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[2:])

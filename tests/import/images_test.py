@@ -7,7 +7,6 @@ import io
 import json
 import os
 import struct
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -15,6 +14,8 @@ import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 
@@ -70,14 +71,14 @@ class Case(unittest.TestCase):
     def convert(self, path, *words):
         out = self.dir / "out.vdb"
         out.unlink(missing_ok=True)
-        done = subprocess.run([str(BIN / "palpate-import"), str(path), str(out), *words],
+        done = process.run([str(BIN / "palpate-import"), str(path), str(out), *words],
                               capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return out
 
     def refused(self, path, says, *words, out=None):
         """One clear line on stderr, status 2, no file left."""
-        done, line = refusal(self, self.dir, lambda: subprocess.run(
+        done, line = refusal(self, self.dir, lambda: process.run(
             [str(BIN / "palpate-import"), str(path), str(out or self.dir / "out.vdb"), *words],
             capture_output=True, text=True, timeout=120))
         self.assertIn(says, line)
@@ -98,7 +99,7 @@ class Case(unittest.TestCase):
             bad[bit // 8] ^= 1 << bit % 8
             path = self.write(name, before, bytes(bad))
             out = self.dir / "out.vdb"
-            done = subprocess.run([str(BIN / "palpate-import"), str(path), str(out)],
+            done = process.run([str(BIN / "palpate-import"), str(path), str(out)],
                                   capture_output=True, text=True, timeout=120)
             if done.returncode == 0:
                 self.assertEqual(out.read_bytes()[uuid:], whole, f"bit {bit} changes voxels")
@@ -110,14 +111,14 @@ class Case(unittest.TestCase):
         self.assertGreater(refused, 0.7 * count)
 
     def notes(self, path, *words):
-        done = subprocess.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
+        done = process.run([str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb"),
                                "--json", *words], capture_output=True, text=True, timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return "\n".join(json.loads(done.stdout)["notes"])
 
     def sample(self, volume, grid, points):
         text = "x,y,z\n" + "".join("{!r},{!r},{!r}\n".format(*map(float, p)) for p in points)
-        done = subprocess.run([str(BIN / "palpate"), "sample", str(volume), "--grid", grid,
+        done = process.run([str(BIN / "palpate"), "sample", str(volume), "--grid", grid,
                                "--points", "-"], input=text, capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
@@ -169,11 +170,12 @@ class Nrrd(Case):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "a.nrrd"
             path.write_bytes(b"NRRD0004\n\n")
-            done = subprocess.run([str(BIN / "palpate-import"), str(path), folder + "/out.vdb"],
+            done = process.run([str(BIN / "palpate-import"), str(path), folder + "/out.vdb"],
                                   capture_output=True, text=True, timeout=120)
         if "without teem" in done.stderr:
             raise unittest.SkipTest("built without teem")
 
+    @suite.smoke
     def test_every_space_becomes_ras(self):
         for space, turn in (("left-posterior-superior", RAS_FROM_LPS), ("LPS", RAS_FROM_LPS),
                             ("left-anterior-superior", RAS_FROM_LAS),
@@ -191,6 +193,7 @@ class Nrrd(Case):
         path = self.write("a.nrrd", nrrd("space: LPS", "spacings: 1 2 3"), "\n", SHORTS)
         self.says_patient(self.convert(path), says=False)
 
+    @suite.smoke
     def test_every_encoding_and_byte_order(self):
         text = " ".join(map(str, SCALARS))
         for encoding, data in (("raw", SHORTS), ("gzip", gzip.compress(SHORTS)),
@@ -206,6 +209,7 @@ class Nrrd(Case):
             self.holds(self.convert(path), "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0),
                        scalar)
 
+    @suite.smoke
     def test_every_type(self):
         for kind, letter in (("signed char", "b"), ("uchar", "B"), ("ushort", "H"), ("int", "i"),
                              ("uint", "I"), ("longlong", "q"), ("ulonglong", "Q"), ("float", "f"),
@@ -226,6 +230,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "density", ((2, 0, 0), (0, 2, 0), (0, 0, 2)), (10, 20, 30),
                    scalar)
 
+    @suite.smoke
     def test_detached_headers(self):
         one = SHORTS
         self.write("whole.raw", b"junk" + one)
@@ -252,6 +257,7 @@ class Nrrd(Case):
         path = self.write("a.nhdr", nrrd("data file: part%03d.raw 1 6 1").replace("\n", "\r\n"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    @suite.smoke
     def test_vectors_turn_with_their_space(self):
         fields = ("space: left-posterior-superior", ORIGIN)
         columns, origin = turned(RAS_FROM_LPS)
@@ -276,6 +282,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "vector", *turned(RAS_FROM_LPS, IDENTITY, (0, 0, 0)),
                    lambda i, j, k: times(RAS_FROM_LPS, tuple(c % 200 for c in vector(i, j, k))))
 
+    @suite.smoke
     def test_a_measurement_frame_turns_vectors_first(self):
         # The frame's columns are listed: x of the frame is y of the space, y is -x.
         path = self.write("a.nrrd", nrrd(
@@ -289,6 +296,7 @@ class Nrrd(Case):
         path = self.write("a.nrrd", nrrd(kind="float", sizes="3 4 5 6"), "\n", VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
 
+    @suite.smoke
     def test_tensors_are_felt_by_direction_anisotropy_and_diffusivity(self):
         # D = n n^T 3 + 1 with n = (0.6, 0.8, 0): eigenvalues 4, 1, 1.
         n = (0.6, 0.8, 0.0)
@@ -324,6 +332,7 @@ class Nrrd(Case):
         self.holds(self.convert(path), "tensor_direction", IDENTITY, (0, 0, 0),
                    lambda *_: (0.0, 0.0, 1.0))
 
+    @suite.smoke
     def test_masked_tensors_are_hidden(self):
         values = []
         for i, j, k in INDICES:
@@ -335,6 +344,7 @@ class Nrrd(Case):
         self.holds(out, "tensor_direction", IDENTITY, (0, 0, 0),
                    lambda i, j, k: (0.0,) * 3 if (i, j, k) == (1, 1, 1) else (1.0, 0.0, 0.0))
 
+    @suite.smoke
     def test_a_series_begins_with_its_first_step(self):
         more = struct.pack("<240h", *SCALARS, *(-v for v in SCALARS))
         path = self.write("a.nrrd", nrrd(
@@ -359,6 +369,7 @@ class Nrrd(Case):
                                          'units: "mm" "mm" "mm"'), "\n", SHORTS)
         self.holds(self.convert(path), "density", COLUMNS, AT, scalar)
 
+    @suite.smoke
     def test_what_cannot_be_felt_is_refused(self):
         for word, size in (("complex", 2), ("RGB-color", 3), ("3-color", 3), ("4-vector", 4),
                            ("quaternion", 4), ("2D-symmetric-matrix", 3)):
@@ -373,6 +384,7 @@ class Nrrd(Case):
         path = self.write("a.nrrd", nrrd("block size: 2", kind="block"), "\n", SHORTS)
         self.refused(path, "blocks")
 
+    @suite.smoke
     def test_damage(self):
         good = nrrd("spacings: 1 1 1")
         self.refused(self.write("a.nrrd", good, "\n", SHORTS[:100]), "truncated")
@@ -401,6 +413,7 @@ class Nrrd(Case):
                                          "content: " + "C" * 3000), "\n", SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    @suite.smoke
     def test_absurd_sizes(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2",
                       "2000000000 2000000000 2000000000", "0 5 6", "-4 5 6",
@@ -415,6 +428,7 @@ class Nrrd(Case):
     def test_no_bit_of_packed_values_changes_unseen(self):
         self.bits_are_guarded("a.nrrd", nrrd(encoding="gzip") + "\n", gzip.compress(SHORTS), 60)
 
+    @suite.smoke
     def test_packed_values_between_lines_and_bytes(self):
         for skip, data in ((6, gzip.compress(b"before" + SHORTS)),
                            (-1, gzip.compress(b"before" + SHORTS)),
@@ -431,6 +445,7 @@ class Nrrd(Case):
         (self.dir / "out.vdb").unlink()
         self.refused(path, "a.raw.gz is truncated")
 
+    @suite.smoke
     def test_data_files_are_not_trusted(self):
         self.write("a.raw", SHORTS)
         for field, says in (("none.raw", "cannot be read"), (".", "cannot be read"),
@@ -461,6 +476,7 @@ class MetaImage(Case):
               "ElementSpacing = 1 2 3")
     COLUMNS = ((0, 1, 0), (-2, 0, 0), (0, 0, 3))
 
+    @suite.smoke
     def test_the_place_is_exact(self):
         path = self.write("a.mha", meta(*self.PLACED), SHORTS)
         self.holds(self.convert(path), "density", self.COLUMNS, (10, 20, 30), scalar)
@@ -479,6 +495,7 @@ class MetaImage(Case):
         self.holds(self.convert(path), "density", ((2, 1, 0), (0, 2, 0), (0, 0, 2)), (1, 2, 3),
                    scalar)
 
+    @suite.smoke
     def test_data_local_and_beside(self):
         self.write("a.raw", SHORTS)
         self.write("a.zraw", zlib.compress(SHORTS))
@@ -503,6 +520,7 @@ class MetaImage(Case):
                           packed)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    @suite.smoke
     def test_every_type(self):
         for kind, letter in (("MET_CHAR", "b"), ("MET_UCHAR", "B"), ("MET_USHORT", "H"),
                              ("MET_INT", "i"), ("MET_UINT", "I"), ("MET_LONG", "i"),
@@ -513,6 +531,7 @@ class MetaImage(Case):
             self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0),
                        lambda i, j, k: scalar(i, j, k) % 100)
 
+    @suite.smoke
     def test_vectors_and_tensors(self):
         path = self.write("a.mha", meta("ElementNumberOfChannels = 3", kind="MET_FLOAT"), VECTORS)
         self.holds(self.convert(path), "vector", IDENTITY, (0, 0, 0), vector)
@@ -564,7 +583,7 @@ class MetaImage(Case):
         noise = os.urandom(2 * 50 ** 3)
         path = self.write("a.mha", meta(DimSize="50 50 50"), noise)
         words = [str(BIN / "palpate-import"), str(path), str(self.dir / "out.vdb")]
-        done = subprocess.run(["prlimit", f"--fsize={2 ** 16}", *words], capture_output=True,
+        done = process.run(["prlimit", f"--fsize={2 ** 16}", *words], capture_output=True,
                               text=True, timeout=120)
         self.assertEqual(done.returncode, 2)
         self.assertIn("cannot be written (File too large)", done.stderr)
@@ -586,6 +605,7 @@ class MetaImage(Case):
         self.refused(self.write("a.nii", nifti((4, 5, 6, 2), *SHORT), SHORTS * 2),
                      "out_0001.vdb: it is a pipe", "--time", "all")
 
+    @suite.smoke
     def test_damage(self):
         self.write("a.raw", SHORTS)
         self.refused(self.write("a.mha", meta(), SHORTS[:100]), "truncated")
@@ -620,6 +640,7 @@ class MetaImage(Case):
         for pack in (zlib.compress, gzip.compress):
             self.bits_are_guarded("a.mha", meta(CompressedData="True"), pack(SHORTS))
 
+    @suite.smoke
     def test_absurd_sizes(self):
         for sizes in ("100000 100000 100000", "4000000000 2 2", "0 5 6", "-4 5 6", "4 5", "x y z"):
             self.refused(self.write("a.mha", meta(DimSize=sizes), SHORTS), "a.mha")
@@ -699,6 +720,7 @@ class Nifti(Case):
         self.holds(out, "density", ((1, 0, 0), (0, 2, 0), (0, 0, 3)), (0, 0, 0), scalar)
         self.says_patient(out, says=False)
 
+    @suite.smoke
     def test_turns_are_quaternions(self):
         half = 0.5 ** 0.5
         # A quarter about z; half a turn about x, whose first number is 0; and one that rounding
@@ -710,6 +732,7 @@ class Nifti(Case):
             self.holds(self.convert(path), "density", columns, (5, 6, 7),
                        lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
 
+    @suite.smoke
     def test_the_second_version(self):
         for order, values in (("<", SHORTS), (">", BIG_SHORTS)):
             path = self.write("a.nii", nifti2(SIZE, *SHORT, rows=self.ROWS, order=order), values)
@@ -721,6 +744,7 @@ class Nifti(Case):
                    lambda i, j, k: 0.5 * scalar(i, j, k) + 3)
         self.refused(self.write("a.nii", nifti2(SIZE, *SHORT)[:400]), "damaged")
 
+    @suite.smoke
     def test_packed_swapped_scaled_and_in_pairs(self):
         path = self.write("a.nii.gz", gzip.compress(nifti(SIZE, *SHORT) + SHORTS))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
@@ -741,6 +765,7 @@ class Nifti(Case):
         path = self.write("a.nii", nifti((4, 5, 6, 1), *SHORT), SHORTS)
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    @suite.smoke
     def test_vectors_of_five_dimensions(self):
         for intent in (1007, 1006):
             path = self.write("a.nii", nifti((4, 5, 6, 1, 3), *FLOAT, intent=intent,
@@ -751,6 +776,7 @@ class Nifti(Case):
         self.holds(self.convert(path), "vector", ((1, 0, 0), (0, 1, 0), (0, 0, -1)), (5, 6, 7),
                    vector)
 
+    @suite.smoke
     def test_symmetric_matrices(self):
         # xx yx yy zx zy zz: y and z are 1 1, 1 1
         planes = [v * within(p) for v in (1, 0, 1, 0, 1, 1) for p in INDICES]
@@ -775,6 +801,7 @@ class Nifti(Case):
                    lambda i, j, k: (-1.0 - i, 300.0 + k, -20.0 - j))
         self.refused(path, "3 volumes", "--as", "tensor")
 
+    @suite.smoke
     def test_four_dimensions_as_fsl_writes_tensors(self):
         # xx xy xz yy yz zz along the voxels, x to the left: x and y are 1 1, 1 1
         planes = [v for v in (1, 1, 0, 1, 0, 1) for _ in range(120)]
@@ -786,6 +813,7 @@ class Nifti(Case):
                    lambda *_: (0.5 ** 0.5, -(0.5 ** 0.5), 0.0))
         self.refused(path, "6 volumes", "--as", "vector")
 
+    @suite.smoke
     def test_what_cannot_be_felt_is_refused(self):
         self.refused(self.write("a.nii", nifti(SIZE, 128, 24), bytes(360)), "colours")
         self.refused(self.write("a.nii", nifti(SIZE, 2304, 32), bytes(480)), "colours")
@@ -793,6 +821,7 @@ class Nifti(Case):
         self.refused(self.write("a.nii", nifti((4, 5, 6, 1, 2), *FLOAT), bytes(960)), "2 values")
         self.refused(self.write("a.nii", nifti((4, 30), *SHORT), SHORTS), "flat")
 
+    @suite.smoke
     def test_damage(self):
         whole = nifti(SIZE, *SHORT) + SHORTS
         self.refused(self.write("a.nii", whole[:500]), "truncated")
@@ -852,6 +881,7 @@ class Nifti(Case):
             told = self.notes(self.write("a.nii", nifti(SIZE, *kind, **scale), data))
             self.assertTrue(says in told if says else not told, (kind, scale, told))
 
+    @suite.smoke
     def test_absurd_sizes(self):
         for dims in ((32767, 32767, 32767), (32767, 32767, 32767, 32767, 3), (-4, 5, 6),
                      (0, 5, 6)):
@@ -861,4 +891,4 @@ class Nifti(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=[sys.argv[0], *sys.argv[2:]])
+    suite.main(sys.argv[2:])

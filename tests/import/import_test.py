@@ -18,6 +18,8 @@ import zlib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 from terminal import Terminal  # noqa: E402
@@ -27,7 +29,7 @@ MAKE_SERIES = str(Path(sys.argv[2]).resolve())
 
 
 def call(*words, timeout=120):
-    return subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True,
+    return process.run([PALPATE, *map(str, words)], capture_output=True, text=True,
                           timeout=timeout)
 
 
@@ -193,6 +195,7 @@ class Images(Case):
             for axis, key in enumerate(("vx", "vy", "vz")):
                 self.assertAlmostEqual(row[key], flow[3 * i + axis], places=5)
 
+    @suite.smoke
     def test_cell_data_of_an_image_stand_at_the_cells_centres(self):
         cells = image_values(3, 2, 2, lambda i, j, k: 1 + i + 10 * j + 100 * k)
         points = image_values(4, 3, 3, lambda i, j, k: i * j * k)
@@ -204,6 +207,7 @@ class Images(Case):
         self.assertEqual([r["value"] for r in rows[:3]], [1, 2, 113])
         self.assertAlmostEqual(rows[3]["value"], (1 + 2 + 11 + 12 + 101 + 102 + 111 + 112) / 8)
 
+    @suite.smoke
     def test_what_surrounds_the_object_is_left_out_and_nothing_else_changes(self):
         def ball(i, j, k):
             return 900.0 if (i - 16) ** 2 + (j - 16) ** 2 + (k - 16) ** 2 < 64 else 7.0
@@ -234,6 +238,7 @@ class Images(Case):
         self.assertTrue(math.isfinite(rows[0]["value"]))
         self.assertEqual(rows[1]["value"], 6)
 
+    @suite.smoke
     def test_a_straight_grid_is_an_image(self):
         straight = rectilinear([0, 0.5, 1, 1.5], [2, 3, 4], [0, 0.1, 0.2])
         report = self.imported(self.write("a.vtk", straight))
@@ -245,6 +250,7 @@ class Images(Case):
         row = self.sample("s", [(2 + 0.5, 1, 2 + 0.2)])[0]
         self.assertAlmostEqual(row["value"], linear((2.5, 1, 2.2)), places=5)
 
+    @suite.smoke
     def test_other_voxels_on_demand_and_how_far_off_they_are(self):
         values = image_values(20, 20, 20, lambda i, j, k: math.sin(0.3 * i) * j + k)
         source = self.write("a.vti", vti(20, 20, 20, [("s", 1, values)], spacing=(1, 2, 1)))
@@ -255,6 +261,7 @@ class Images(Case):
         coarse = grid_report(self.imported(source, "--voxel", 3), "s")["resampling"]
         self.assertGreater(coarse["rms"], 1e-3)
 
+    @suite.smoke
     def test_smoothing_says_what_it_took_away(self):
         rng = random.Random(3)
         values = image_values(16, 16, 16, lambda i, j, k: rng.uniform(0, 1))
@@ -283,6 +290,7 @@ class Images(Case):
         self.assertEqual([r["inside"] for r in rows], [1, 0, 0, 1])
         self.assertEqual([rows[0]["value"], rows[3]["value"]], [1004, 1037])
 
+    @suite.smoke
     def test_blanked_cells_and_points_of_an_image_have_no_data(self):
         cells = [2 if i == 0 else 0 for i in range(27)]
         ghosts = f'''<CellData><DataArray type="UInt8" Name="vtkGhostType" format="ascii">
@@ -311,6 +319,7 @@ class Meshes(Case):
         rng = random.Random(4)
         return [tuple(rng.uniform(a, b) for a, b in zip(lower, upper)) for _ in range(count)]
 
+    @suite.smoke
     def test_a_linear_field_survives_resampling_exactly(self):
         """Trilinear cells, tetrahedra and voxels all reproduce it."""
         twisted = structured(7, 7, 7, lambda i, j, k: (
@@ -390,6 +399,7 @@ class Meshes(Case):
         rows = self.sample("s", [(3, 3, 3), (1, 1, 1), (7, 1, 1)])
         self.assertEqual([r["inside"] for r in rows], [0, 1, 0])
 
+    @suite.smoke
     def test_cell_data_of_a_mesh_are_averaged_to_its_points(self):
         points, cells = box_of_tetrahedra(2)
         data = f"CELL_DATA {len(cells)}\n" + scalars("c", [3.0] * len(cells)) + scalars(
@@ -399,6 +409,7 @@ class Meshes(Case):
         self.assertTrue(any("averaged to the points" in note for note in report["notes"]))
         self.assertEqual(self.sample("c", [(1, 1, 1)])[0]["value"], 3)
 
+    @suite.smoke
     def test_blocks_are_one_mesh(self):
         for name, shift in (("left.vtu", 0), ("right.vtu", 1)):
             points = [(shift + x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
@@ -424,6 +435,7 @@ class Meshes(Case):
             [0, 1, 2, 4, 8, 9, 10], [0, 1, 2, 3, 4, 5.5], [0, 1, 2, 3, 4.1])))
         self.assertGreater(report["grids"][0]["active_voxels"], 1000)
 
+    @suite.smoke
     def test_plot3d_with_blanked_points(self):
         n = 5
         grid, blank, flow = [], [], [[], [], [], [], []]
@@ -471,6 +483,7 @@ class Meshes(Case):
             self.assertEqual(len(said), 0 if derived else 2, report["notes"])
             self.assertLessEqual({"Density", "Momentum", "Velocity"}, names)
 
+    @suite.smoke
     def test_components_are_joined_into_a_vector(self):
         n = 6
         at = [(i, j, k) for k in range(n) for j in range(n) for i in range(n)]
@@ -509,10 +522,11 @@ class Meshes(Case):
 
 
 class Series(Case):
+    @suite.smoke
     def test_each_step_becomes_a_file(self):
         """Exodus: the value is sin(2 pi t) everywhere, 10 steps from 0 to 1."""
         source = self.dir / "series.ex2"
-        subprocess.run([MAKE_SERIES, source], check=True)
+        process.run([MAKE_SERIES, source], check=True)
         report = self.imported(source, "--field", "Point Value")
         self.assertTrue(any("first of 10 steps" in note for note in report["notes"]))
         reports = self.imported(source, "--field", "Point Value", "--time", "all")
@@ -599,6 +613,7 @@ class Raw(Case):
         layout = {**self.LAYOUT, **changes}
         return json.dumps({k: v for k, v in layout.items() if v is not None})
 
+    @suite.smoke
     def test_every_type_and_order_of_bytes(self):
         values = [i - 3 if i > 2 else i for i in range(24)]
         for name, code in (("int8", "b"), ("uint8", "B"), ("int16", "h"), ("uint16", "H"),
@@ -641,6 +656,7 @@ class Raw(Case):
                           (self.write("empty", b""), "not JSON")):
             self.refused(source, self.dir / "o.vdb", "--raw", raw, says=says)
 
+    @suite.smoke
     def test_what_is_wrong_with_a_layout_is_named(self):
         source = self.write("a.raw", struct.pack("<24h", *range(24)))
         out = self.dir / "o.vdb"
@@ -671,6 +687,7 @@ class LevelSets(Case):
             return outside + (inside - outside) * level
         return self.write(name, vti(*n, [("s", 1, image_values(*n, value))], spacing=spacing))
 
+    @suite.smoke
     def test_the_surface_is_where_the_values_say(self):
         for spacing in ((1, 1, 1), (1, 1, 2)):
             report = self.imported(self.ball(spacing), "--iso", 500)
@@ -688,6 +705,7 @@ class LevelSets(Case):
         self.imported(self.write("a.vti", vti(12, 12, 12, [("s", 1, values)])), "--iso", 1)
         self.assertLess(self.sample("s", [(6, 6, 6)])[0]["value"], 0)
 
+    @suite.smoke
     def test_what_is_thinner_than_its_voxels_is_refused_and_what_is_lost_is_told(self):
         values = image_values(40, 40, 40, lambda i, j, k: 100.0 * (k == 20))
         source = self.write("a.vti", vti(40, 40, 40, [("s", 1, values)]))
@@ -723,6 +741,7 @@ class LevelSets(Case):
 
 
 class Scenes(Case):
+    @suite.smoke
     def test_a_first_scene_is_written_beside_and_can_be_felt(self):
         def ball(i, j, k):
             return 900.0 / (1 + math.exp(2 * (math.dist((i, j, k), (16, 16, 16)) - 9)))
@@ -766,7 +785,7 @@ class Scenes(Case):
         source = self.write("a.vti", vti(3, 3, 3, [("s", 1, range(27))]))
         (self.dir / "a").mkdir()
         (self.dir / "b").mkdir()
-        done = subprocess.run([PALPATE, "import", "../a.vti", "o.vdb", "--scene", "../b/s.json"],
+        done = process.run([PALPATE, "import", "../a.vti", "o.vdb", "--scene", "../b/s.json"],
                               cwd=self.dir / "a", capture_output=True, text=True, timeout=60)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         run("check", self.dir / "b" / "s.json")
@@ -793,6 +812,7 @@ class Scenes(Case):
 
 
 class Refusals(Case):
+    @suite.smoke
     def test_files_that_are_something_else_are_named(self):
         out = self.dir / "o.vdb"
         for data, says in ((b"\x89PNG\r\n\x1a\n" + bytes(50), "PNG"), (b"PK\3\4" + bytes(50), "zip"),
@@ -851,6 +871,7 @@ class Refusals(Case):
         self.refused(source, out, "--nonsense", says="usage")
         self.refused(source, says="usage")
 
+    @suite.smoke
     def test_files_that_are_cut_or_do_not_add_up(self):
         out = self.dir / "o.vdb"
         text = rectilinear([0, 1, 2.5], [0, 1, 2], [0, 1, 3])
@@ -876,7 +897,7 @@ class Refusals(Case):
                                                                  'Piece Extent="0 3 0 3 0 3"')
         self.refused(self.write("e.vti", piece), out, says="pieces cover")
         whole = (self.dir / "series.ex2")
-        subprocess.run([MAKE_SERIES, whole], check=True)
+        process.run([MAKE_SERIES, whole], check=True)
         data = whole.read_bytes()
         for part in (0.5, 0.9, 0.999):
             self.refused(self.write("f.ex2", data[:int(part * len(data))]), out, says="truncated")
@@ -892,6 +913,7 @@ class Refusals(Case):
 
 
 class Damage(Case):
+    @suite.smoke
     def test_damaged_files_give_one_line_or_a_volume(self):
         rng = random.Random(int(os.environ.get("PALPATE_SEED", "5")))
         points, cells = box_of_tetrahedra(2)
@@ -1038,14 +1060,14 @@ class Running(Case):
         source = self.write("a.vtk", rectilinear([0, 1, 3], [0, 2, 3], [0, 1.5, 3]))
         before = sorted(os.listdir(self.dir))
         for pause in (0.05, 0.3, 5.0):
-            process = subprocess.Popen([PALPATE, "import", source, self.dir / "o.vdb", "--voxel",
+            importer = subprocess.Popen([PALPATE, "import", source, self.dir / "o.vdb", "--voxel",
                                         "0.0025"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                        text=True)
             time.sleep(pause)
-            process.send_signal(signal.SIGINT)
-            out, err = process.communicate(timeout=60)
+            importer.send_signal(signal.SIGINT)
+            out, err = importer.communicate(timeout=60)
             # -SIGINT: before the program had begun.
-            self.assertIn(process.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
+            self.assertIn(importer.returncode, (130, -signal.SIGINT) if pause < 5 else (130,))
             self.assertEqual((out, err), ("", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
@@ -1072,17 +1094,17 @@ class Running(Case):
         source, layout = self.big(224)
         before = sorted(os.listdir(self.dir))
         for how in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            process = subprocess.Popen([PALPATE, "import", source, "o.vdb", "--raw", layout,
+            importer = subprocess.Popen([PALPATE, "import", source, "o.vdb", "--raw", layout,
                                         "--scene", "s.json"], cwd=self.dir, text=True,
                                        stdout=subprocess.PIPE, stderr=subprocess.PIPE)
             while not any(name.startswith("o.vdb.partial") for name in os.listdir(self.dir)):
-                self.assertIsNone(process.poll())
+                self.assertIsNone(importer.poll())
                 time.sleep(0.001)
             begin = time.monotonic()
-            process.send_signal(how)
-            out, err = process.communicate(timeout=60)
+            importer.send_signal(how)
+            out, err = importer.communicate(timeout=60)
             self.assertLess(time.monotonic() - begin, 10.0)
-            self.assertEqual((process.returncode, out, err), (130, "", ""))
+            self.assertEqual((importer.returncode, out, err), (130, "", ""))
             self.assertEqual(sorted(os.listdir(self.dir)), before)
 
     @unittest.skipIf(os.environ.get("PALPATE_SANITIZE"), "sanitizers take memory of their own")
@@ -1104,4 +1126,4 @@ class Running(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=1)
+    suite.main(sys.argv[3:])

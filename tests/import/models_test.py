@@ -7,13 +7,14 @@ import math
 import os
 import random
 import struct
-import subprocess
 import sys
 import tempfile
 import unittest
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 import cgns  # noqa: E402
 import foam  # noqa: E402
 import grib  # noqa: E402
@@ -33,7 +34,7 @@ class Case(unittest.TestCase):
         self.out = self.dir / "out.vdb"
 
     def call(self, *words, text=None):
-        return subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True,
+        return process.run([PALPATE, *map(str, words)], capture_output=True, text=True,
                               input=text, timeout=120)
 
     def imported(self, source, *words):
@@ -181,6 +182,7 @@ class Sizes(Case):
         self.assertEqual(report["grids"][0]["voxel"], [0.5, 0.5, 0.5])
         self.of_at_most_twice(report, source.stat().st_size)
 
+    @suite.smoke
     def test_a_plot3d_grid_with_a_boundary_layer(self):
         points = self.points()
         grid, solution = self.dir / "g.xyz", self.dir / "g.q"
@@ -252,6 +254,7 @@ class Netcdf(Case):
             "time": 2, "lev": len(levels), "lat": len(LATITUDES), "lon": len(LONGITUDES)},
             variables, "made by a test", form, form != netcdf.CLASSIC)
 
+    @suite.smoke
     def test_weather_on_pressure_levels(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             report = self.imported(self.weather(form=form))
@@ -272,6 +275,7 @@ class Netcdf(Case):
             self.felt_as("wind", "t")
             self.assertIn(b"made by a test, heights times 20", self.out.read_bytes())
 
+    @suite.smoke
     def test_times_and_fields(self):
         source = self.weather()
         report = self.imported(source, "--time", 1, "--field", "u", "--field", "t")
@@ -308,6 +312,7 @@ class Netcdf(Case):
         at = place(LONGITUDES[4], LATITUDES[4], 40)
         self.holds("wind", [at], lambda *_: (3.0, 4.0, 10.0), 1e-4)
 
+    @suite.smoke
     def test_an_ocean_by_depth(self):
         """Longitudes over the date line, a level's number, depth downwards."""
         size = (6, 5, 4)
@@ -345,6 +350,7 @@ class Netcdf(Case):
         self.holds("q", [(1 + 0.25 * i, 2 + 0.25 * j, 3 + 0.25 * k) for i, j, k in points],
                    lambda *_: (lambda i, j, k: 100 * k + 10 * j + i + 1.0)(*next(found)), 1e-4)
 
+    @suite.smoke
     def test_what_is_no_volume_is_named(self):
         place_of = {"units": "degrees_north"}
         source = netcdf.write(self.dir / "c.nc", {"z": 3, "y": 4, "x": 5}, {
@@ -357,6 +363,7 @@ class Netcdf(Case):
             "t": (netcdf.FLOAT, ("z", "cell"), {}, [1.0] * 90)})
         self.refused(source, "none of its variables is a volume")
 
+    @suite.smoke
     def test_absurd_sizes_and_disorder(self):
         source = netcdf.write(self.dir / "a.nc", {"z": 100000, "y": 100000, "x": 100000}, {
             "t": (netcdf.DOUBLE, ("z", "y", "x"), {}, None)}, form=netcdf.NETCDF4)
@@ -382,6 +389,7 @@ class Netcdf(Case):
             variables[name] = (kind, (first, "lat", "lon"), attributes, values or range(count))
         return netcdf.write(self.dir / "g.nc", axes, variables)
 
+    @suite.smoke
     def test_coordinates_that_are_none(self):
         for lon in ((0, math.inf, 4), (0, 2, 1e300), (0, 1e17, 2e17), (0, math.nan, 4)):
             self.refused(self.grid(lon=lon), "longitude of")
@@ -432,6 +440,7 @@ class Netcdf(Case):
         self.assertEqual(set(alike["grid"]), {"a", "wind"})
         self.assertIn("u, v and w: joined", alike["note"])
 
+    @suite.smoke
     def test_damage(self):
         for form in (netcdf.CLASSIC, netcdf.NETCDF4):
             source = self.weather(form=form)
@@ -459,6 +468,7 @@ class Grib(Case):
                                                        **keys)))
         return grib.write(self.dir / "a.grib", messages)
 
+    @suite.smoke
     def test_weather_on_pressure_levels(self):
         for sample in ("regular_ll_pl_grib1", "regular_ll_pl_grib2"):
             report = self.imported(self.weather(sample))
@@ -473,6 +483,7 @@ class Grib(Case):
             self.holds("t", at, lambda *_: heat(*next(found)), 0.3)
             self.felt_as("wind", "t")
 
+    @suite.smoke
     def test_rows_from_south_and_columns_first(self):
         values = [heat(x, y, 0) for x in LONGITUDES for y in LATITUDES[::-1]]
         ends = {"latitudeOfFirstGridPointInDegrees": 46.0, "latitudeOfLastGridPointInDegrees": 50.0,
@@ -490,6 +501,7 @@ class Grib(Case):
         self.holds("t", [place(x, y, k * t["voxel"][2]) for x, y, k in points],
                    lambda *_: (lambda x, y, k: heat(x, y, 0) + k + 1)(*next(found)), 1e-2)
 
+    @suite.smoke
     def test_times_missing_values_and_single_levels(self):
         values = over([500], heat)
         values[0] = 9999.0
@@ -506,6 +518,7 @@ class Grib(Case):
         self.holds("t", [place(LONGITUDES[5], LATITUDES[5], 0)],
                    lambda *_: heat(LONGITUDES[5], LATITUDES[5], 500) + 12, 0.01)
 
+    @suite.smoke
     def test_grids_without_rows(self):
         for sample, kind in (("reduced_gg_pl_32_grib2", "reduced_gg"), ("sh_pl_grib2", "sh")):
             source = grib.write(self.dir / "r.grib", [(sample, {}, None)])
@@ -514,6 +527,7 @@ class Grib(Case):
             ("regular_ll_pl_grib2", *self.message("t", 500, over([500], heat)))])
         self.refused(source, "one level (isobaricInhPa)")
 
+    @suite.smoke
     def test_a_gaussian_grid(self):
         source = grib.write(self.dir / "g.grib", [
             ("regular_gg_pl_grib2", {"level": level, "shortName": "t"},
@@ -526,6 +540,7 @@ class Grib(Case):
                    lambda x, y, z: x / step, 1e-2)
         self.assertEqual([row["inside"] for row in self.sample("t", [(1000, 9000, 5000)])], ["1"])
 
+    @suite.smoke
     def test_a_map(self):
         """Stereographic: 16 columns and 31 rows, 2 km apart, from the north on."""
         source = grib.write(self.dir / "m.grib", [
@@ -536,6 +551,7 @@ class Grib(Case):
         self.holds("t", [(4, -20, 10), (11, -7, 12)],
                    lambda x, y, z: x / 2 - 100 * y / 2, 0.05)
 
+    @suite.smoke
     def test_damage(self):
         source = self.weather()
         whole = source.read_bytes()
@@ -554,6 +570,7 @@ class Foam(Case):
     def case(self, **more):
         return foam.box(self.dir / "case", (6, 5, 4), 0.1, self.FIELDS, **more)
 
+    @suite.smoke
     def test_a_case_by_its_folder_or_its_file(self):
         case = self.case()
         (case / "case.foam").touch()
@@ -573,6 +590,7 @@ class Foam(Case):
         self.assertEqual(set(self.imported(self.case(times=("0",)))["grid"]), {"U", "p"})
         self.holds("p", self.INNER, lambda x, y, z: x + 2 * y, 1e-3)
 
+    @suite.smoke
     def test_what_is_missing_is_named(self):
         (self.dir / "a.foam").touch()
         self.refused(self.dir / "a.foam", "there is no system/controlDict")
@@ -583,6 +601,7 @@ class Foam(Case):
         (case / "processor0").mkdir()
         self.refused(case, "reconstructPar")
 
+    @suite.smoke
     def test_damage(self):
         for name in ("constant/polyMesh/faces", "constant/polyMesh/owner", "0.5/U"):
             case = self.case()
@@ -615,6 +634,7 @@ class Cgns(Case):
             {"Pressure": lambda x, y, z: x + 2 * y, "VelocityX": lambda x, y, z: 1 + y,
              "VelocityY": lambda x, y, z: z, "VelocityZ": lambda x, y, z: x})
 
+    @suite.smoke
     def test_a_structured_zone(self):
         report = self.imported(self.zone())
         self.assertEqual({n: g["type"] for n, g in report["grid"].items()},
@@ -624,6 +644,7 @@ class Cgns(Case):
         self.holds("Velocity", points, lambda x, y, z: (1 + y, z, x), 1e-3)
         self.felt_as("Velocity", "Pressure")
 
+    @suite.smoke
     def test_damage(self):
         source = self.zone()
         whole = source.read_bytes()
@@ -633,6 +654,7 @@ class Cgns(Case):
 
 
 class Others(Case):
+    @suite.smoke
     def test_formats_that_are_not_read(self):
         source = self.dir / "a.slc"
         source.write_bytes(b"11111\n10 10 10 8\n" + bytes(100))
@@ -642,7 +664,7 @@ class Others(Case):
         source = self.dir / "a.grib"
         source.write_bytes(b"GRIB" + bytes(100))
         light = str(Path(PALPATE).with_name("palpate-import-light"))
-        done, line = refusal(self, self.dir, lambda: subprocess.run(
+        done, line = refusal(self, self.dir, lambda: process.run(
             [light, str(source), str(self.out)], capture_output=True, text=True, timeout=120))
         self.assertEqual(done.returncode, 2)
         self.assertIn("without ecCodes, which reads it: install the package palpate-import", line)
@@ -657,4 +679,4 @@ class Others(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1] + sys.argv[2:], verbosity=1)
+    suite.main(sys.argv[2:])

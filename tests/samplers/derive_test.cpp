@@ -227,7 +227,7 @@ TEST_CASE("what cannot be derived is refused in a line", "[samplers][derive]") {
   CHECK(deriveVolume(scalars, Derivation::kGradient)->info().grid_class == GridClass::kLevelSet);
 }
 
-TEST_CASE("deriving while sampling allocates nothing", "[samplers][derive]") {
+TEST_CASE("deriving while sampling allocates nothing", "[samplers][derive][realtime]") {
   const auto volume = load({makeGrid<openvdb::Vec3SGrid>(
                                20, skewed(), [](const Vec3d& p) { return Vec3f(abc(p)); }, "flow")},
                            "flow");

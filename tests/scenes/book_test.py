@@ -13,6 +13,9 @@ import tempfile
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 BIN = Path(sys.argv[1]).resolve()
 ROOT = Path(__file__).resolve().parents[2]
 HEAD = Path("/usr/share/mricron/templates/ch2.nii.gz")
@@ -97,4 +100,4 @@ class Api(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[2:])

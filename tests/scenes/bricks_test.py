@@ -19,6 +19,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from program import PALPATE, run  # noqa: E402
 from refusals import refusal  # noqa: E402
 
@@ -73,7 +75,7 @@ class Case(unittest.TestCase):
         holder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(holder.cleanup)
         cls.dir = Path(holder.name)
-        subprocess.run([VOLUMES, str(cls.dir)], check=True)
+        process.run([VOLUMES, str(cls.dir)], check=True)
         run("make", "two-bodies", cls.dir / "bodies.vdb", "--voxel", 0.5)
 
     def refused(self, *words, says, status=2, **more):
@@ -111,6 +113,7 @@ class Others(Case):
                 is_to_be = x + 2 * y - z if grid == "density" else np.stack([-y, x, 3 * z], 1)
                 self.assertLessEqual(float(np.abs(found - is_to_be).max()), tolerance)
 
+    @suite.smoke
     def test_the_manifest_is_read_by_the_document(self):
         out, said = self.brick("manifest", "bodies.vdb", "--grid", "bowl")
         names = {"folder": str(out)}
@@ -236,6 +239,7 @@ class Broken(Case):
 
 
 class Verbs(Case):
+    @suite.smoke
     def test_info_tells_of_bricks_as_of_the_file(self):
         out, made = self.brick("told", "bodies.vdb", "--grid", "bowl")
         grids = json.loads(run("info", self.dir / "bodies.vdb", "--json").stdout)["grids"]
@@ -265,6 +269,7 @@ class Verbs(Case):
                                "--json").stdout)
         self.assertEqual(again["written"], 0)
 
+    @suite.smoke
     def test_half_is_smaller_and_said(self):
         whole, made = self.brick("single", "bodies.vdb", "--grid", "cloud")
         half, less = self.brick("halved", "bodies.vdb", "--grid", "cloud", "--half")
@@ -273,6 +278,7 @@ class Verbs(Case):
         self.assertTrue(json.loads(run("info", half, "--json").stdout)["grids"][0]["half"])
         self.assertFalse(json.loads(run("info", whole, "--json").stdout)["grids"][0]["half"])
 
+    @suite.smoke
     def test_what_cannot_be_is_refused(self):
         ball = self.dir / "ball.vdb"
         out, _ = self.brick("there", "ball.vdb")
@@ -350,6 +356,7 @@ class Felt(Case):
         self.assertIn("in bricks", run("check", self.dir / "bricks.json").stdout)
         run("feel", f"{bricks}/", "--seconds", 1, status=None)
 
+    @suite.smoke
     def test_what_is_missing_is_a_line_and_felt_coarsely(self):
         bricks = self.skin()
         (bricks / "0/2.1.1.0.0.0").unlink()
@@ -394,6 +401,7 @@ class Import(Case):
         self.assertEqual(facts["metadata"]["length_unit"], {"string": "mm"})
         self.assertEqual(facts["source"], "cube.raw")
 
+    @suite.smoke
     def test_what_cannot_be_is_refused(self):
         file, layout = self.raw()
         words = ["import", file, "--raw", layout, "--bricks"]
@@ -404,4 +412,4 @@ class Import(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[3:])

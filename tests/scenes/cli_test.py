@@ -23,6 +23,8 @@ import unittest
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 from terminal import Terminal  # noqa: E402
@@ -33,7 +35,7 @@ PALPATE = str(BIN / "palpate")
 
 
 def run(*words, stdin="", status=0, statuses=None):
-    done = subprocess.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
+    done = process.run([PALPATE, *map(str, words)], input=stdin, capture_output=True, text=True,
                           timeout=300)  # sanitized, on a loaded machine
     if done.returncode not in (statuses or (status,)):
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
@@ -45,7 +47,7 @@ class Case(unittest.TestCase):
     def setUpClass(cls):
         cls.holder = tempfile.TemporaryDirectory()
         cls.dir = Path(cls.holder.name)
-        subprocess.run([VOLUMES, str(cls.dir)], check=True)
+        process.run([VOLUMES, str(cls.dir)], check=True)
 
     @classmethod
     def tearDownClass(cls):
@@ -58,6 +60,7 @@ class Case(unittest.TestCase):
 
 
 class Program(Case):
+    @suite.smoke
     def test_help_has_an_example_for_every_verb(self):
         for verb in ("info", "brick", "make", "shatter", "sample", "solve", "check", "explain", "press",
                      "feel", "view", "compare", "convert", "plot", "stability", "devices", "schema", "completion", "help"):
@@ -114,7 +117,7 @@ class Help(Case):
         script = self.completion("bash") + """
             complete -p palpate >/dev/null
             COMP_WORDS=("$@") COMP_CWORD=$(($# - 1)); _palpate; printf '%s\\n' "${COMPREPLY[@]}" """
-        done = subprocess.run(["bash", "-euc", script, "bash", "palpate", *words], text=True,
+        done = process.run(["bash", "-euc", script, "bash", "palpate", *words], text=True,
                               capture_output=True, timeout=60, cwd=self.dir)
         self.assertEqual((done.returncode, done.stderr), (0, ""))
         return set(done.stdout.split())
@@ -139,10 +142,11 @@ class Help(Case):
         self.assertIn("ball.vdb", self.bash("feel", "--seconds", "10", "ba"))
 
     @unittest.skipUnless(shutil.which("zsh"), "no zsh")
+    @suite.smoke
     def test_zsh_reads_it(self):
         script = self.dir / "_palpate"
         script.write_text(self.completion("zsh"))
-        subprocess.run(["zsh", "-n", script], check=True, timeout=60)
+        process.run(["zsh", "-n", script], check=True, timeout=60)
 
     def test_of_zsh_it_says_the_same(self):
         text = self.completion("zsh")
@@ -172,6 +176,7 @@ class Documents(unittest.TestCase):
 
 
 class Info(Case):
+    @suite.smoke
     def test_grids_are_described(self):
         grids = json.loads(run("info", self.dir / "mixed.vdb", "--json").stdout)["grids"]
         by_name = {g["name"]: g for g in grids}
@@ -181,6 +186,7 @@ class Info(Case):
         self.assertFalse(by_name["labels"]["can_be_felt"])
         self.assertIn("feel", run("info", self.dir / "mixed.vdb").stdout)
 
+    @suite.smoke
     def test_bad_files(self):
         self.refused("info", self.dir / "none.vdb", says="no such file")
         self.refused("info", self.dir, says="not a file")
@@ -195,9 +201,10 @@ class Info(Case):
 
 
 class Make(Case):
+    @suite.smoke
     def test_a_full_disk_is_told(self):
         out = self.dir / "full.vdb"
-        done = subprocess.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
+        done = process.run(["prlimit", "--fsize=20000", PALPATE, "make", "two-bodies", out],
                               capture_output=True, text=True, timeout=300)
         self.assertEqual(done.returncode, 2)
         self.assertIn("cannot be written (File too large)", done.stderr)
@@ -205,11 +212,12 @@ class Make(Case):
 
     def test_a_pipe_is_not_written_to(self):
         os.mkfifo(self.dir / "pipe.vdb")
-        done = subprocess.run([PALPATE, "make", "two-bodies", self.dir / "pipe.vdb"],
+        done = process.run([PALPATE, "make", "two-bodies", self.dir / "pipe.vdb"],
                               capture_output=True, text=True, timeout=300)
         self.assertEqual(done.returncode, 2)
         self.assertIn("it is a pipe or a device", done.stderr)
 
+    @suite.smoke
     def test_volumes_are_made_whole_and_described(self):
         for name, grids in (("wind-tunnel", ["velocity", "wing"]),
                             ("fibres", ["direction", "anisotropy"]),
@@ -253,6 +261,7 @@ class Shatter(Case):
         return run("shatter", self.dir / "bodies.vdb", self.dir / out, "--grid", "cloud", "--value",
                    0.3, "--pieces", 3, "--count", count, "--room", room, *words)
 
+    @suite.smoke
     def test_a_made_scene_is_felt_and_told(self):
         made = json.loads(self.shatter("rubble", "--json").stdout)
         self.assertEqual((made["pieces"], made["places"]), (3, 30))
@@ -332,6 +341,7 @@ class Sample(Case):
         self.assertEqual([float(rows[0][k]) for k in ("value", "gx", "gy", "gz")], [4.5, 1, 2, -1])
         self.assertEqual((rows[0]["inside"], rows[1]["inside"]), ("1", "0"))
 
+    @suite.smoke
     def test_derived_columns(self):
         done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
                    "--derive", "curl,divergence,jacobian", stdin="x,y,z\n1,1,1\n")
@@ -343,6 +353,7 @@ class Sample(Case):
         self.assertEqual(float(row["divergence"]), 3)
         self.assertEqual((float(row["j_xy"]), float(row["j_yx"])), (-1, 1))
 
+    @suite.smoke
     def test_derived_of_vortices_and_directions(self):
         done = run("sample", self.dir / "linear.vdb", "--grid", "velocity", "--points", "-",
                    "--derive", "q,lambda2,unit,magnitude", stdin="x,y,z\n1,1,1\n2,1.5,0.5\n")
@@ -362,6 +373,7 @@ class Sample(Case):
                      "--derive", "vorticity", says="lambda2", stdin="x,y,z\n")
         self.assertIn("lambda2", run("sample", "--help").stdout)
 
+    @suite.smoke
     def test_bad_input(self):
         file = self.dir / "linear.vdb"
         self.refused("sample", file, "--points", "-", says="more than one grid", stdin="x,y,z\n")
@@ -400,6 +412,7 @@ class Solve(Case):
         self.assertEqual(held["solver"], "closed-form")
         self.assertAlmostEqual(yielded["force"][2], 1.5)
 
+    @suite.smoke
     def test_general(self):
         other = {"kind": "point", "position": [0, 0, 0], "strength": 0.5}
         [answer] = self.solve({"stiffness": 500, "probe": [0.004, 0, -0.001], "start": [0, 0, 0],
@@ -414,7 +427,7 @@ class Solve(Case):
         for verb, *words in (("solve",), ("sample", self.dir / "ball.vdb", "--points")):
             self.refused(verb, *words, failing, says="reading failed")
             with open(failing, encoding="utf-8") as stdin:
-                done = subprocess.run([PALPATE, verb, *map(str, words), "-"], stdin=stdin,
+                done = process.run([PALPATE, verb, *map(str, words), "-"], stdin=stdin,
                                       capture_output=True, text=True, timeout=300)
             self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
             self.assertIn("reading failed", done.stderr)
@@ -423,6 +436,7 @@ class Solve(Case):
         [answer] = self.solve({"stiffness": 1, "probe": [1, 2, 3], "primitives": []})
         self.assertEqual((answer["proxy"], answer["force"]), ([1, 2, 3], [0, 0, 0]))
 
+    @suite.smoke
     def test_bad_lines_are_answered_and_the_rest_solved(self):
         good = {"stiffness": 500, "probe": [0, 0, -0.001], "primitives": [self.PLANE]}
 
@@ -449,6 +463,7 @@ class Solve(Case):
 
 
 class Check(Case):
+    @suite.smoke
     def test_prints_the_compiled_graph(self):
         out = run("check", self.dir / "mixed.vdb")
         self.assertIn("isosurface of ball", out.stdout)
@@ -456,6 +471,7 @@ class Check(Case):
         data = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)
         self.assertEqual(data["sampled"][0]["field"], "ball")
 
+    @suite.smoke
     def test_says_what_is_computed_at_load(self):
         scene = self.dir / "speed.json"
         scene.write_text(json.dumps({
@@ -481,6 +497,7 @@ class Check(Case):
         scene.write_text(json.dumps(data))
         self.assertIn("derives   unit of flow", run("check", scene).stdout)
 
+    @suite.smoke
     def test_says_where_a_solid_is_thin(self):
         scene = self.dir / "thin.json"
         mode = {"name": "tip", "mode": "isosurface", "of": "it", "value": 11.9, "strength": 1}
@@ -545,6 +562,7 @@ class Check(Case):
         scene.write_text(json.dumps(text))
         self.assertNotIn("thickness", run("check", scene, "--json").stdout)
 
+    @suite.smoke
     def test_bad_scenes(self):
         scene = self.dir / "bad.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "gone.vdb"}}, "modes": '
@@ -561,6 +579,7 @@ class Check(Case):
             self.refused("check", file, says="it is no file")
         self.refused("check", self.dir / "round.json", says="symbolic links")
 
+    @suite.smoke
     def test_too_stiff_for_the_device(self):
         scene = self.dir / "stiff.json"
         scene.write_text('{"palpate": 1, "coupling": {"stiffness": 4000}, "volumes": {"a": {"file":'
@@ -587,6 +606,7 @@ class Room(Case):
         self.assertGreaterEqual(kept["tank"]["energy_min"], -1e-9)
         self.assertEqual(kept["tank"]["debt"], 0)
 
+    @suite.smoke
     def test_a_coupling_that_swings_is_told(self):
         scene = self.dir / "stiff.json"
         scene.write_text(json.dumps({
@@ -640,6 +660,7 @@ class Feel(Case):
         file.write_text("t,x,y,z\n" + "".join(",".join(map(str, r)) + "\n" for r in rows))
         return f"path:{file}"
 
+    @suite.smoke
     def test_a_ball_pressed_by_a_path(self):
         # A ball of 2 units, scaled so that its band's bounds are 0.1 m.
         low, high = json.loads(run("info", self.dir / "ball.vdb", "--json").stdout)["grids"][0][
@@ -730,6 +751,7 @@ class Feel(Case):
         for name in header[17:]:
             self.assertAlmostEqual(float(rows[-1][name]), 0.3, places=6)
 
+    @suite.smoke
     def test_the_summary_counts_what_the_trace_shows(self):
         # A surface and two drags, pressed and slid along: more to balance than a pair.
         scene = self.dir / "drag.json"
@@ -774,6 +796,7 @@ class Feel(Case):
         self.assertEqual(drop[0], drop[1])
         self.assertEqual(len(drop[0]), 3001)
 
+    @suite.smoke
     def test_a_folder(self):
         folder = self.dir / "some"
         folder.mkdir()
@@ -781,6 +804,7 @@ class Feel(Case):
         out = run("feel", folder, "--seconds", 2).stdout
         self.assertIn("felt", out)
 
+    @suite.smoke
     def test_refusals_leave_nothing(self):
         ball = self.dir / "ball.vdb"
         self.refused("feel", ball, "--device", "hid", says="add --realtime")
@@ -809,11 +833,12 @@ class Feel(Case):
         for words in (("info", ball), ("check", ball), ("feel", ball, "--seconds", "1", "--json"),
                       ("feel", ball, "--seconds", "1", "--trace", "-")):
             with open("/dev/full", "w") as full:
-                done = subprocess.run([PALPATE, *words], stdout=full, stderr=subprocess.PIPE,
+                done = process.run([PALPATE, *words], stdout=full, stderr=subprocess.PIPE,
                                       text=True, timeout=60)
             self.assertIn(done.returncode, (1, 2), words)
             self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
 
+    @suite.smoke
     def test_devices_and_links_are_written_through(self):
         link = self.dir / "link.csv"
         link.symlink_to(self.dir / "behind.csv")
@@ -825,6 +850,7 @@ class Feel(Case):
         os.remove(link)
         os.remove(self.dir / "behind.csv")
 
+    @suite.smoke
     def test_what_can_hardly_be_meant_is_said(self):
         scene = self.dir / "high.json"
         scene.write_text('{"palpate": 1, "volumes": {"a": {"file": "ball.vdb"}}, "modes": [{"mode":'
@@ -854,6 +880,7 @@ class Feel(Case):
         away.write_text("t,x,y,z\n0,0.5,0,0\n0.01,0.5,0,0\n0.02,1e7,0,0\n")
         run("feel", ball, "--device", f"path:{away}", status=1)
 
+    @suite.smoke
     def test_it_ends_with_where_most_was_felt_for_explain(self):
         place = self.dir / "it's a ball.vdb"
         place.write_bytes((self.dir / "ball.vdb").read_bytes())
@@ -871,6 +898,7 @@ class Feel(Case):
                                delta=0.1 * felt["most"]["force"])
         os.remove(place)
 
+    @suite.smoke
     def test_where_most_was_felt_of_what_moves(self):
         """Explain begins with the scene: what moved is felt where it stood then."""
         turns = [{"time": t, "translate": [0, 0, z], "rotation_wxyz": [1, 0, 0, 0]}
@@ -890,6 +918,7 @@ class Feel(Case):
                                delta=0.1 * felt["most"]["force"])
         os.remove(scene)
 
+    @suite.smoke
     def test_two_hands_feel_one_scene_each_as_if_alone(self):
         ball = self.dir / "ball.vdb"
         for name, side in (("left", -1), ("right", 1)):
@@ -922,6 +951,7 @@ class Feel(Case):
         self.refused("feel", ball, "--realtime", "--rate", 30000, says="500 to 20000")
         self.refused("feel", ball, "--watch", says="add --realtime")
 
+    @suite.smoke
     def test_picture(self):
         picture = self.dir / "felt.png"
         run("feel", self.dir / "ball.vdb", "--seconds", 2, "--picture", picture)
@@ -945,7 +975,7 @@ class OnTime(Case):
 
     def on_time(self, *words):
         """A run with the clock. A machine may be late enough for a fault, and miss ticks."""
-        done = subprocess.run([PALPATE, "feel", *map(str, words), "--realtime", "--json"],
+        done = process.run([PALPATE, "feel", *map(str, words), "--realtime", "--json"],
                               capture_output=True, text=True, timeout=120)
         self.assertIn(done.returncode, (0, 1), done.stderr)
         summary = json.loads(done.stdout)
@@ -1235,6 +1265,7 @@ class Stability(Case):
         self.refused("feel", scene, "--passive", "--refill", 50, says="0 to 10")
         os.remove(scene)
 
+    @suite.smoke
     def test_the_map_of_an_arm(self):
         """What its self-test has measured, where the user says nothing else."""
         self.refused("stability", "--device", "hid:polhem", says="palpate devices --test hid:polhem")
@@ -1247,6 +1278,7 @@ class Stability(Case):
         self.assertEqual(map_of["arm"]["mass"], 0.2)
         self.assertEqual(map_of["rate"], 250)
 
+    @suite.smoke
     def test_the_map_of_an_arm_that_has_passed(self):
         profile = Path(__file__).resolve().parents[2] / "devices/profiles/polhem.json"
         text = json.dumps(json.loads(profile.read_text()), sort_keys=True, separators=(",", ":"))
@@ -1263,7 +1295,7 @@ class Stability(Case):
 
             def map_of(*words, serials=("S1",)):
                 file.write_text(json.dumps({f"polhem@{serial}": record for serial in serials}))
-                return subprocess.run([PALPATE, "stability", "--size", "9", "--json", *words],
+                return process.run([PALPATE, "stability", "--size", "9", "--json", *words],
                                       capture_output=True, text=True, env=env, timeout=300)
             drawn = json.loads(map_of("--device", "hid:polhem", "--rate", "250").stdout)
             self.assertEqual(drawn["device"], "hid:polhem")
@@ -1279,6 +1311,7 @@ class Stability(Case):
             self.assertIn("several arms of that profile have been tested: say which",
                           two.stderr)
 
+    @suite.smoke
     def test_refusals(self):
         self.refused("stability", "--rate", 5, says="100 to 20000")
         self.refused("stability", "--size", 20, says="one more than a multiple of 8")
@@ -1293,6 +1326,7 @@ class Stability(Case):
 
 class Devices(Case):
     """Where no arm is plugged in; tests/devices/vm has one."""
+    @suite.smoke
     def test_profiles_and_known_arms_are_listed_with_their_sources(self):
         words = run("devices").stdout
         for name in ("woodenhaptics-v2015", "woodenhaptics-v2019", "polhem", "teensy-arm", "spacemouse", "Novint Falcon", "HAPI"):
@@ -1307,6 +1341,7 @@ class Devices(Case):
                 self.assertIn(f"firmware: {told}\n", run("devices", profile["name"]).stdout)
         self.assertGreaterEqual(len(listed["known"]), 8)
 
+    @suite.smoke
     def test_arms_that_are_not_there_are_refused(self):
         ball = self.dir / "ball.vdb"
         self.refused("feel", ball, "--realtime", "--device", "hid:polhem",
@@ -1319,6 +1354,7 @@ class Devices(Case):
         self.refused("devices", "--test", "hid:polhem", "--force", 9, says="at most 3")
         self.refused("devices", "--test", "hid:polhem", says="no such arm is plugged in")
 
+    @suite.smoke
     def test_what_cannot_be_watched_is_refused(self):
         for arm in ("hid:polhem", "polhem"):
             self.refused("devices", "--watch", arm, says="no such arm is plugged in")
@@ -1326,6 +1362,7 @@ class Devices(Case):
         self.refused("devices", "--watch", "hid:polhem", "--json", says="it names its own arm")
         self.refused("devices", "polhem", "--watch", "hid:polhem", says="it names its own arm")
 
+    @suite.smoke
     def test_what_a_profile_comes_to(self):
         words = run("devices", "polhem").stdout
         self.assertIn("current_b, which gives at most 3", words)
@@ -1369,16 +1406,17 @@ class Devices(Case):
             step = f"{1e3 * facts['step']:.4g}" if motors else "-"
             self.assertEqual(told[profile["name"]], (asked, step), profile["name"])
 
+    @suite.smoke
     def test_a_broken_profile_of_ones_own_is_told(self):
         with tempfile.TemporaryDirectory() as folder:
             arms = Path(folder) / "palpate/arms"
             arms.mkdir(parents=True)
             (arms / "mine.json").write_text('{"palpate_arm": 1, "name": "mine", "input": []}')
-            result = subprocess.run([PALPATE, "devices"], capture_output=True, text=True,
+            result = process.run([PALPATE, "devices"], capture_output=True, text=True,
                                     env={**os.environ, "XDG_CONFIG_HOME": folder}, timeout=60)
             self.assertEqual(result.returncode, 0)
             self.assertIn('mine.json: /: "match" is missing: add it', result.stderr)
-            result = subprocess.run([PALPATE, "devices", "--test", "hid:mine"], text=True,
+            result = process.run([PALPATE, "devices", "--test", "hid:mine"], text=True,
                                     capture_output=True, timeout=60,
                                     env={**os.environ, "XDG_CONFIG_HOME": folder})
             self.assertEqual(result.returncode, 2)
@@ -1432,7 +1470,7 @@ class Hostile(Case):
 
     def legible(self, *words, stdin=b"", env=None):
         """What a command says, once it is known to be fit for a terminal."""
-        done = subprocess.run([PALPATE, *(w if isinstance(w, bytes) else str(w).encode()
+        done = process.run([PALPATE, *(w if isinstance(w, bytes) else str(w).encode()
                                           for w in words)],
                               input=stdin, capture_output=True, timeout=300, env=env)
         self.assertIn(done.returncode, (0, 1, 2, 4), done.stderr[:500])
@@ -1513,6 +1551,7 @@ class Hostile(Case):
             for c in points[i:i + 12]:
                 self.assertNotIn(c.encode(), said)
 
+    @suite.smoke
     def test_of_grids(self):
         whole = (self.dir / "mixed.vdb").read_bytes()
         for name in (b"\xff\x80\xc3(", "\u202eg".encode(), "\x85\x9b".encode()):
@@ -1565,6 +1604,7 @@ class Hostile(Case):
                         done = self.legible("check", scene(text, wrong))
                         self.assertEqual((done.returncode, done.stderr.count(b"\n")), (2, 1))
 
+    @suite.smoke
     def test_of_an_arm(self):
         profiles = Path(__file__).resolve().parents[2] / "devices/profiles"
         mine = json.loads((profiles / "teensy-arm.json").read_text())
@@ -1580,6 +1620,7 @@ class Hostile(Case):
                 self.legible("devices", env=env)
                 self.legible("devices", "mine", env=env)
 
+    @suite.smoke
     def test_of_images(self):
         if not (BIN / "palpate-import").exists():
             self.skipTest("built without VTK")
@@ -1632,6 +1673,7 @@ class Import(Case):
         file.write_bytes(data[:cut] if cut else data)
         return file
 
+    @suite.smoke
     def test_values_and_places_survive(self):
         out = self.dir / "image.vdb"
         run("import", self.nifti("image.nii"), out)
@@ -1645,6 +1687,7 @@ class Import(Case):
         self.assertEqual(float(rows[1]["value"]), 5 + 40 + 300)
         os.remove(out)
 
+    @suite.smoke
     def test_bad_images(self):
         out = self.dir / "never.vdb"
         cut = self.nifti("cut.nii", cut=500)
@@ -1660,13 +1703,5 @@ class Import(Case):
         self.refused("import", says="usage")
 
 
-def load_tests(loader, _tests, _pattern):
-    """One half of them."""
-    return unittest.TestSuite(
-        loader.loadTestsFromTestCase(case) for case in list(globals().values())
-        if isinstance(case, type) and issubclass(case, unittest.TestCase)
-        and getattr(case, "HOST", False) == ("--host" in sys.argv))
-
-
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=1)
+    suite.main(sys.argv[3:])

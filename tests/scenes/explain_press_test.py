@@ -19,6 +19,10 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parent))
 from cli_test import PALPATE, Case, run  # noqa: E402
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
+
 K = 500.0
 PLACE = {"scale": 0.01, "translate": [0, 0, 0]}
 VOLUMES = {"d": {"file": "linear.vdb", "grid": "density", "place": PLACE},
@@ -80,6 +84,7 @@ class Explain(Touch):
     def mode(self, out, name):
         return next(m for m in out["modes"] if m["name"] == name)
 
+    @suite.smoke
     def test_a_plane_pressed_by_a_millimetre_holds_half_a_newton(self):
         out, text = self.explain(self.scene(WALL), MIDDLE, along(INTO, 0.001))
         wall = self.mode(out, "wall")
@@ -153,6 +158,7 @@ class Explain(Touch):
                 self.near([s + d for s, d in zip(spring, out["force"]["damper"])],
                           out["force"]["wanted"])
 
+    @suite.smoke
     def test_where_no_mode_acts_each_says_why(self):
         far = {"file": "ball.vdb", "place": {"scale": 0.001, "translate": [1, 0, 0]}}
         scene = self.scene(
@@ -262,6 +268,7 @@ class Explain(Touch):
         self.assertEqual(out["balance"]["status"], "substep-limit")
         self.assertIn("has not arrived", out["because"][-1])
 
+    @suite.smoke
     def test_refusals(self):
         ball = self.dir / "ball.vdb"
         good = "0,0,0"
@@ -279,7 +286,7 @@ class Explain(Touch):
     def test_output_that_cannot_be_written_is_an_error(self):
         for verb, way in (("explain", "--push"), ("press", "--along")):
             with open("/dev/full", "w") as full:
-                done = subprocess.run([PALPATE, verb, str(self.dir / "ball.vdb"), "--at", "0,0,0",
+                done = process.run([PALPATE, verb, str(self.dir / "ball.vdb"), "--at", "0,0,0",
                                        way, "0,0,0.01"], stdout=full, stderr=subprocess.PIPE,
                                       text=True, timeout=60)
             self.assertIn(done.returncode, (1, 2))
@@ -376,6 +383,7 @@ class Press(Touch):
         self.assertAlmostEqual(float(last["force_across"]), 0.5, 6)
         self.assertAlmostEqual(summary["hysteresis"], 0, 6)
 
+    @suite.smoke
     def test_a_ball(self):
         [low, high] = json.loads(run("check", self.dir / "ball.vdb", "--json").stdout)[
             "volumes"]["ball"]["bounds"]
@@ -405,6 +413,7 @@ class Press(Touch):
             touched = any(r["contacts"].startswith('a "wall", of d=') for r in rows)
             self.assertTrue(touched or way != INTO)
 
+    @suite.smoke
     def test_files(self):
         curve = self.dir / "curve.csv"
         scene = self.scene(WALL)
@@ -419,6 +428,7 @@ class Press(Touch):
         self.assertEqual(picture.read_bytes()[:8], b"\x89PNG\r\n\x1a\n")
         os.remove(picture)
 
+    @suite.smoke
     def test_refusals(self):
         ball = self.dir / "ball.vdb"
         at = ("press", ball, "--at", "0,0,0.06")
@@ -561,6 +571,7 @@ class NearParts(Touch):
         self.assertIn("near 4 of its 70", run("press", row, "--at", "0,0,0.021", "--along",
                                               "0.15,0,0", "--speed", 1).stderr)
 
+    @suite.smoke
     def test_names_notes_crowds_and_what_nothing_reads(self):
         ball = {"file": "ball.vdb"}
         skin = {"name": "skin", "mode": "isosurface", "of": "b", "value": 0, "solid": "below",
@@ -620,6 +631,7 @@ class NearParts(Touch):
                          says="it is an input of this run")
             self.assertEqual(scene.read_text(), before)
 
+    @suite.smoke
     def test_a_map_of_one_part(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
@@ -640,4 +652,4 @@ class NearParts(Touch):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=1)
+    suite.main(sys.argv[3:])

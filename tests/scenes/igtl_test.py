@@ -18,7 +18,8 @@ import unittest
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
-from on_time import LATE, unless_late  # noqa: E402
+import process  # noqa: E402
+import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 PALPATE = str(Path(sys.argv[1]) / "palpate")
@@ -212,11 +213,13 @@ def in_file(x, y, z):
 
 
 class IgtlTest(unittest.TestCase):
+    HOST = True
+
     @classmethod
     def setUpClass(cls):
         cls.holder = tempfile.TemporaryDirectory()
         cls.folder = Path(cls.holder.name)
-        made = subprocess.run([PALPATE, "make", "two-bodies", str(cls.folder / "two.vdb"),
+        made = process.run([PALPATE, "make", "two-bodies", str(cls.folder / "two.vdb"),
                                "--voxel", "3", "--json"], capture_output=True, text=True,
                               check=True)
         del made
@@ -242,9 +245,6 @@ class IgtlTest(unittest.TestCase):
         self.addCleanup(run.kill)
         return run
 
-    def was_late(self):
-        return any(LATE in line for run in self.runs for line in run.lines)
-
     def connect(self, run):
         client = Client(run.port)
         self.addCleanup(client.socket.close)
@@ -266,7 +266,6 @@ class IgtlTest(unittest.TestCase):
             last = hand
         raise AssertionError(f"the hand does not come to rest: {last}")
 
-    @unless_late
     def test_what_is_sent_is_what_was_felt(self):
         trace = self.folder / "trace.csv"
         run = self.start("--trace", trace, device="simulated")
@@ -460,7 +459,6 @@ class IgtlTest(unittest.TestCase):
         client.until("TRANSFORM", "PalpateHand")
         self.assertEqual(run.end()["igtl"]["ended"], 0)
 
-    @unless_late
     def test_who_is_slow_holds_up_nobody(self):
         # A hand at rest, far from what is felt: what is late is late for others.
         rest = self.folder / "rest.csv"
@@ -505,7 +503,7 @@ class IgtlTest(unittest.TestCase):
 
     def test_what_is_refused(self):
         def refused(*words, says):
-            done, line = refusal(self, self.folder, lambda: subprocess.run(
+            done, line = refusal(self, self.folder, lambda: process.run(
                 [PALPATE, *map(str, words)], capture_output=True, text=True, timeout=60))
             self.assertEqual(done.returncode, 2)
             self.assertIn(says, line)
@@ -525,4 +523,4 @@ class IgtlTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1] + sys.argv[2:])
+    suite.main(sys.argv[2:])

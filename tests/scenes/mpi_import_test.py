@@ -20,6 +20,9 @@ import time
 import unittest
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 IMPORT = str(Path(sys.argv[1]).resolve())
 MPIRUN = shutil.which("mpirun")
 PATIENCE = 60  # s
@@ -333,4 +336,4 @@ if __name__ == "__main__":
     if "built without MPI" in run(1, "a", "b", "--bricks", status=None).stderr:
         print("built without MPI: skipped")
         sys.exit(77)
-    unittest.main(argv=[sys.argv[0], *sys.argv[2:]])
+    suite.main(sys.argv[2:])

@@ -14,6 +14,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parent))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
 from cli_test import BIN, Case, run  # noqa: E402
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
@@ -133,6 +135,7 @@ class Pictures(Case):
                             "solid": "above", "strength": 5})
         return scene, "--device", self.path((0, 0.04, 0), (0, 0.02, 0), (0, 0.04, 0))
 
+    @suite.smoke
     def test_a_patient_has_letters_units_and_millimetres(self):
         words = texts(self.svg("feel", *self.head("lps")))
         for letter in "LRPAIS":
@@ -264,6 +267,7 @@ class Pictures(Case):
             self.assertGreater(max(colours), 3 * min(colours))
             self.assertEqual(colours, sorted(colours))  # what is near is on top
 
+    @suite.smoke
     def test_what_moves_is_where_it_was_felt_most(self):
         place = {"scale": 0.001, "translate": [0.04, 0.05, -0.06],
                  "keyframes": [{"time": 0, "translate": [0, 0, 0]},
@@ -307,6 +311,7 @@ class Pictures(Case):
         self.assertEqual(round(0.0254 * struct.unpack(">I", picture[at:at + 4])[0]), 300)
         self.assertFalse([f for f in os.listdir(self.dir) if "partial" in f])
 
+    @suite.smoke
     def test_what_cannot_be_is_refused_before_the_run(self):
         long = ("feel", self.dir / "ball.vdb", "--seconds", 1e6, "--picture")
         for name in ("p.gif", "p", "-", "p.PNG"):
@@ -349,4 +354,4 @@ class Pictures(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[3:])

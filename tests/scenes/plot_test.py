@@ -7,7 +7,6 @@ import math
 import os
 import re
 import struct
-import subprocess
 import sys
 import tempfile
 import unittest
@@ -15,6 +14,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 BIN = Path(sys.argv[1])
@@ -26,7 +27,7 @@ OVER_TIME = {"force": "force [N]", "gap": "|probe - proxy| [mm]", "bound": "erro
 
 
 def run(*words, status=0, stdin=""):
-    done = subprocess.run([str(BIN / "palpate"), *map(str, words)], input=stdin, capture_output=True,
+    done = process.run([str(BIN / "palpate"), *map(str, words)], input=stdin, capture_output=True,
                           text=True, timeout=300, check=False)
     if done.returncode != status:
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
@@ -63,7 +64,7 @@ class Plot(unittest.TestCase):
     def setUpClass(cls):
         cls.holder = tempfile.TemporaryDirectory()
         cls.dir = Path(cls.holder.name)
-        subprocess.run([VOLUMES, str(cls.dir)], check=True)
+        process.run([VOLUMES, str(cls.dir)], check=True)
         cls.traces, cls.numbers, cls.felt = [], [], []
         for name, strength in STRENGTHS.items():
             scene = {"palpate": 1, "coupling": {"stiffness": 500, "damping": 0.5},
@@ -100,6 +101,7 @@ class Plot(unittest.TestCase):
     def near(self, a, b):
         self.assertAlmostEqual(a, b, delta=1e-9 * max(1.0, abs(b)))
 
+    @suite.smoke
     def test_its_numbers_are_those_of_the_traces(self):
         told, _ = self.drawn(*self.traces)
         self.assertEqual([r["name"] for r in told["runs"]], list(STRENGTHS))
@@ -287,6 +289,7 @@ class Plot(unittest.TestCase):
         for line, name, own in zip(said, STRENGTHS, self.numbers):
             self.assertRegex(line, rf"^{name}: {len(own.t)} ticks in [\d.]+ s; at most [\d.]+ N, ")
 
+    @suite.smoke
     def test_refusals_leave_nothing(self):
         good = self.traces[0]
         out = self.dir / "out.png"
@@ -333,4 +336,4 @@ class Plot(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1], verbosity=1)
+    suite.main(sys.argv[3:])

@@ -16,6 +16,7 @@ import uuid
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
 from bowl import PATIENCE, Case, Ended, Stored, free_port, run  # noqa: E402
 
 try:
@@ -148,7 +149,7 @@ class Server(Case):
 
 
 class Killed(Ended, Server):
-    pass
+    HOST = True
 
 
 class Served(Stored, Server):
@@ -200,4 +201,4 @@ if __name__ == "__main__":
     if rados is None or shutil.which("ceph-osd") is None or shutil.which("ceph-mon") is None:
         print("rados_test: skipped: needs ceph-mon, ceph-osd and python3-rados")
         sys.exit(77)
-    unittest.main(argv=sys.argv[:1] + sys.argv[2:], verbosity=2)
+    suite.main(sys.argv[2:])

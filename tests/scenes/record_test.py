@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 BIN = Path(sys.argv[1])
@@ -73,6 +74,7 @@ class Recorded(Case):
         run("feel", *words, "--record", self.dir / name, status=status)
         return self.dir / name
 
+    @suite.smoke
     def test_it_feels_the_same_again(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         for scene in (self.scene, a):
@@ -113,6 +115,7 @@ class Recorded(Case):
         told = self.compare("a.rec", "b.rec", status=None)
         self.assertLess((told["force"] or {"by": 0})["by"], 1e-9)
 
+    @suite.smoke
     def test_an_edit_is_told_by_where_and_how_much(self):
         a = self.record("a.rec", self.scene, "--seconds", 4)
         other = json.loads(json.dumps(SCENE))
@@ -174,12 +177,14 @@ class Recorded(Case):
         told = json.loads(run("feel", a, "--device", f"replay:{a}", "--json").stdout)
         self.assertEqual((told["rate_asked"], told["ticks"], told["seconds"]), (4000, 4000, 1))
 
+    @suite.smoke
     def test_two_hands_have_a_recording_each(self):
         self.record("a.rec", self.scene, "--seconds", 1, "--device", "simulated", "--device",
                     "simulated")
         for name in ("a.rec", "a.2.rec"):
             self.assertEqual(len(rows_of(self.dir / name)[1]), 1000)
 
+    @suite.smoke
     def test_numpy_and_csv_read_it(self):
         a = self.record("a.rec", self.scene, "--seconds", 1)
         head, rows = rows_of(a)
@@ -196,6 +201,7 @@ class Recorded(Case):
                 self.assertEqual(float(values[f"force_{name}"]), rows["force"][i][axis])
             self.assertEqual(int(values["iterations"]), rows["iterations"][i])
 
+    @suite.smoke
     def test_h5py_reads_it(self):
         # More than two blocks, and not a whole number of them.
         a = self.record("a.rec", self.scene, "--seconds", 2.5)
@@ -243,6 +249,7 @@ class Recorded(Case):
             self.assertEqual(file.attrs["rate"], 1000.0)
 
     @unittest.skipIf(WITHOUT_HDF5, "built without HDF5")
+    @suite.smoke
     def test_a_table_is_whole_or_not_there(self):
         a = self.record("a.rec", self.scene, "--seconds", 20)
         out = self.dir / "a.h5"
@@ -269,6 +276,7 @@ class Recorded(Case):
             self.assertIn(says, done.stderr)
             self.assertEqual(len(done.stderr.splitlines()), 1)
 
+    @suite.smoke
     def test_files_that_have_changed_are_told(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
         with open(self.dir / "ball.vdb", "r+b") as file:
@@ -280,6 +288,7 @@ class Recorded(Case):
                               text=True, check=False)
         self.assertIn("ball.vdb: it is not the file that was recorded", done.stderr)
 
+    @suite.smoke
     def test_what_cannot_be_is_refused_in_a_line(self):
         a = self.record("a.rec", self.scene, "--seconds", 0.1)
 
@@ -324,6 +333,7 @@ class Recorded(Case):
         self.assertGreater(len(rows_of(a)[1]), 0)
 
 
+    @suite.smoke
     def test_a_trouble_is_tried_without_an_arm(self):
         for word, cause in (("nan", "not finite"), ("late", "too old"), ("jumping", "jumped")):
             done = run("feel", self.scene, "--device", f"simulated:{word}@1.5", "--seconds", 3,
@@ -357,6 +367,7 @@ class Recorded(Case):
 
 class OnTime(Case):
     """With a clock."""
+    HOST = True
 
     def test_what_only_a_clock_shows(self):
         for word, cause in (("blocked", "did not take a force in time"), ("hung", "was late")):
@@ -428,6 +439,4 @@ class OnTime(Case):
 
 
 if __name__ == "__main__":
-    which = OnTime if "--host" in sys.argv else Recorded
-    suite = unittest.defaultTestLoader.loadTestsFromTestCase(which)
-    sys.exit(0 if unittest.TextTestRunner().run(suite).wasSuccessful() else 1)
+    suite.main(word for word in sys.argv[3:] if word != "--without-hdf5")

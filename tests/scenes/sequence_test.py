@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
 from program import PALPATE, run  # noqa: E402
 from refusals import refusal  # noqa: E402
 from terminal import Terminal  # noqa: E402
@@ -78,6 +79,7 @@ class Case(unittest.TestCase):
 
 
 class Play(Case):
+    @suite.smoke
     def test_a_ball_grows_as_its_frames_say(self):
         rows, summary, _ = self.felt(self.dir / "scene.json")
         for at in (0.3, 0.45, 0.6, 1.5):
@@ -128,6 +130,7 @@ class Play(Case):
         self.assertAlmostEqual(rows["play"].max(), 0.4, delta=0.002)
         self.assertAlmostEqual(rows["play"].min(), 0.1, delta=0.002)
 
+    @suite.smoke
     def test_frames_that_are_not_there_are_told_in_a_line(self):
         scene = json.loads(json.dumps(self.scene))
         scene["volumes"]["ball"]["file"] = "none_%02d.vdb"
@@ -136,6 +139,7 @@ class Play(Case):
         self.assertIn("/volumes/ball", line)
         self.assertIn("none_", line)
 
+    @suite.smoke
     def test_keys_steer_it(self):
         scene = json.loads(json.dumps(self.scene))
         scene["play"] = {"paused": True}
@@ -163,6 +167,7 @@ class Play(Case):
 
 
 class Ghosts(Case):
+    @suite.smoke
     def test_check_says_where_a_blend_makes_ghosts(self):
         for i in range(3):
             self.frame(f"jump_{i}", np.maximum(ball(5, (-12 + 12 * i, 0, 0)), ball(4, (0, 12, 0))))
@@ -182,4 +187,4 @@ class Ghosts(Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[2:])

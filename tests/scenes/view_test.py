@@ -18,6 +18,9 @@ import unittest
 import zlib
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
+import suite  # noqa: E402
+
 BIN = Path(sys.argv[1]).resolve()
 VOLUMES = str(Path(sys.argv[2]).resolve())
 PALPATE = str(BIN / "palpate")
@@ -607,6 +610,7 @@ class Drawn(Window):
 
 class Lost(Window):
     """Window, display or loop are gone: threads and processes, [host] in tests/CMakeLists.txt."""
+    HOST = True
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"
@@ -735,4 +739,4 @@ class Lost(Window):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1] + sys.argv[3:], verbosity=2)
+    suite.main(sys.argv[3:])

@@ -10,7 +10,6 @@ import time
 import unittest
 from pathlib import Path
 
-from on_time import LATE, unless_late
 from program import PALPATE, run
 from refusals import refusal
 
@@ -127,18 +126,12 @@ class Ended:
         self.running.wait(timeout=PATIENCE)
         return json.loads(summary.read_text())["faults"]
 
-    def was_late(self):
-        return LATE in self.said
-
-    @unless_late
     def test_a_server_that_is_killed_cuts_the_force_with_its_cause(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGKILL), 9, told_within=4), {"volume": 1})
 
-    @unless_late
     def test_a_server_that_stops_answering_does_too(self):
         self.assertEqual(self.ends(lambda: self.kill(signal.SIGSTOP), 12, told_within=6), {"volume": 1})
 
-    @unless_late
     def test_one_that_is_back_is_told(self):
         summary = self.on_time(60)
         self.kill(signal.SIGSTOP)
@@ -156,7 +149,6 @@ class Ended:
                 return
         self.fail(f"it ended without \"{words}\"")
 
-    @unless_late
     def test_one_that_hesitates_does_not(self):
         def hesitate():
             self.kill(signal.SIGSTOP)

@@ -3,8 +3,11 @@ import os
 
 
 def cases(usual, name):
-    """`usual`; PALPATE_CASES where it is a number, a part of the usual where it is like "10%"."""
+    """`usual`; PALPATE_CASES where it is a number, a part of the usual where it is like "10%". In a room (PALPATE_ROOM)
+    that has changed (PALPATE_CHANGED) a percentage is at least 100."""
     text = os.environ.get("PALPATE_CASES", "100%")
     run = max(1, int(float(text[:-1]) * usual / 100 if text.endswith("%") else float(text)))
+    if text.endswith("%") and os.environ.get("PALPATE_ROOM") in os.environ.get("PALPATE_CHANGED", "").split():
+        run = max(run, usual)
     print(f"random cases: {run} of {usual}: {name}")
     return run

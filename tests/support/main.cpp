@@ -1,6 +1,8 @@
 #define CATCH_CONFIG_MAIN
 #include <algorithm>
+#include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <iostream>
 #include <memory>
 #include <sched.h>
@@ -52,14 +54,16 @@ class BusyNeighbours {
   std::vector<pid_t> children_;
 };
 
-/// Tests that depend on how the machine schedules ([host]) run beside busy neighbours; random ones
-/// say how many cases they had.
+/// Runs tests that depend on how the machine schedules ([host]) beside busy neighbours, and prints
+/// a line for each test: its result, its seconds, its name. Random tests print how many cases they
+/// had.
 struct Surroundings : Catch::TestEventListenerBase {
   using TestEventListenerBase::TestEventListenerBase;
 
   void testCaseStarting(const Catch::TestCaseInfo& test) override {
     TestEventListenerBase::testCaseStarting(test);
     palpate::test::askedCases() = {};
+    begun_ = std::chrono::steady_clock::now();
     const auto& tags = test.lcaseTags;
     if (std::find(tags.begin(), tags.end(), "host") != tags.end()) {
       neighbours_ = std::make_unique<BusyNeighbours>();
@@ -68,6 +72,10 @@ struct Surroundings : Catch::TestEventListenerBase {
   void testCaseEnded(const Catch::TestCaseStats& stats) override {
     TestEventListenerBase::testCaseEnded(stats);
     neighbours_.reset();
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - begun_;
+    std::printf("%-7s %8.3f s  %s\n", stats.totals.testCases.allPassed() ? "passed" : "failed",
+                took.count(), stats.testInfo.name.c_str());
+    std::fflush(stdout);
     const auto [run, usual] = palpate::test::askedCases();
     if (usual > 0) {
       std::cout << "random cases: " << run << " of " << usual << ": " << stats.testInfo.name
@@ -77,6 +85,7 @@ struct Surroundings : Catch::TestEventListenerBase {
 
  private:
   std::unique_ptr<BusyNeighbours> neighbours_;
+  std::chrono::steady_clock::time_point begun_;
 };
 CATCH_REGISTER_LISTENER(Surroundings)
 

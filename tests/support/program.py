@@ -1,14 +1,14 @@
 """Runs `palpate`. The programs' folder is sys.argv[1]."""
-import subprocess
 import sys
 from pathlib import Path
+
+import process
 
 PALPATE = str(Path(sys.argv[1]).resolve() / "palpate")
 
 
 def run(*words, status=0, **more):
-    done = subprocess.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300,
-                          **more)
+    done = process.run([PALPATE, *map(str, words)], capture_output=True, text=True, timeout=300, **more)
     if status is not None and done.returncode != status:
         raise AssertionError(f"{words}: status {done.returncode}, not {status}: {done.stderr}")
     return done

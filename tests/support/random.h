@@ -24,15 +24,27 @@ inline AskedCases& askedCases() {
   return asked;
 }
 
-/// How many random cases to run: `usual`; PALPATE_CASES where it is a number, such a part of the
-/// usual where it is one of per cent ("10%"). At least 1.
+/// Returns whether this process tests a room (PALPATE_ROOM) that is listed in PALPATE_CHANGED.
+inline bool roomHasChanged() {
+  const char* room = std::getenv("PALPATE_ROOM");
+  const char* changed = std::getenv("PALPATE_CHANGED");
+  if (room == nullptr || changed == nullptr) return false;
+  return (' ' + std::string(changed) + ' ').find(' ' + std::string(room) + ' ') !=
+         std::string::npos;
+}
+
+/// Returns how many random cases to run: PALPATE_CASES if it is a number, such a part of `usual` if
+/// it is a percentage ("10%"), `usual` if it is not set. A percentage does not limit a room that
+/// has changed. At least 1.
 inline long cases(long usual) {
   const char* text = std::getenv("PALPATE_CASES");
   long run = usual;
   if (text != nullptr) {
     char* end = nullptr;
     const double number = std::strtod(text, &end);
-    run = static_cast<long>(*end == '%' ? number / 100.0 * static_cast<double>(usual) : number);
+    const bool share = *end == '%';
+    run = static_cast<long>(share ? number / 100.0 * static_cast<double>(usual) : number);
+    if (share && roomHasChanged()) run = std::max(run, usual);
   }
   run = std::max(1L, run);
   AskedCases& asked = askedCases();

@@ -790,7 +790,8 @@ TEST_CASE("an arm is prepared when it is ready, and says what it waits for", "[h
   CHECK_THAT(std::string(error.data()), Contains("inkwell"));
 }
 
-TEST_CASE("reading and writing an arm allocates nothing and takes no lock", "[haply][plugin]") {
+TEST_CASE("reading and writing an arm allocates nothing and takes no lock",
+          "[haply][plugin][realtime]") {
   MockService service(Speaks::k35);
   const Plugin plugin(service.url());
   Hand hand(plugin, "049D");

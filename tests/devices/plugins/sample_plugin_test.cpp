@@ -202,7 +202,7 @@ TEST_CASE("the sample lives with older and newer hosts", "[plugin]") {
   CHECK(newer.untouchedFrom(sizeof(palpate_plugin_reading)));
 }
 
-TEST_CASE("the sample's tick allocates nothing and takes no lock", "[plugin]") {
+TEST_CASE("the sample's tick allocates nothing and takes no lock", "[plugin][realtime]") {
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);

@@ -373,7 +373,7 @@ TEST_CASE("an SDK's plug-in lives with older and newer hosts", "[plugin]") {
   CHECK(found.untouchedFrom(offsetof(palpate_plugin_found, model)));
 }
 
-TEST_CASE("an SDK's plug-in allocates nothing and takes no lock in a tick", "[plugin]") {
+TEST_CASE("an SDK's plug-in allocates nothing and takes no lock in a tick", "[plugin][realtime]") {
   Bench bench(anySdk());
   bench.ready();
   int well = 0;

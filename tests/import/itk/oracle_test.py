@@ -5,7 +5,6 @@ Files that ITK writes, files that are written here byte by byte, and a head of D
 between them both have the same value at the same place."""
 import csv
 import io
-import subprocess
 import sys
 import unittest
 from pathlib import Path
@@ -14,6 +13,10 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 import dicom_test  # noqa: E402
 import images_test  # noqa: E402
 
+sys.path.append(str(Path(__file__).resolve().parents[2] / "support"))
+import process  # noqa: E402
+import suite  # noqa: E402
+
 ORACLE = Path(sys.argv[2])
 HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 
@@ -21,7 +24,7 @@ HEAD = Path("/usr/share/mricron/templates/ch2bet.nii.gz")
 class BesideItk(images_test.Case):
     def agrees(self, path, *, within=1e-5):
         """Every place that ITK was asked for has its value here; within: of the values' range."""
-        done = subprocess.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
+        done = process.run([str(ORACLE), "read", str(path)], capture_output=True, text=True,
                               timeout=120)
         self.assertEqual((done.returncode, done.stderr), (0, ""), path)
         theirs = list(csv.DictReader(io.StringIO(done.stdout)))
@@ -37,7 +40,7 @@ class BesideItk(images_test.Case):
 
     def itk_writes(self, name):
         path = self.dir / name
-        subprocess.run([str(ORACLE), "write", str(path)], check=True, timeout=120,
+        process.run([str(ORACLE), "write", str(path)], check=True, timeout=120,
                        capture_output=True)  # GDCM remarks what it fills in
         return path
 
@@ -79,4 +82,4 @@ class BesideItk(images_test.Case):
 
 
 if __name__ == "__main__":
-    unittest.main(argv=sys.argv[:1])
+    suite.main(sys.argv[3:])

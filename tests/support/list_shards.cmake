@@ -1,0 +1,46 @@
+# Writes CTest's list of the processes of a Catch2 program. One process runs many cases, since a process takes longer to
+# start than most cases take. Each case with [host] has its own process, so that CTest repeats only the one that failed.
+#   cmake -D PROGRAM=... -D OUT=... -D ROOM=... "-D SETS=NAME|SPEC|LABEL,LABEL|host or -|COST;..." -P list_shards.cmake
+# A set that matches no case of the program becomes no test.
+cmake_policy(VERSION 3.22)
+set(script "")
+set(counts "")
+foreach(set IN LISTS SETS)
+  string(REPLACE "|" ";" fields "${set}")
+  list(GET fields 0 name)
+  list(GET fields 1 spec)
+  list(GET fields 2 labels)
+  list(GET fields 3 host)
+  list(GET fields 4 cost)
+  string(REPLACE "," ";" labels "${labels}")
+  execute_process(COMMAND ${PROGRAM} --list-test-names-only "${spec}"
+                  OUTPUT_VARIABLE cases ERROR_VARIABLE trouble)
+  if(NOT trouble STREQUAL "")
+    message(FATAL_ERROR "${PROGRAM} --list-test-names-only: ${trouble}")
+  endif()
+  # A name may hold what CMake takes for a list.
+  string(REPLACE ";" "\\;" cases "${cases}")
+  string(REPLACE "\n" ";" cases "${cases}")
+  list(FILTER cases EXCLUDE REGEX "^$")
+  list(LENGTH cases count)
+  if(count EQUAL 0)
+    continue()
+  endif()
+  set(properties "ENVIRONMENT PALPATE_ROOM=${ROOM} COST ${cost}")
+  string(APPEND counts "${count} ${name}\n")
+  if(host STREQUAL "-")
+    string(APPEND script "add_test([==[${name}]==] [==[${PROGRAM}]==] --warn NoTests [==[${spec}]==])\n"
+      "set_tests_properties([==[${name}]==] PROPERTIES LABELS \"${labels}\" ${properties})\n")
+    continue()
+  endif()
+  foreach(case IN LISTS cases)
+    set(only "${case}")
+    foreach(special "\\" "," "[" "]")
+      string(REPLACE "${special}" "\\${special}" only "${only}")
+    endforeach()
+    string(APPEND script "add_test([==[${name}.${case}]==] [==[${PROGRAM}]==] --warn NoTests [==[${only}]==])\n"
+      "set_tests_properties([==[${name}.${case}]==] PROPERTIES LABELS \"${labels};host\" RUN_SERIAL ON ${properties})\n")
+  endforeach()
+endforeach()
+file(WRITE ${OUT} "${script}")
+file(WRITE ${OUT}.counts "${counts}")
