@@ -95,6 +95,7 @@ def run(tests):
 
 
 def main(words=()):
+    words = list(words)
     names = [word for word in words if not word.startswith("--")]
     module = sys.modules["__main__"]
     loader = unittest.defaultTestLoader
