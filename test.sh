@@ -31,7 +31,7 @@ done
 
 if [ -z "$install_only" ]; then
     echo "test.sh: builds three presets and runs every test: some 25 minutes on two cores where the compiler cache"
-    echo "         knows the sources, else 75. Logs: build/PRESET/build.log, build/PRESET/RUN/console.log"
+    echo "         knows the sources, else 75. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
 fi
 .ci/install build vtk python test
 [ -z "$install_only" ] || exit 0
@@ -70,9 +70,9 @@ fi
 export PALPATE_CASES=${PALPATE_CASES:-10%}
 changed=$(tests/gate.py changed)
 folders=()
-# run PRESET NAME CTEST-OPTION...: its output to the console and to build/PRESET/NAME, with CTest's log of each test.
+# run PRESET NAME CTEST-OPTION...: CTest's output goes to the console and, with its log, to build/PRESET/runs/NAME.
 run() {
-    local preset=$1 name=$2 folder=build/$1/$2 status=0
+    local preset=$1 name=$2 folder=build/$1/runs/$2 status=0
     shift 2
     rm -rf "$folder"
     mkdir -p "$folder"

@@ -4,7 +4,7 @@
 gate.py changed             prints the rooms that differ from the last gate that passed on this machine
 gate.py passed              remembers the rooms as they were when `changed` ran
 gate.py report MINUTES BUDGETS FOLDER...
-    MINUTES: the lines of .ci/minutes. BUDGETS: lines of a test and its seconds. FOLDER: build/PRESET/RUN with CTest's
+    MINUTES: the lines of .ci/minutes. BUDGETS: lines of a test and its seconds. FOLDER: build/PRESET/runs/NAME with CTest's
     LastTest.log, console.log and status of one run. Prints where the minutes went, the dearest tests, the tests that
     exceeded their budgets and those that passed at their second try. Ends with "N passed, N failed[, N skipped]".
     Status 1: a test failed or is missing, or the gate took too long."""
@@ -95,7 +95,7 @@ def results_of(folder):
 
 def missing_cases(folder, results):
     """Yields a line for each Catch2 process that reported fewer cases than it has."""
-    for file in folder.parent.rglob("*_tests.cmake.counts"):
+    for file in folder.parents[1].rglob("*_tests.cmake.counts"):
         for line in file.read_text().splitlines():
             count, test = line.split(" ", 1)
             cases = [case for of, case in results if of == test and case]
@@ -124,7 +124,7 @@ def report(minutes, budgets, folders):
     alone = 0.0
     for folder in folders:
         results, seconds = results_of(folder)
-        name = "/".join(folder.parts[-2:])
+        name = f"{folder.parts[-3]}/{folder.name}"
         bad += [f"{name}: {words}" for words in missing_cases(folder, results)]
         status = (folder / "status").read_text().strip()
         if status != "0" and not any(outcome([word for word, _ in tries]) == "failed" for tries in results.values()):

@@ -27,7 +27,7 @@ class Report(unittest.TestCase):
     def setUp(self):
         holder = tempfile.TemporaryDirectory()
         self.addCleanup(holder.cleanup)
-        self.folder = Path(holder.name) / "release" / "host"
+        self.folder = Path(holder.name) / "release" / "runs" / "host"
         self.folder.mkdir(parents=True)
 
     def report(self, console, cases="", status=0, minutes="60\t60\trelease: tests\t\n", counts=""):
@@ -35,7 +35,7 @@ class Report(unittest.TestCase):
         (self.folder / "console.log").write_text("".join(CONSOLE[word].format(name) for name, word in console))
         (self.folder / "LastTest.log").write_text(cases)
         (self.folder / "status").write_text(f"{status}\n")
-        (self.folder.parent / "palpate_some_tests.cmake.counts").write_text(counts)
+        (self.folder.parents[1] / "palpate_some_tests.cmake.counts").write_text(counts)
         for name, text in (("minutes", minutes), ("budgets", "slow 1\n")):
             (self.folder / name).write_text(text)
         said = io.StringIO()
