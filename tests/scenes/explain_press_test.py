@@ -631,7 +631,6 @@ class NearParts(Touch):
                          says="it is an input of this run")
             self.assertEqual(scene.read_text(), before)
 
-    @suite.smoke
     def test_a_map_of_one_part(self):
         balls = {"b": {"file": "ball.vdb",
                        "instances": [{"scale": 0.01, "translate": [0, 0, 0.04 * i]}
