@@ -479,7 +479,8 @@ TEST_CASE("a value between two processes is whole or the last", "[plugin]") {
   bool rises = true;
   std::uint64_t last = 0;
   long seen = 0;
-  for (long i = 0; i < count; ++i) {
+  // The writer may begin later than the reader.
+  while (seen < count) {
     if (!lock.load(value)) continue;
     ++seen;
     whole = whole && std::all_of(value.all.begin(), value.all.end(),
@@ -491,5 +492,4 @@ TEST_CASE("a value between two processes is whole or the last", "[plugin]") {
   writer.join();
   CHECK(whole);
   CHECK(rises);
-  CHECK(seen > 0);
 }
