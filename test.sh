@@ -1,8 +1,7 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds, and runs every test: all of them in the release build; the Catch2 tests, the hostile
 # files and a few runs of each program with AddressSanitizer and UndefinedBehaviorSanitizer; the loop with
-# ThreadSanitizer. Random tests run a tenth of their cases, in a room that has changed since the last pass all of them,
-# and with sanitizers 3 %.
+# ThreadSanitizer. Random tests run a tenth of their cases, in a room that has changed since the last pass all of them.
 # Ends with where the minutes went and with "N passed, N failed"; fails as well if it took more than its budget.
 #   --data DIR   volumes for the tests that need real data; with it a skipped test is a failure
 #   --long       random tests over ten times their cases; clang-tidy with all its checks; the packages on
@@ -11,7 +10,7 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 
-usage() { sed -n '2,11s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,10s/^# \{0,1\}//p' "$0"; }
 install_only=
 long=
 while [ $# -gt 0 ]; do
@@ -89,9 +88,8 @@ run() {
 failed=
 # Some tests wait more than they compute.
 jobs=$(($(nproc) + 1))
-# Sanitizers watch what the code does with memory, not how its numbers are spread.
-PALPATE_CASES=${own_cases:-3%} run tsan tests -j "$jobs"
-PALPATE_CASES=${own_cases:-3%} run dev tests -j "$jobs"
+run tsan tests -j "$jobs"
+run dev tests -j "$jobs"
 export PALPATE_CHANGED=$changed
 run release tests -j "$jobs" -LE host
 # Tests that depend on how the machine schedules may fail once. Suites run the test that failed once more themselves.
