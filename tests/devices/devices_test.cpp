@@ -10,6 +10,7 @@
 #include "palpate/devices/path_device.h"
 #include "palpate/devices/simulated_device.h"
 #include "palpate/engine/error.h"
+#include "palpate/engine/haptic_loop.h"
 #include "tests/support/counters.h"
 
 using namespace palpate;
@@ -27,6 +28,18 @@ HandTarget hold(const Vec3& p, double seconds) {
 }
 
 }  // namespace
+
+TEST_CASE("a late tick does not cut the force of a recorded path", "[devices]") {
+  PathDevice device(path("t,x,y,z\n0,0,0,0\n1,0,0,0\n"), 1000.0);
+  HapticLoop loop(device, 1000.0);
+  TickTime time;
+  time.now = time.dt = 0.021;
+  time.late = 0.020;
+  time.missed = true;
+  loop.tick(time);
+  CHECK(loop.latest().fault == Fault::kNone);
+  CHECK(loop.latest().late_ticks == 1);
+}
 
 TEST_CASE("a path is followed exactly, linear between rows, to its end", "[path]") {
   PathDevice device(path("t,x,y,z\n0,0,0,0\n0.01,0.01,0,0\n0.02,0.01,0.02,0\n"), 1000.0);

@@ -10,7 +10,12 @@ PATH=$bin:$PATH
 
 step() { printf '\n%s\n' "## $*"; }
 try() { printf '$ %s\n' "$*"; "$@"; }
-hush() { printf '$ %s\n' "$*"; "$@" >hushed.txt; }
+# If the loop of the recorded run was late, the replay repeats that fault and ends with status 1. `compare` judges it.
+hush() {
+    printf '$ %s\n' "$*"
+    "$@" >hushed.txt 2>&1 && return
+    [ $? -eq 1 ] && grep 'the force was cut: the loop was late' hushed.txt || { cat hushed.txt; exit 1; }
+}
 # Where the exit status is 1 by design: they differ.
 differ() { printf '$ %s\n' "$*"; if "$@"; then echo "they do not differ"; exit 1; fi; }
 

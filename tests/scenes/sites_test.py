@@ -35,8 +35,7 @@ KEYS = str(Path(__file__).resolve().parents[2] / "scenes/site/site_keys.sh")
 RUNS = int(sys.argv[sys.argv.index("--runs") + 1]) if "--runs" in sys.argv else min(3, cases(3, "networks"))
 START = 1e-3  # LinkParams::start [J]
 PEAK = 2.0  # LinkParams::peak [N]
-SILENCE, RAMP = 0.2, 0.5  # kLinkSilence, kLinkRamp [s]
-STEEPEST = 1.1 * PEAK / RAMP  # [N/s]
+SILENCE, RAMP, RISE = 0.2, 0.5, 0.1  # kLinkSilence, kLinkRamp, kLinkRise [s]
 
 
 def domain():
@@ -54,10 +53,23 @@ def own(rows):
     return rows["force"] - pulled(rows)
 
 
-def steepest(rows):
-    """How fast their force changed at most [N/s]."""
+def came_within(rows):
+    """How long their force took from its first to its largest [s]."""
     size = np.linalg.norm(pulled(rows), axis=1)
-    return np.max(np.abs(np.diff(size)) / rows["dt"][1:])
+    first, largest = np.flatnonzero(size)[0], np.flatnonzero(size > 0.99 * size.max())[0]
+    return rows["time"][largest] - rows["time"][first]
+
+
+def leaps(rows):
+    """The ticks whose force grew or fell faster than a link comes and lets go. After a late tick a link may let go at
+    once, and comes back faster."""
+    size, dt = np.linalg.norm(pulled(rows), axis=1), rows["dt"]
+    grew = np.diff(size) / dt[1:]
+    late = np.where(dt > 1.5e-3, rows["time"], -1.0)
+    long_on_time = rows["time"][1:] > np.maximum.accumulate(late)[1:] + 2 * RISE
+    on_time = np.maximum(dt[1:], dt[:-1]) < 1.5e-3
+    most = 1.1 * PEAK / np.where(long_on_time, RAMP, RISE)
+    return np.flatnonzero((grew > most) | (on_time & (grew < -1.1 * PEAK / RAMP))).tolist()
 
 
 def work(rows):
@@ -152,12 +164,6 @@ class Case(unittest.TestCase):
     def keys(self, folder, *names):
         process.run([KEYS, self.dir / folder, *names], check=True, capture_output=True, timeout=60)
 
-    def was_late(self):
-        """Returns whether a loop was late. Its force was cut, and other sites then hear nothing of its hand."""
-        return (any("the loop was late" in file.read_text(encoding="utf-8") for file in self.dir.glob("*.err"))
-                # In its last moment a run says nothing.
-                or any('"late"' in file.read_text(encoding="utf-8") for file in self.dir.glob("*.json")))
-
 
 class OneMachine(Case):
     HOST = True
@@ -173,7 +179,8 @@ class OneMachine(Case):
             # 200 N/m at 10 mm, which is the most there is; a ramp before.
             force = pulled(rows)[:, 0] * sign
             self.assertAlmostEqual(force.max(), PEAK, delta=1e-4)
-            self.assertLess(steepest(rows), STEEPEST, "it comes at once")
+            self.assertGreater(came_within(rows), 0.9 * RAMP)
+            self.assertEqual(leaps(rows), [])
             self.assertTrue((pulled(rows)[:, 1:] == 0).all())
             facts = json.loads((self.dir / f"{name}.json").read_text())["sites"][other]
             self.assertEqual(facts["lives"], 1)
@@ -206,7 +213,7 @@ class OneMachine(Case):
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
         self.assertAlmostEqual(force[-1], -1.0, delta=1e-3)
-        self.assertLess(steepest(rows), STEEPEST, "it is let go at once")
+        self.assertEqual(leaps(rows), [])
 
     def test_a_killed_peer_lets_go_and_comes_back_as_another_life(self):
         mine = self.path("A", None)
@@ -227,7 +234,7 @@ class OneMachine(Case):
         rows = rows_of(self.dir / "A.rec")
         force = pulled(rows)[:, 0]
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
-        self.assertLess(steepest(rows), STEEPEST)
+        self.assertEqual(leaps(rows), [])
         held = np.flatnonzero(force > 0.99)
         let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
         self.assertTrue((force[let_go:] > 0.9).any(), "it did not come back")
@@ -547,10 +554,6 @@ class Far(Case):
     """Over networks that lose, delay, double and reorder."""
     HOST = True
 
-    def was_late(self):
-        # Who is ended by the relay says nothing.
-        return any((rows_of(file)["fault"] != 0).any() for file in self.dir.glob("*.rec"))
-
     def sway(self, seed):
         """Some hand's way, smooth: slower to turn than kLinkNimble."""
         chance = random.Random(seed)
@@ -593,8 +596,7 @@ class Far(Case):
             self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
             for of in rows.values():
                 self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
-            # A hand sends nothing after its force was cut. If a third is lost, sites may need longer to find each other.
-            self.assertFalse(self.was_late(), "the machine is too busy for a loop")
+            # If a third is lost, sites may need longer to find each other.
             for name, of in rows.items() if loss < 0.3 else ():
                 felt = np.linalg.norm(pulled(of), axis=1) > 0.01
                 self.assertGreater(felt.sum(), 100, f"seed {seed}: {name} felt nothing: {said}")
@@ -636,7 +638,7 @@ class Far(Case):
         rows = rows_of(self.dir / "B.rec")
         force = np.linalg.norm(pulled(rows), axis=1)
         self.assertAlmostEqual(force.max(), 1.0, delta=1e-3)
-        self.assertLess(steepest(rows), STEEPEST)
+        self.assertEqual(leaps(rows), [])
         held = np.flatnonzero(force > 0.99)
         let_go = np.flatnonzero(force[held[0]:] == 0)[0] + held[0]
         # From the last message on: silence, then a ramp.
