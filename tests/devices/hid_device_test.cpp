@@ -23,6 +23,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
+#include "tests/support/thinned.h"
 
 using namespace palpate;
 using namespace std::chrono_literals;
@@ -1184,10 +1185,12 @@ TEST_CASE("a hand that lives feels no more of it than the arm's friction and a c
   // Friction holds the arm while the force fades, and its hand feels no less; once it moves by a
   // count the force comes back.
   const FieldPtr ball = test::ballField();
+  test::Thinned combinations(7);
   for (const bool sways : {true, false}) {
     for (const double step : {1e-5, 3e-5, 1e-4, 3e-4}) {
       for (const double grip : {100.0, 300.0, 1000.0}) {
         for (const double coulomb : {0.02, 0.2}) {
+          if (!combinations.runs()) continue;
           const Holding hand{sways, step, grip, coulomb};
           const Holding::Held as_it_is = hand.play(ball, false);
           const Holding::Held fading = hand.play(ball, true);
