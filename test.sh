@@ -93,8 +93,9 @@ run dev tests -j "$jobs"
 export PALPATE_CHANGED=$changed
 run release tests -j "$jobs" -LE host
 # Tests that depend on how the machine schedules may fail once. Suites run the test that failed once more themselves.
-run release host -L host -LE suite --repeat until-pass:2
-run release host_suites -L suite
+# Tests marked WAITS run three at a time.
+run release host -j 2 -L host -LE suite --repeat until-pass:2
+run release host_suites -j 3 -L suite
 
 status=0
 tests/gate.py report "$PALPATE_MINUTES" build/release/budgets.txt "${folders[@]}" >build/report.txt || status=$?

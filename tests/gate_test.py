@@ -88,7 +88,13 @@ class Report(unittest.TestCase):
     def test_too_many_minutes_end_red_unless_they_compile(self):
         many = str(60 * (gate.BUDGET + 1))
         self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\tdev: tests\t\n")[0], 1)
-        self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\tdev: build\t\n")[0], 0)
+        for step in ("dev: build", "lint"):
+            self.assertEqual(self.report([("a", "passed")], minutes=f"1\t{many}\t{step}\t\n")[0], 0)
+
+    def test_host_steps_together_have_a_budget(self):
+        minutes = "200\t1\trelease: host\t\n100\t1\trelease: host_suites\t\n100\t1\trelease: tests\t\n"
+        words = "tests that depend on how the machine schedules: 300 s of 240: over their budget"
+        self.assertIn(words, self.report([("a", "passed")], minutes=minutes)[1])
 
 
 if __name__ == "__main__":

@@ -609,8 +609,7 @@ class Drawn(Window):
 
 
 class Lost(Window):
-    """Window, display or loop are gone: threads and processes, [host] in tests/CMakeLists.txt."""
-    HOST = True
+    """Window, display or loop are gone. A test of CTest's own: it waits more than it computes."""
 
     def test_without_memory_for_a_window_the_loop_goes_on(self):
         self.env["PALPATE_VIEW_MEMORY"] = "30e6"

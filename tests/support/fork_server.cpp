@@ -66,7 +66,8 @@ bool readHeader(int socket, Header& header, std::array<int, 3>& streams) {
 
 /// Ends a forked process after the handlers that its main() has registered. Those of libraries
 /// would wait for threads that a fork does not have (log4cplus, of OpenVDB, starts some before
-/// main()).
+/// main()). So no fork is searched for leaks. With AddressSanitizer that takes 0.3 s, and it takes
+/// the parent's threads for the fork's.
 void endBeforeLibraries(int status, void*) {
   std::cout.flush();
   std::fflush(nullptr);

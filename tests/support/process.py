@@ -1,7 +1,7 @@
 """Runs programs as subprocess.run does. A run of palpate is a fork of a process that has loaded its libraries.
 
-The fork saves the time that loading takes (tests/support/fork_server.cpp). PALPATE_FORK_LIBRARY names the library that
-is preloaded. Without it, or with options that a fork cannot have, a new process is started. A fork of palpate-import
+The fork saves the time that loading takes (tests/support/fork_server.cpp). PALPATE_FORK_LIBRARY names the
+libraries to preload. Without it, or with options that a fork cannot have, a new process is started. A fork of palpate-import
 runs `palpate import`. All runs of a program share one address layout, and libraries are not unloaded at their end:
 tests of either use subprocess.run."""
 import array
@@ -130,7 +130,7 @@ def run_forked(server, words, how):
 def at_start(environment):
     """The variables that a program's libraries read before its main()."""
     return {name: value for name, value in environment.items()
-            if str(name).startswith(("GLIBC_", "LD_", "MALLOC_", "OMP_", "TBB_"))}
+            if str(name).startswith(("ASAN_", "GLIBC_", "LD_", "LSAN_", "MALLOC_", "OMP_", "TBB_", "UBSAN_"))}
 
 
 def run(words, **how):

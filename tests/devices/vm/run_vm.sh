@@ -57,7 +57,9 @@ log=$work/$wire.log
 # One core for both of its threads, and on it its main thread, which runs the machine's timers, is never
 # put aside for the other: the machine computes on while a timer is on its way to it, and where that
 # takes milliseconds of the host's, it takes as many of the machine's.
-pin=(taskset -c $(($$ % $(nproc))))  # any one of them
+core=0
+[ "$wire" = usb ] && core=$((1 % $(nproc)))
+pin=(taskset -c $core)
 chrt -f 1 "${pin[@]}" true 2>/dev/null || pin=()
 identity=$work/pid.$wire
 rm -f "$identity"
