@@ -39,7 +39,7 @@ PathDevice::PathDevice(std::vector<PathPoint> path, double rate)
   info_.limits = {20.0, 2000.0};
   info_.max_stiffness = 1e5;
   info_.hand = false;
-  // No hand is on it: a machine that is busy for a while hurts nobody.
+  // The path has no hand that a late force could hurt.
   info_.watch.late = 60.0;
   info_.source =
       "no hardware: force as of a delta.3 (20 N, CHAI3D 3.3.0); the probe "

@@ -61,8 +61,8 @@ def came_within(rows):
 
 
 def leaps(rows):
-    """The ticks whose force grew or fell faster than a link comes and lets go. After a late tick a link may let go at
-    once, and comes back faster."""
+    """The ticks whose force grew or fell faster than that of a link. After a late tick a link may drop its force at
+    once, and regains it within RISE."""
     size, dt = np.linalg.norm(pulled(rows), axis=1), rows["dt"]
     grew = np.diff(size) / dt[1:]
     late = np.where(dt > 1.5e-3, rows["time"], -1.0)
@@ -596,6 +596,7 @@ class Far(Case):
             self.assertLessEqual(both, 2 * START, f"seed {seed}: {network}")
             for of in rows.values():
                 self.assertLessEqual(np.linalg.norm(of["pull"], axis=1).max(), PEAK + 1e-9)
+                self.assertFalse((of["fault"] != 0).any(), f"seed {seed}: {said}")
             # If a third is lost, sites may need longer to find each other.
             for name, of in rows.items() if loss < 0.3 else ():
                 felt = np.linalg.norm(pulled(of), axis=1) > 0.01

@@ -3,7 +3,7 @@
     suite.main(words)    words: classes or tests to run (default: all), and the options
         --host           the classes with HOST = True, which depend on how the machine schedules; without it the others.
                          A test that fails is run once more, and both results are printed
-        --but CLASS      not the tests of this class
+        --but=CLASS      not the tests of this class
         --smoke          only the tests that are marked @smoke: the sanitizers run these
 
 With PALPATE_COVERAGE=DIR, programs that were built to count their functions write the counts of each test to
@@ -97,18 +97,13 @@ def run(tests):
 
 def main(words=()):
     words = list(words)
-    but = None
-    if "--but" in words:
-        at = words.index("--but")
-        but = words[at + 1]
-        del words[at:at + 2]
     names = [word for word in words if not word.startswith("--")]
     module = sys.modules["__main__"]
     loader = unittest.defaultTestLoader
     tests = loader.loadTestsFromNames(names, module) if names else loader.loadTestsFromModule(module)
     host = "--host" in words
     chosen = [test for test in cases_of(tests) if names or getattr(test, "HOST", False) == host]
-    chosen = [test for test in chosen if type(test).__name__ != but]
+    chosen = [test for test in chosen if f"--but={type(test).__name__}" not in words]
     if "--smoke" in words:
         chosen = [test for test in chosen if hasattr(getattr(test, test._testMethodName), "smoke")]
     if not chosen:

@@ -9,9 +9,9 @@ inline constexpr bool kSanitized = true;
 inline constexpr bool kSanitized = false;
 #endif
 
-/// Says which of the combinations that a test goes through are run: all of them, or with sanitizers
-/// the first and each `every`-th after it. Sanitizers look for what no combination may do, and make
-/// each ten times as slow.
+/// Selects the combinations that a test runs: all, or with sanitizers the first and each `every`-th
+/// after it. Sanitizers look for faults that no combination may have, and make each ten times as
+/// slow.
 class Thinned {
  public:
   explicit Thinned(int every) : every_(kSanitized ? every : 1) {}
