@@ -8,6 +8,7 @@
 #include "palpate/engine/step.h"
 #include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/fresh_hand.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 
@@ -30,6 +31,12 @@ struct Balance {
   SolveResult solve(const Vec3& probe, const Vec3& proxy = Vec3::Zero()) {
     return solveWithFriction(probe, kStiffness, set, proxy, params, warm, start, forces);
   }
+  /// Forgets the last balance. Constructing another Balance takes a millisecond.
+  void restart() {
+    set.clear();
+    warm.forget();
+    start.forget();
+  }
   [[nodiscard]] double load(const FrictionLink& link) const {
     return set.items()[link.plane].direction.dot(forces[link.plane]);
   }
@@ -47,6 +54,7 @@ Vec3 across(const Vec3& q, Random& random) {
 
 TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction]") {
   Random random(61);
+  test::FreshHand hand({100.0, 1e9});
   for (int i = 0; i < 1000; ++i) {
     const Vec3 q = random.direction();
     const Vec3 t = across(q, random);
@@ -65,11 +73,10 @@ TEST_CASE("slip starts at mu times the load of the same tick", "[modes][friction
     spec.modes = {wall};
     const auto scene = makeScene(spec, {{"wall", makeHalfSpace(corner, q)}});
     const auto slipAt = [&](double share) {
-      Reader reader;
-      ProxyState state(ForceLimits{100.0, 1e9});
-      (void)hapticStep(*scene, reader, {corner}, state, 1e-3);
-      const Vec3 hand = corner - depth * q + share * mu * depth * t;
-      const StepReport report = hapticStep(*scene, reader, {hand}, state, 1e-3);
+      hand.restart();
+      (void)hapticStep(*scene, hand.reader, {corner}, hand.state, 1e-3);
+      const Vec3 probe = corner - depth * q + share * mu * depth * t;
+      const StepReport report = hapticStep(*scene, hand.reader, {probe}, hand.state, 1e-3);
       CHECK(report.solver == SolverKind::kClosedForm);
       CHECK(report.injected <= 1e-12);
       return t.dot(report.proxy - corner);
@@ -88,8 +95,9 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
   int slipped = 0;
   int free = 0;
   int in_front = 0;
+  Balance b;
   for (long i = 0; i < cases; ++i) {
-    Balance b;
+    b.restart();
     const Vec3 q = random.direction();
     const Vec3 grip = random.inCube(1e-3);
     // The plane has moved away from the grip, or it has not.
@@ -179,6 +187,7 @@ TEST_CASE("a plane, its friction and drags where it grips are balanced in closed
 TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]") {
   Random random(65);
   const long cases = test::cases(300);
+  Balance b;
   for (long i = 0; i < cases; ++i) {
     const Vec3 q = random.direction();
     const double mu = random.uniform(0.1, 1.5);
@@ -187,7 +196,7 @@ TEST_CASE("on one plane with a drag a proxy does not jump", "[modes][friction]")
     // As a plane read at a proxy's new place on a round surface: micrometres from the old proxy.
     const double height = random.uniform(-2e-5, 2e-5);
     const auto offset = [&] {
-      Balance b;
+      b.restart();
       REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, -height * q, q, 4.0}));
       REQUIRE(b.set.tryAddFriction(Vec3::Zero(), mu));
       REQUIRE(b.set.tryAdd({PrimitiveKind::kPoint, Vec3::Zero(), Vec3::UnitX(), 0.3}));
@@ -258,8 +267,9 @@ TEST_CASE("among other primitives Coulomb's law holds in the same balance", "[mo
   const long cases = test::cases(20000);
   long iterations = 0;
   int worst = 0;
+  Balance b;
   for (long i = 0; i < cases; ++i) {
-    Balance b;
+    b.restart();
     const Vec3 q = random.direction();
     const double strength = random.uniform(0.5, 4.0);
     REQUIRE(b.set.tryAdd({PrimitiveKind::kPlane, Vec3::Zero(), q, strength}));
@@ -298,8 +308,9 @@ TEST_CASE("several frictions hold their own laws", "[modes][friction]") {
   Random random(63);
   const long cases = test::cases(5000);
   int limited = 0;
+  Balance b;
   for (long i = 0; i < cases; ++i) {
-    Balance b;
+    b.restart();
     const int planes = 2 + random.integer(2);
     for (int j = 0; j < planes; ++j) {
       REQUIRE(b.set.tryAdd(
@@ -332,8 +343,9 @@ TEST_CASE("rough walls about a point have a balance, and where none is found eac
   long limited = 0;
   long stopped = 0;
   long weaker = 0;  // than it held was the best trial
+  Balance b;
   for (long i = 0; i < cases; ++i) {
-    Balance b;
+    b.restart();
     const int planes = 2 + random.integer(3);
     for (int j = 0; j < planes; ++j) {
       REQUIRE(b.set.tryAdd(
@@ -595,8 +607,9 @@ TEST_CASE("a sticking proxy does not creep", "[modes][friction]") {
 
 TEST_CASE("without links friction is the plain balance, to the bit", "[modes][friction]") {
   Random random(64);
+  Balance b;
   for (int i = 0; i < 200; ++i) {
-    Balance b;
+    b.restart();
     for (int j = 0; j < 4; ++j) REQUIRE(b.set.tryAdd(random.primitive()));
     const Vec3 probe = random.inCube(5e-3);
     const SolveResult plain = solveProxy(probe, kStiffness, b.set.items(), Vec3::Zero());
@@ -609,8 +622,9 @@ TEST_CASE("without links friction is the plain balance, to the bit", "[modes][fr
 TEST_CASE("kinks that meet share a load, and what nothing presses on carries nothing",
           "[modes][friction]") {
   Random random(66);
+  Balance b;
   for (int i = 0; i < 500; ++i) {
-    Balance b;
+    b.restart();
     const Vec3 q = random.direction();
     const Vec3 t = across(q, random);
     const double wall = random.uniform(0.5, 3.0);

@@ -3,6 +3,7 @@
 #include <cstring>
 #include <memory>
 #include <numbers>
+#include <utility>
 
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
@@ -11,6 +12,7 @@
 #include "palpate/engine/step.h"
 #include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
+#include "tests/support/fresh_hand.h"
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 #include "tests/support/thinned.h"
@@ -226,11 +228,12 @@ class ClosedPath {
 /// Runs one hand over a path; calls back after every tick.
 template <class After>
 void feel(const Scene& scene, const ClosedPath& path, After after) {
-  Reader reader;
-  ProxyState state(kOpen);
+  static test::FreshHand fresh(kOpen);
+  fresh.restart();
   for (int i = 0; i <= path.ticks(); ++i) {
     const Vec3 hand = path(i);
-    after(i, hand, hapticStep(scene, reader, {hand}, state, kDt), state);
+    const StepReport report = hapticStep(scene, fresh.reader, {hand}, fresh.state, kDt);
+    after(i, hand, report, std::as_const(fresh.state));
   }
 }
 
@@ -541,13 +544,17 @@ TEST_CASE("pairs and triples of modes balance as the reference does", "[modes][e
            compared += static_cast<long>(!items.empty());
          });
   };
+  test::Thinned triples(4);
   for (std::size_t a = 0; a < modes.size(); ++a) {
     for (std::size_t b = a + 1; b < modes.size(); ++b) {
       compare({a, b});
-      for (std::size_t c = b + 1; c < modes.size(); ++c) compare({a, b, c});
+      for (std::size_t c = b + 1; c < modes.size(); ++c) {
+        if (triples.runs()) compare({a, b, c});
+      }
     }
   }
-  CHECK(compared > 400);  // of 455: where some primitive was there
+  // There are 455 sets, with sanitizers 182; some never have a primitive.
+  CHECK(compared > (test::kSanitized ? 150 : 400));
   // Two frictions on planes that are one: which of them carries what is hardly decided.
   CAPTURE(ticks, limited);
   CHECK(limited <= 20);  // 4 of 182,455
@@ -687,10 +694,12 @@ TEST_CASE("among moving volumes no more work than is injected and held, and noth
       const auto scene = how == 2
                              ? movingScene(guidelessOf(set), bending(), bending(2.0))
                              : movingScene(set, tumbling(), how == 1 ? tumbling(2.0) : nullptr);
-      Reader reader;
+      test::FreshHand fresh(kOpen);
+      Reader& reader = fresh.reader;
+      ProxyState& state = fresh.state;
       for (long i = 0; i < paths; ++i) {
         const ClosedPath path(random, static_cast<int>(random.logUniform(150.0, 3000.0)));
-        ProxyState state(kOpen);
+        fresh.restart();
         double work = 0.0;
         double injected = 0.0;
         bool fault = false;
@@ -770,14 +779,17 @@ TEST_CASE("no more work than the counted injection on any closed path", "[modes]
 
 TEST_CASE("a released hand ends at zero force", "[modes][passivity]") {
   Random random(75);
+  test::FreshHand fresh(kOpen);
+  Reader& reader = fresh.reader;
+  ProxyState& state = fresh.state;
+  const int hands = test::kSanitized ? 4 : 20;
   for (const Named& mode : allModes()) {
     CAPTURE(mode.name);
     const auto scene = sceneOf({mode.mode});
-    for (int i = 0; i < 20; ++i) {
+    for (int i = 0; i < hands; ++i) {
       // Pulled about, then let go: a mass in the arm's own friction.
       const ClosedPath path(random, 300);
-      Reader reader;
-      ProxyState state(kOpen);
+      fresh.restart();
       Vec3 x = path(0);
       for (int tick = 0; tick <= 150; ++tick) {
         x = path(tick);

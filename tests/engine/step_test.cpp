@@ -62,7 +62,8 @@ TEST_CASE("a sphere pressed along 1,000 directions answers k times depth, radial
           "[step][fig6]") {
   Random random(1);
   double worst = 0.0;
-  for (int i = 0; i < 1000; ++i) {
+  const long directions = test::cases(1000);
+  for (long i = 0; i < directions; ++i) {
     Bench bench = sphere(5.0);
     const Vec3 d = random.direction();
     const double depth = random.uniform(1e-4, 8e-3);

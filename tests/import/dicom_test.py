@@ -14,6 +14,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 import process  # noqa: E402
 import suite  # noqa: E402
+from cases import cases  # noqa: E402
 from refusals import refusal  # noqa: E402
 
 BIN = Path(sys.argv[1])
@@ -507,11 +508,12 @@ class Trouble(Case):
         for source in folder, file, folder / "IM001":
             self.refused(source, says=["IM002", "10 bytes are missing"])
         # Wherever it is cut.
-        for length in range(133, len(whole) - 1, 7):
+        cuts = cases((len(whole) - 134) // 7, "cuts")
+        for length in range(133, len(whole) - 1, max(7, (len(whole) - 134) // cuts)):
             file.write_bytes(whole[:length])
             self.refused(folder, says="IM002")
         fuzz = random.Random(3)
-        for _ in range(100):
+        for _ in range(cases(100, "damages")):
             bad = bytearray(whole)
             for _ in range(fuzz.randrange(1, 4)):
                 bad[fuzz.randrange(132, len(whole))] = fuzz.randrange(256)

@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 #include <catch2/catch.hpp>
 
+#include "tests/support/fresh_hand.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
@@ -187,7 +188,9 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
     spec.modes[0].value = motion.level;
     spec.modes[0].solid = motion.solid;
     const auto scene = makeScene(spec, {{"ball", motion.field}}, {kMotionStiffness, 0.0});
-    Reader reader;
+    test::FreshHand fresh({1e3, 1e12});
+    Reader& reader = fresh.reader;
+    ProxyState& state = fresh.state;
     Random random(3);
     double worst = 0.0;
     double against_true = 0.0;
@@ -195,7 +198,7 @@ TEST_CASE("slip begins at mu times the load of the same tick, from 1,000 directi
     for (long i = 0; i < test::cases(1000); ++i) {
       const Vec3 d = random.direction();
       const Vec3 t = d.cross(random.direction()).normalized();
-      ProxyState state({1e3, 1e12});
+      fresh.restart();
       StepReport r;
       for (int k = 0; k <= 60; ++k) {
         r = provenStep(*scene, reader, {kVoxel * (kCentre + (kRadius + 1.0 - 0.05 * k) * d)}, state,

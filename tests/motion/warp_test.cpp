@@ -16,6 +16,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/analytic_field.h"
 #include "palpate/samplers/warp_grid.h"
+#include "tests/support/fresh_hand.h"
 #include "tests/support/motion_problems.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/random.h"
@@ -313,7 +314,8 @@ TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp]") {
   mode.value = shell.level;
   mode.solid = shell.solid;
   const auto scene = sceneOf({mode}, shell.field, motion);
-  Reader reader;
+  test::FreshHand hand({1e3, 1e12});
+  const ProxyState& state = hand.state;
   Random random(12);
   const long count = test::cases(1000);
   long crossed = 0;
@@ -325,15 +327,15 @@ TEST_CASE("no thin shell that deforms is crossed at 2 m/s", "[motion][warp]") {
     const Vec3 in = (-d + std::tan(random.uniform(0.0, 1.2)) * t).normalized();
     const double pace = voxelsPerTick(2.0);
     const double phase = random.uniform();
-    ProxyState state({1e3, 1e12});
+    hand.restart();
     const int later = static_cast<int>(random.uniform(0.0, 125.0));
     for (int k = -later; k <= 33; ++k) {
       // The hand's way is straight where the shell rests.
       const double before = std::max(8 - std::max(k, 0) - phase, 0.0) * pace;
       const Vec3 rest = kVoxel * (end - before * in);
       const double time = state.time() + kMotionTick;
-      const Vec3 hand = motion->poseOf(rest, time)(rest);
-      (void)provenStep(*scene, reader, {hand}, state, kMotionTick);
+      const Vec3 probe = motion->poseOf(rest, time)(rest);
+      (void)provenStep(*scene, hand.reader, {probe}, hand.state, kMotionTick);
     }
     const Vec3 rest = motion->poseAbout(state.proxy(), state.time()).toRest(state.proxy());
     crossed += (rest / kVoxel - shell.centre).norm() < shell.radius - 0.05 ? 1 : 0;

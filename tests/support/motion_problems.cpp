@@ -10,6 +10,7 @@
 #include "palpate/samplers/openvdb_grids.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume.h"
+#include "tests/support/fresh_hand.h"
 #include "tests/support/percentiles.h"
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
@@ -758,7 +759,8 @@ ShellResult pressShell(const Shell& shell, double degrees, double load, long cou
   spec.modes[0].value = shell.level;
   spec.modes[0].solid = shell.solid;
   const auto scene = makeScene(spec, {{"it", shell.field}}, {kMotionStiffness, 0.0}, step);
-  Reader reader;
+  test::FreshHand hand({1e3, 1e12});
+  const ProxyState& state = hand.state;
   test::Random random(11);
   ShellResult out;
   const double slant = std::tan(degrees * kPi / 180.0);
@@ -770,12 +772,12 @@ ShellResult pressShell(const Shell& shell, double degrees, double load, long cou
     const Vec3 end = shell.centre + (shell.radius + shell.half - load * kSpring) * d;
     const Vec3 in = (-d + slant * t).normalized();
     const double phase = random.uniform();
-    ProxyState state({1e3, 1e12});
+    hand.restart();
     bool yielded = false;
     for (int k = 0; k <= kTicks + kHeld; ++k) {
       const double before = std::max(kTicks - k - phase, 0.0) * pace;
       const StepReport r =
-          provenStep(*scene, reader, {kVoxel * (end - before * in)}, state, kMotionTick);
+          provenStep(*scene, hand.reader, {kVoxel * (end - before * in)}, hand.state, kMotionTick);
       if (k == 0) continue;
       ticks += 1.0;
       out.samples += r.samples;
