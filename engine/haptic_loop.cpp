@@ -40,6 +40,12 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
 
+/// The position of the last tick's hand that is given once more, whatever the device says of it: it
+/// has grown older with the time `dt` since. Of a new one the age only varies.
+bool isOlder(const HandState& hand, const HandState& before, double dt) noexcept {
+  return hand.age - before.age > 0.5 * dt && hand.position == before.position;
+}
+
 bool noLess(double x) noexcept {
   return x >= 0.0 && std::isfinite(x);
 }
@@ -132,10 +138,15 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (time.late > late_) return Fault::kLate;
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
-  // A recorded path may do what no hand can, and hurts none; an arm that is being homed jumps.
-  if (device_.info().hand && hand.ready) return watch_.look(hand, time.now);
-  watch_.forget();
-  return hand.fault;
+  // A recorded path may do what no hand can, and hurts none.
+  if (!device_.info().hand) return hand.fault;
+  Fault wrong = watch_.look(hand, time.now);
+  // Homing may put the arm anywhere: after a tick without force a jump is a new beginning.
+  if (wrong == Fault::kJump && !hand_.mayPull()) {
+    watch_.forget();
+    wrong = watch_.look(hand, time.now);
+  }
+  return hand.ready ? wrong : hand.fault;
 }
 
 Fault HapticLoop::withheld(double took, const TickTime& time) const noexcept {
@@ -150,6 +161,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
   TickInput& in = told_.input;
+  const HandState before = in.hand;
   in = {};
   in.dt = time.dt;
   if (clock_ != nullptr) {
@@ -167,6 +179,7 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   const auto begin = std::chrono::steady_clock::now();
   HandState& hand = in.hand;
   hand = device_.read();
+  hand.fresh = hand.fresh && !isOlder(hand, before, time.dt);
   deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
           hand.fault == Fault::kMiscounted;
   in.wrong = whatIsWrong(hand, time);

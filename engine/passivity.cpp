@@ -205,9 +205,10 @@ double Tank::pass(const Vec3& wanted, const Vec3& hand, bool fresh, double dt,
   if (timed) elapse(dt, arm);
   if (!known_) {
     // Nothing is credited for a time in which an unknown force may have acted, until the zero that
-    // is sent now acts; nor for a path from a place that the hand left at an unknown time.
+    // is sent now acts; nor for a path from a place that the hand left at an unknown time, or that
+    // the arm was at before it was homed: a call after forget() knows no position.
     if (timed && !recovers) blind_ -= dt;
-    known_ = fresh && blind_ <= 0.0;
+    known_ = fresh && !recovers && blind_ <= 0.0;
     last_ = anchor_ = hand;
     sure_ = std::min(sure_, 0.0);
     counted_ = sure_;

@@ -531,7 +531,8 @@ TEST_CASE("a hand that is nowhere empties the tank", "[passivity]") {
   CHECK(tank.energy() > 0.0);
   CHECK(tank.pass({1, 0, 0}, {nan, 0, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.energy() == 0.0);
-  // It begins anew where the hand is then: the way between is not counted.
+  // It begins again one call later, at the hand's position then: the way between does not count.
+  CHECK(tank.pass({1, 0, 0}, {1, 1, 0}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass({1, 0, 0}, {1, 1, 1}, true, 1e-3, params, kCap) == 0.0);
   CHECK(tank.pass(Vec3::Zero(), {1, 1, 1.001}, true, 1e-3, params, kCap) == 1.0);
   CHECK(tank.energy() == Approx(0.5e-3));

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -15,6 +16,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/haptic_loop.h"
+#include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
@@ -628,6 +630,127 @@ TEST_CASE("a switch that closes between two positions lets no energy out", "[loo
   go(2000, [&](const Vec3& force) { return Vec3(force / (2.0 * kViscous)); });
   CHECK(loop.latest().fault == Fault::kNone);
   CHECK(least >= -1e-12);
+}
+
+namespace {
+
+/// A force of 3 N everywhere, an arm of friction b [N s/m], and a tank that acts at once. Counts
+/// what the hand has put in.
+struct Windy {
+  static constexpr double kViscous = 0.5;
+  TestDevice device;
+  std::unique_ptr<HapticLoop> loop;
+  TickTime time;
+  double x = 0.0;       ///< Position of the hand [m].
+  double put_in = 0.0;  ///< [J]
+  double least = 0.0;   ///< Smallest `put_in` so far [J].
+
+  Windy() {
+    TankParams& tank = device.about.limits.tank;
+    tank.use = TankUse::kAct;
+    tank.arm = {kViscous, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+    time.dt = kDt;
+    loop = std::make_unique<HapticLoop>(device, 1.0 / kDt);
+    GraphSpec spec;
+    spec.modes.resize(1);
+    spec.modes[0].kind = ModeKind::kForce;
+    spec.modes[0].of = "wind";
+    spec.modes[0].strength = 3.0;
+    const FieldFrame frame{1e-3, 1.0, {Vec3::Constant(-10.0), Vec3::Constant(10.0)}, 1};
+    const FieldPtr wind = makeVectorField(frame, [](const Vec3&) {
+      return VectorSample{Vec3::UnitX(), Mat3::Zero(), true};
+    });
+    loop->publish(makeScene(spec, {{"wind", wind}}, {}));
+  }
+  /// Runs a tick, then moves the hand at `speed` [m/s]. Without a speed the hand yields to the
+  /// force at the speed that takes the most energy out.
+  void tick(std::optional<double> speed) {
+    time.now += kDt;
+    loop->tick(time);
+    const double force = device.sent.x();
+    const double v = speed.value_or(force / (2.0 * kViscous));
+    put_in += kDt * (kViscous * v * v - force * v);
+    least = std::min(least, put_in);
+    x += kDt * v;
+  }
+};
+
+}  // namespace
+
+TEST_CASE("homing and a fault that is taken back put no energy into the tank", "[loop][safety]") {
+  // The last position before the arm is ready is wrong by 10 cm: the hand did not move.
+  for (const bool homed : {true, false}) {
+    for (const int not_ready : {1, 2, 15}) {
+      CAPTURE(homed, not_ready);
+      Windy arm;
+      const auto read = [&](double elsewhere) {
+        arm.device.hand.position = Vec3(arm.x, elsewhere, 0.0);
+      };
+      for (int i = 0; i < not_ready; ++i) {
+        read(0.1);
+        if (homed) arm.device.hand.ready = false;
+        if (!homed) arm.device.hand.fault = Fault::kPower;
+        arm.tick(0.0);
+      }
+      arm.device.hand.ready = true;
+      arm.device.hand.fault = Fault::kNone;
+      if (!homed) arm.loop->clear();
+      for (int i = 0; i < 2000; ++i) {
+        read(0.0);
+        arm.tick(0.0);
+      }
+      CHECK(arm.loop->latest().fault == Fault::kNone);
+      CHECK(arm.loop->latest().report.energy == 0.0);
+      for (int i = 0; i < 1000; ++i) {
+        read(0.0);
+        arm.tick({});
+      }
+      CHECK(arm.least >= -1e-12);
+    }
+  }
+}
+
+TEST_CASE("while an arm is not ready its speed is watched, and jumps are not", "[loop][safety]") {
+  Windy arm;
+  arm.device.hand.ready = false;
+  // Homing resets the counters.
+  for (int i = 0; i < 10; ++i) {
+    arm.device.hand.position = Vec3(0.0, i < 5 ? 0.0 : 0.1, 0.0);
+    arm.tick(0.0);
+  }
+  CHECK(arm.loop->latest().fault == Fault::kNone);
+  // The switch closes in a fast sweep: it is braked from the first tick on.
+  for (int i = 0; i < 30; ++i) {
+    arm.device.hand.position.x() += 4.0 * kDt;
+    arm.device.hand.ready = i >= 20;
+    arm.tick(0.0);
+    if (i >= 20) CHECK(arm.loop->latest().input.hand.too_fast);
+  }
+}
+
+TEST_CASE("a repeated position that grows older does not count as fresh", "[loop][safety]") {
+  // The driver of a 125 Hz arm fills in `age` but not `fresh`. Its switch closes between two
+  // positions of a sweep.
+  Windy arm;
+  constexpr int kEvery = 8;
+  int tick = 0;
+  const auto go = [&](int ticks, std::optional<double> speed) {
+    for (int end = tick + ticks; tick < end; ++tick) {
+      if (tick % kEvery == 0) arm.device.hand.position = Vec3(arm.x, 0.0, 0.0);
+      arm.device.hand.age = kDt * (tick % kEvery);
+      arm.tick(speed);
+      CHECK(arm.loop->latest().input.hand.fresh == (tick % kEvery == 0));
+    }
+  };
+  arm.device.hand.ready = false;
+  go(kEvery + kEvery - 1, 2.0);
+  arm.device.hand.ready = true;
+  go(1, 2.0);
+  arm.put_in = arm.least = 0.0;
+  go(2000, 0.0);
+  go(1000, {});
+  CHECK(arm.loop->latest().fault == Fault::kNone);
+  CHECK(arm.least >= -1e-12);
 }
 
 TEST_CASE("ticks as late as a clock's are no debts of the tank, later ones are", "[loop][safety]") {
