@@ -57,8 +57,10 @@ void HandLinks::pulled(double share, const HandState& hand, const Vec3& proxy,
   told.hand = hand.position;
   told.proxy = proxy;
   told.force = force;
+  // Of a force that was turned no share is known; that of none is.
+  const double left = share > 0.0 || force.isZero(0.0) ? share : -1.0;
   for (std::size_t i = 0; i < kMostLinks; ++i) {
-    links_[i].pulled(share);
+    links_[i].pulled(left);
     told.words[i] = links_[i].word(proxy);
     told.presence[i] = links_[i].presence();
     told.paid[i] = links_[i].paid();

@@ -73,8 +73,14 @@ void Link::count(const Vec3& hand) noexcept {
   }
 }
 
+void Link::change(const Vec3& to) noexcept {
+  energy_ -= 0.5 * params_.step * (to - sent_).norm();
+  sent_ = to;
+}
+
 void Link::rest(const Vec3& hand) noexcept {
   const PlainFloats plain;
+  change(Vec3::Zero());
   if (known_) {
     least_ = 0.0;
     if (isPlace(hand)) {
@@ -89,7 +95,11 @@ void Link::rest(const Vec3& hand) noexcept {
 }
 
 void Link::pulled(double share) noexcept {
-  least_ = std::min(least_, share);
+  const double left = std::max(0.0, share);
+  least_ = std::min(least_, left);
+  // The share is unknown: the force may have taken any share and come back.
+  if (share < 0.0) energy_ -= params_.step * force_.norm();
+  change(left * force_);
 }
 
 Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt) noexcept {
@@ -122,8 +132,9 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   const Vec3 offset = there_ - proxy;
   const double length = offset.norm();
   held_ = newest_ == 0 ? 0.0 : part * presence_ * energyOf(params_, length);
-  // Each end keeps its half of what the spring holds.
-  const double spare = energy_ - params_.start - 0.5 * held_;
+  // Each end keeps its half of what the spring holds, and what the readings' step may have hidden.
+  const double hidden = 0.5 * params_.step * sent_.norm();
+  const double spare = energy_ - params_.start - 0.5 * held_ - hidden;
   if (other_ != 0 && spare > 0.0) {
     given_ += spare;
     energy_ -= spare;
@@ -135,7 +146,15 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   // The most that it does until the next reading: the hand goes on as it went, but for a turn.
   const double turn = wanted.norm() * kLinkNimble * period * period;
   const double worst = speeds * wanted.dot(way) + turn;
-  const double pays = worst > 0.0 ? std::clamp(energy_ / worst, 0.0, 1.0) : trust_;
+  double pays = worst > 0.0 ? 0.0 : trust_;  // of a tank in debt
+  constexpr double kRounding = 1e-13;        // [J]: no debt
+  if (energy_ >= -kRounding) {
+    // A share s costs s worst + D/2 (|s wanted - sent| + |s wanted|). That is convex in s, so the
+    // straight line between its values at s = 0, `hidden`, and s = 1 bounds it.
+    const double changes = 0.5 * params_.step * ((wanted - sent_).norm() + wanted.norm());
+    const double more = std::max(0.0, worst) + changes - hidden;
+    pays = more > 0.0 ? std::clamp((energy_ - hidden) / more, 0.0, 1.0) : 1.0;
+  }
   paid_ = std::min(pays, paid_ + rise);
   force_ = paid_ * wanted;
   reserved_ = std::max(0.0, paid_ * worst);

@@ -15,11 +15,19 @@
 /// and as neither tank is let below zero the two hands together never get more than `start` each,
 /// which is what it takes to lift 100 g by 1 mm. There is no model of the network in this.
 ///
-/// There is one of the hand: until the next reading it goes on as it went, but for kLinkNimble, and
-/// that reading comes in time. A late one, or a hand that hits something, lets a force do more than
-/// was reserved: a tank below zero lets out half as much as before each time it comes lower, and
-/// all of it only when the debt is paid, so that debts of any number come to at most twice the
-/// first one's force over a tick's way.
+/// A reading is within D/2 of the hand, D being the encoders' step. So the work that readings show
+/// differs from w_i. With F_k the force sent after reading k and e_k its error, by parts
+///
+///     sum F_k . (e_k+1 - e_k)  =  F_n . e_n+1 - sum (F_k - F_k-1) . e_k
+///                             <=  D/2 (|F_n| + sum |F_k - F_k-1|) :
+///
+/// each change of the force pays D/2 |F_k - F_k-1| when it is sent, and D/2 |F_n| stays reserved.
+///
+/// There is one model of the hand: until the next reading it goes on as it went, but for
+/// kLinkNimble, and that reading comes in time. A late one, or a hand that hits something, lets a
+/// force do more than was reserved: a tank below zero lets out half as much as before each time it
+/// comes lower, and the whole force only when the debt is paid. So any number of debts come to at
+/// most twice the first one's force over a tick's way.
 #pragma once
 
 #include <cstdint>
@@ -34,6 +42,9 @@ struct LinkParams {
   double stiffness = 200.0;  ///< k [N/m], > 0.
   double peak = 2.0;         ///< The most that it pulls [N], > 0.
   double start = 1e-3;       ///< What a tank holds at first [J], >= 0.
+  double step = 2e-4;        ///< D [m], >= 0: a position that is read is within D/2 of the hand's
+                             ///< (ArmDissipation::step). The default is more than that of desktop
+                             ///< arms; each change of the force costs the more, the larger it is.
 };
 
 inline constexpr double kLinkSilence = 0.2;  ///< Of whom so long nothing is heard, he is away [s].
@@ -81,7 +92,7 @@ class Link {
   /// RT: no allocation. Cost: some ten nanoseconds.
   [[nodiscard]] Vec3 pull(const Vec3& proxy, const HandState& hand, double part,
                           double dt) noexcept PALPATE_NONBLOCKING;
-  /// After pull(), once it is known: this share of the force has left, 0 to 1, or at least that.
+  /// Call it after each pull(): `share` of the force has left, 0 to 1; below 0: it is unknown.
   /// What a force takes out of the tank is counted as if all of it had.
   void pulled(double share) noexcept PALPATE_NONBLOCKING;
   /// To be called in place of pull() where no force goes to a hand. The last one has acted until
@@ -102,6 +113,8 @@ class Link {
   void begin(std::uint64_t other) noexcept;
   /// Counts what the force did until the hand was there [m].
   void count(const Vec3& hand) noexcept;
+  /// Pays for a change of the force that has left [N].
+  void change(const Vec3& to) noexcept;
 
   LinkParams params_;
   std::uint64_t life_;
@@ -127,6 +140,7 @@ class Link {
   double before_ = 0.0;        ///< Time between the two readings before [s],
   double mean_ = 0.0;          ///< and between all of late [s].
   Vec3 force_ = Vec3::Zero();  ///< Since then [N],
+  Vec3 sent_ = Vec3::Zero();   ///< what of it has left last [N],
   double least_ = 0.0;         ///< of which at least this share has left,
   double reserved_ = 0.0;      ///< and what it was held to take at most [J].
 };

@@ -229,6 +229,50 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
   CHECK(nearest > 0.5);
 }
 
+TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
+  // One hand swings, so that the force on the other turns; that one creeps with the force within a
+  // step of its encoders, where no reading shows it.
+  for (const double step : {0.0, 5e-6, 30e-6, 100e-6, 200e-6}) {
+    LinkParams params;
+    params.step = step;
+    std::array<Link, 2> links{Link(5, params), Link(6, params)};
+    std::array<Way, 2> ways;
+    std::array<double, 2> x{0.0, 0.0};
+    double work = 0.0;
+    double most = 0.0;
+    const double ticks = test::share(120) * 1000.0;
+    for (long n = 0; static_cast<double>(n) < ticks; ++n) {
+      const double now = kDt * static_cast<double>(n);
+      std::array<Vec3, 2> force;
+      std::array<Vec3, 2> read;
+      for (std::size_t i = 0; i < 2; ++i) {
+        while (!ways[i].empty() && ways[i].begin()->first <= now) {
+          links[i].hear(ways[i].begin()->second);
+          ways[i].erase(ways[i].begin());
+        }
+        HandState hand;
+        hand.position.x() = step > 0.0 ? step * std::round(x[i] / step) : x[i];
+        read[i] = hand.position;
+        force[i] = links[i].pull(hand.position, hand, 1.0, kDt);
+        links[i].pulled(1.0);
+      }
+      if (n % 4 == 0) {
+        for (std::size_t i = 0; i < 2; ++i) {
+          ways[1 - i].emplace(now + 0.02, links[i].word(read[i]));
+        }
+      }
+      const double f = force[0].x();
+      const double creeps = std::abs(f) > 0.05 ? std::copysign(0.49 * step, f) : x[0];
+      const double swings = 0.02 * std::sin(2.0 * M_PI * 2.0 * (now + kDt));
+      work += f * (creeps - x[0]) + force[1].x() * (swings - x[1]);
+      x = {creeps, swings};
+      most = std::max(most, work);
+    }
+    std::printf("step %.0f um: the hands got %.3f mJ of 2\n", 1e6 * step, 1e3 * most);
+    CHECK(most <= 2.0 * params.start + 1e-12);
+  }
+}
+
 TEST_CASE("what a late tick overdraws is one tick's work, and is paid back", "[loop][link]") {
   const long count = test::cases(3000);
   double deepest = 0.0;
