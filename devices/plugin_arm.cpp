@@ -51,7 +51,7 @@ DeviceInfo infoFor(const palpate_plugin_facts& facts, const std::string& name, b
   info.name = name;
   info.hand = drives;
   info.limits.peak = number("force", facts.force, 1e-3, 1e3, needed(info.limits.peak));
-  info.limits.slew = number("slew", facts.slew, 1.0, 1e6, 2000.0);
+  info.limits.slew = number("slew", facts.slew, 1.0, 1e6, kPluginSlew);
   info.max_stiffness = number("stiffness", facts.stiffness, 1e-3, 1e6, needed(info.max_stiffness));
   info.max_damping = number("damping", facts.damping, 0.0, kAny, 0.0);
   info.workspace_radius =

@@ -14,8 +14,8 @@
 
 namespace palpate {
 
-/// Memory that both have. Each part has one writer; whatever the plug-in's process writes here, the
-/// program reads numbers only.
+/// Memory that both have. Each part has one writer, and pages of its own: those of the program are
+/// read-only in the plug-in's process. The program reads only numbers from the other part.
 // Each side writes cache lines of its own.
 struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   static constexpr std::uint32_t kMagic = 0x70616C70;
@@ -26,6 +26,9 @@ struct PluginLink {  // NOLINT(clang-analyzer-optin.performance.Padding)
   alignas(64) Seqlock<PluginOrder> order;
   std::atomic<std::uint32_t> orders{0};    ///< Counts orders; a futex.
   std::atomic<std::int64_t> ticked_at{0};  ///< When the program read last [ns]; its heartbeat.
+
+  static constexpr std::size_t kPage = 65536;  ///< At least a page of any machine [bytes].
+  std::array<std::byte, kPage> apart{};        ///< Separates the pages of the two parts.
 
   // The plug-in's process'.
   alignas(64) Seqlock<PluginNews> news;

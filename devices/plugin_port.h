@@ -9,6 +9,8 @@
 
 namespace palpate {
 
+inline constexpr double kPluginSlew = 2000.0;  ///< palpate_plugin_facts::slew where it is 0 [N/s].
+
 /// What is told to a plug-in's arm each tick.
 struct PluginOrder {
   palpate_plugin_force force{sizeof(palpate_plugin_force), 0, {}, {}};  ///< As it is to be given.

@@ -225,15 +225,15 @@ std::optional<palpate_plugin_found> foundIn(const PluginMessage& message) {
 /// Memory of a PluginLink, shared with a child.
 class SharedLink {
  public:
-  SharedLink() : file_(memfd_create("palpate-plugin", MFD_CLOEXEC)) {
+  SharedLink() : file_(memfd_create("palpate-plugin", MFD_CLOEXEC | MFD_ALLOW_SEALING)) {
     void* at = MAP_FAILED;
-    if (ftruncate(file_.get(), sizeof(PluginLink)) == 0) {
+    // A plug-in that shortened the file would end the program by SIGBUS.
+    if (ftruncate(file_.get(), sizeof(PluginLink)) == 0 &&
+        fcntl(file_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL) == 0) {
       at = mmap(nullptr, sizeof(PluginLink), PROT_READ | PROT_WRITE, MAP_SHARED, file_.get(), 0);
     }
     if (at == MAP_FAILED) throw DeviceError(kProgram, std::strerror(errno), "free some memory");
     link_ = new (at) PluginLink;
-    // What a plug-in does to the file does not end the program.
-    (void)fcntl(file_.get(), F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL);
   }
   SharedLink(const SharedLink&) = delete;
   SharedLink& operator=(const SharedLink&) = delete;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
@@ -14,6 +15,7 @@
 #include <sys/un.h>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 #include <vector>
 
 #include "palpate/engine/error.h"
@@ -37,13 +39,37 @@ void PluginServer::stop() noexcept {
   device_.stop();
 }
 
+bool PluginServer::isSound(const PluginOrder& order, std::int64_t now) noexcept {
+  const auto& force = order.force.force;
+  // std::hypot of three numbers takes NaN for 0 in libstdc++.
+  const double size = std::sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2]);
+  // A force grows with the time between two ticks, and a tick may be so late before it is a fault.
+  constexpr double kLate = 0.005;  // [s]: WatchLimits::late
+  const double most = slew_ * kLate;
+  const std::int64_t since = ordered_at_ == 0 ? 0 : now - ordered_at_;
+  room_ =
+      ordered_at_ == 0 ? most : std::min(room_, most) + 1e-9 * slew_ * static_cast<double>(since);
+  room_ -= std::max(0.0, size - std::exchange(size_, size));
+  constexpr double kRounding = 1e-9;
+  // Comparisons are false for NaN.
+  const bool sound = size <= peak_ * (1.0 + kRounding) && room_ >= -kRounding &&
+                     order.carry >= 0.0 && order.carry <= 1.0;
+  if (!sound) {
+    size_ = 0.0;
+    room_ = most;
+  }
+  return sound;
+}
+
 void PluginServer::give(std::int64_t now) noexcept {
   const std::uint32_t count = link_.orders.load(std::memory_order_acquire);
   if (count != seen_ && link_.order.load(order_)) {
     seen_ = count;
+    const bool sound = isSound(order_, now);
     ordered_at_ = now;
     const bool zero = isZero(order_.force) && order_.carry == 0.0;
     if (zero) stopped_ = false;
+    if (!sound) stopped_ = true;
     const bool stopped = stopped_;
     if (stopped) ++news_.withheld;
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
@@ -254,13 +280,15 @@ void introduce(const PluginLibrary& plugin) {
                           plugin.what() + "\n" + plugin.version() + "\n" + plugin.licence());
 }
 
-void sendFacts(const PluginDevice& device) {
+/// Sends the arm's facts to the program and returns them.
+palpate_plugin_facts sendFacts(const PluginDevice& device) {
   const palpate_plugin_facts facts = device.facts();
   const double carries = device.carries();
   std::array<std::byte, sizeof(facts) + sizeof(carries)> bytes{};
   std::memcpy(bytes.data(), &facts, sizeof(facts));
   std::memcpy(bytes.data() + sizeof(facts), &carries, sizeof(carries));
   (void)sendPluginMessage(kPluginControl, PluginMessage::kFacts, bytes);
+  return facts;
 }
 
 }  // namespace
@@ -275,7 +303,7 @@ int listPlugin(const std::filesystem::path& file) try {
                             std::as_bytes(std::span(&found, 1)));
     try {
       const Claim claim(file.stem(), found.serial);
-      sendFacts(plugin.open(found.serial));
+      (void)sendFacts(plugin.open(found.serial));
     } catch (const Error& error) {
       (void)failed(error);
     }
@@ -299,6 +327,14 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
     throw DeviceError("palpate-plugin", "it is of another version than palpate",
                       "install both anew");
   }
+  // The plug-in cannot write to the program's part.
+  const auto page = static_cast<std::size_t>(sysconf(_SC_PAGESIZE));
+  const auto orders = static_cast<std::size_t>(reinterpret_cast<const char*>(&link.news) -
+                                               static_cast<const char*>(memory));
+  if (mprotect(memory, orders / page * page, PROT_READ) != 0) {
+    throw DeviceError("palpate-plugin", "its memory cannot be protected", "use another kernel");
+  }
+  close(kPluginMemory);
   const PluginLibrary plugin(file, host());
   introduce(plugin);
   palpate_plugin_found chosen{sizeof(palpate_plugin_found), {}, {}};
@@ -310,9 +346,9 @@ int servePlugin(const std::filesystem::path& file, const std::string& serial) tr
   const Claim claim(file.stem(), asked);
   const PluginDevice device = plugin.open(asked);
   the_device = &device;
-  sendFacts(device);
+  const palpate_plugin_facts facts = sendFacts(device);
   device.prepare();
-  PluginServer server(link, device, 1e-3);
+  PluginServer server(link, device, 1e-3, facts.force, facts.slew > 0.0 ? facts.slew : kPluginSlew);
   std::thread haptic([&] {
     const HandlerStack stack;
     (void)becomeRealtime({}, StayAwake(false));

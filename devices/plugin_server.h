@@ -21,8 +21,15 @@ class PluginServer {
   static constexpr double kSilent = 0.015;  ///< Zero force where no order has come for so long [s].
 
   /// @param period  Between readings, where the program's own is not known [s].
-  PluginServer(PluginLink& link, const PluginDevice& device, double period) noexcept
-      : link_(link), device_(device), period_(static_cast<std::int64_t>(1e9 * period)) {}
+  /// @param peak    The largest force that is handed on [N].
+  /// @param slew    And how fast it may grow [N/s].
+  PluginServer(PluginLink& link, const PluginDevice& device, double period, double peak,
+               double slew) noexcept
+      : link_(link),
+        device_(device),
+        peak_(peak),
+        slew_(slew),
+        period_(static_cast<std::int64_t>(1e9 * period)) {}
 
   /// Turns until end(). RT: as the plug-in is; a wait.
   void loop() noexcept;
@@ -45,6 +52,9 @@ class PluginServer {
  private:
   /// The newest order to the arm, or zero force where that is what there is to give.
   void give(std::int64_t now) noexcept;
+  /// False of an order that the program's last gate cannot have let through: between it and the arm
+  /// is the plug-in's own code. To be called once for each order.
+  [[nodiscard]] bool isSound(const PluginOrder& order, std::int64_t now) noexcept;
   void read() noexcept;
   /// On the haptic thread, whatever it has just given.
   void takeOff() noexcept;
@@ -52,6 +62,8 @@ class PluginServer {
 
   PluginLink& link_;
   const PluginDevice& device_;
+  double peak_;
+  double slew_;
   std::atomic<std::int64_t> period_;
   std::atomic<bool> ended_{false};
   std::atomic<bool> done_{false};
@@ -62,6 +74,8 @@ class PluginServer {
   std::uint32_t seen_ = 0;       ///< PluginLink::orders.
   bool drives_ = false;          ///< The last force given was not zero.
   std::int64_t ordered_at_ = 0;  ///< [ns]
+  double size_ = 0.0;            ///< Size of the last order's force [N].
+  double room_ = 0.0;            ///< Growth that earlier orders have left over [N].
   std::int64_t ticked_at_ = 0;   ///< PluginLink::ticked_at.
 
   // look()'s.

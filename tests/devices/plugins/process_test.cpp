@@ -2,11 +2,13 @@
 #include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <memory>
 #include <string>
 #include <thread>
@@ -258,7 +260,7 @@ TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
   };
   const auto link = std::make_unique<PluginLink>();
   const PluginDevice opened(&device, "plugin:test");
-  PluginServer server(*link, opened, 1e-3);
+  PluginServer server(*link, opened, 1e-3, 8.0, kPluginSlew);
   arm.server = &server;
   const auto give = [&](double force, double carry, std::uint32_t number) {
     PluginOrder order;
@@ -293,6 +295,82 @@ TEST_CASE("a stop amid an order leaves neither force nor weight", "[plugin]") {
   wakeWord(link->orders);
   haptic.join();
   CHECK(arm.force == 0.0);
+}
+
+TEST_CASE("what no gate can have let through is not handed to a plug-in's arm", "[plugin]") {
+  // Its own code, which lies between the two, may have written over an order.
+  static struct {
+    std::vector<double> forces;
+    double share;
+  } arm;
+  palpate_plugin_device device{};
+  device.size = sizeof(device);
+  device.write = [](palpate_plugin_device*, const palpate_plugin_force* force) {
+    arm.forces.push_back(force->force[2]);
+    return static_cast<int>(PALPATE_PLUGIN_OK);
+  };
+  device.read = [](palpate_plugin_device*, palpate_plugin_reading*) {
+    return static_cast<int>(PALPATE_PLUGIN_NOTHING);
+  };
+  device.stop = [](palpate_plugin_device*) {};
+  device.close = [](palpate_plugin_device*) {};
+  device.extension = [](palpate_plugin_device*, const char*) -> const void* {
+    static const palpate_plugin_weight weight{
+        sizeof(weight), 0, [](palpate_plugin_device*, double share) { arm.share = share; }, 5.0};
+    return &weight;
+  };
+  constexpr double kPeak = 8.0;
+  constexpr double kSlew = 20.0;
+  const PluginDevice opened(&device, "plugin:test");
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double inf = std::numeric_limits<double>::infinity();
+  struct Case {
+    double force;
+    double carry;
+    bool given;
+  };
+  // Two ticks of 1 ms let 0.04 N in at once, and a slow machine 20 N more in each second.
+  for (const Case& c : {Case{0.03, 0.0, true},
+                        {-0.03, 1.0, true},
+                        {nan, 0.0, false},
+                        {inf, 0.0, false},
+                        {-7e194, 0.0, false},
+                        {8.1, 0.0, false},
+                        {7.9, 0.0, false},
+                        {0.03, nan, false},
+                        {0.03, 1.1, false}}) {
+    CAPTURE(c.force, c.carry);
+    arm = {};
+    const auto link = std::make_unique<PluginLink>();
+    PluginServer server(*link, opened, 1e-3, kPeak, kSlew);
+    std::thread haptic([&] { server.loop(); });
+    std::uint32_t number = 0;
+    const auto order = [&](double force, double carry) {
+      PluginOrder next;
+      next.force.force[2] = force;
+      next.carry = carry;
+      next.number = ++number;
+      link->order.store(next);
+      ++link->orders;
+      wakeWord(link->orders);
+      PluginNews news;
+      REQUIRE(within(kLong, [&] { return link->news.load(news) && news.written == number; }));
+      return news;
+    };
+    CHECK(order(0.0, 0.0).withheld == 0);
+    CHECK(order(c.force, c.carry).withheld == (c.given ? 0 : 1));
+    // The server withholds further forces until an order asks for zero.
+    CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
+    CHECK(order(0.0, 0.0).withheld == (c.given ? 0 : 2));
+    CHECK(order(0.009, 0.0).withheld == (c.given ? 0 : 2));
+    server.end();
+    wakeWord(link->orders);
+    haptic.join();
+    for (const double force : arm.forces) {
+      CHECK(std::abs(force) <= 0.03);
+    }
+    CHECK(arm.share == 0.0);
+  }
 }
 
 TEST_CASE("what goes wrong while a plug-in is opened is said in a line", "[plugin]") {
