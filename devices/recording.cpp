@@ -317,8 +317,9 @@ OrderedJson parsed(const std::string& line) {
   });
 }
 
-/// A file as a span of memory.
-std::span<const std::byte> mapped(const std::filesystem::path& file) {
+/// A file, copied to memory: a file that is mapped may be cut by anybody, and reading on ends the
+/// program by SIGBUS. A recording that is cut meanwhile counts as torn.
+std::span<const std::byte> copied(const std::filesystem::path& file) {
   const auto fail = [&](const std::string& why) {
     throw Error(file.string(), why, "give a file of palpate feel --record");
   };
@@ -328,11 +329,25 @@ std::span<const std::byte> mapped(const std::filesystem::path& file) {
   const bool regular = ::fstat(descriptor, &facts) == 0 && S_ISREG(facts.st_mode);
   const auto size = static_cast<std::size_t>(facts.st_size);
   void* at = nullptr;
-  if (regular && size > 0) at = ::mmap(nullptr, size, PROT_READ, MAP_PRIVATE, descriptor, 0);
+  if (regular && size > 0) {
+    at = ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  }
+  int error = at == MAP_FAILED ? errno : 0;
+  std::size_t got = 0;
+  while (error == 0 && at != nullptr && got < size) {
+    const ssize_t more = ::read(descriptor, static_cast<char*>(at) + got, size - got);
+    if (more < 0 && errno != EINTR) error = errno;
+    if (more == 0) break;
+    if (more > 0) got += static_cast<std::size_t>(more);
+  }
   ::close(descriptor);
   if (!regular) fail("it is no file");
-  if (at == MAP_FAILED) fail(fmt::format("it cannot be read ({})", std::strerror(errno)));
-  return {static_cast<const std::byte*>(at), size};
+  if (error != 0) {
+    if (at != MAP_FAILED) ::munmap(at, size);
+    fail(fmt::format("it cannot be read ({})", std::strerror(error)));
+  }
+  if (got < size) at = got > 0 ? ::mremap(at, size, got, 0) : (::munmap(at, size), nullptr);
+  return {static_cast<const std::byte*>(at), got};
 }
 
 void unmap(std::span<const std::byte> bytes) noexcept {
@@ -464,7 +479,7 @@ bool isRecording(const std::filesystem::path& file) noexcept {
          std::memcmp(begin.data(), kBegins, begin.size()) == 0;
 }
 
-Recording::Recording(const std::filesystem::path& file) : bytes_(mapped(file)) {
+Recording::Recording(const std::filesystem::path& file) : bytes_(copied(file)) {
   const std::string name = file.string();
   std::size_t offset = 0;
   try {

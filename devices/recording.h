@@ -115,7 +115,7 @@ struct RecordedSetting {
   std::string about;     ///< JSON object: program, machine and whatever else; opaque here.
 };
 
-/// A recording's file in memory, mapped; what is torn off or damaged is left out.
+/// A recording's file in memory, copied; what is torn off or damaged is left out.
 class Recording {
  public:
   /// Throws Error: it cannot be read, or is no recording of this version.

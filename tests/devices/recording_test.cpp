@@ -248,6 +248,11 @@ TEST_CASE("of a file that was torn off or damaged what is whole is read", "[reco
     CAPTURE(end);
     REQUIRE_THROWS_AS(ticksOf(whole.substr(0, end)), Error);
   }
+  // Cutting the file after it was read changes nothing.
+  put(file, whole);
+  const Recording before(file);
+  std::filesystem::resize_file(file, 0);
+  CHECK(before.tick(before.size() - 1).tick == 9);
   CHECK_THROWS_WITH(ticksOf("t,x,y,z\n"), Contains("it is no recording"));
   CHECK_THROWS_WITH(Recording(folder.file("none.rec")), Contains("it cannot be read"));
   CHECK_THROWS_WITH(Recording(folder.path), Contains("it is no file"));
