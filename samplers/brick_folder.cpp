@@ -120,7 +120,10 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
       std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
-    Opened file(::openat(folder_, partial.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC,
+    // A killed run left such a file, or somebody planted a link: remove it, and create a new one.
+    ::unlinkat(folder_, partial.c_str(), 0);
+    Opened file(::openat(folder_, partial.c_str(),
+                         O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
                          S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP | S_IROTH | S_IWOTH));
     if (file.get() < 0) fail(name, errno);
     for (std::size_t done = 0; done < bytes.size() && error == 0;) {

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <system_error>
 
 #include "palpate/engine/error.h"
 #include "palpate/samplers/openvdb_grids.h"
@@ -33,7 +34,11 @@ inline void writeGrids(const std::filesystem::path& file, const openvdb::GridCPt
   } catch (const std::exception&) {
     // The line is the same.
   }
-  throw Error(file.string(), "it cannot be written" + why, "choose another place, or make room");
+  // A name in /proc (new_file.h) stands for a file with a name that the user knows.
+  std::error_code no_link;
+  const std::filesystem::path real = std::filesystem::read_symlink(file, no_link);
+  throw Error((no_link ? file : real).string(), "it cannot be written" + why,
+              "choose another place, or make room");
 }
 
 }  // namespace palpate

@@ -15,6 +15,7 @@
 
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/common.h"
+#include "palpate/scenes/new_file.h"
 
 namespace palpate::cli {
 namespace {
@@ -223,7 +224,7 @@ void writeHdf5(const Recording& recording, const std::string& path) {
   WholeFile out(path);
   // As a recording's own header says it.
   const auto head = OrderedJson::parse(recordingHeader(recording.setting()));
-  Hdf5File file(out.place().string(), path);
+  Hdf5File file(nameOfOpen(out.descriptor(), out.place()).string(), path);
   file.attribute("rate", recording.setting().rate);
   for (const char* name : {"units", "device", "about"}) {
     file.attribute(name, head.at(name).dump());

@@ -18,6 +18,7 @@
 #include <fmt/format.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/scenes/new_file.h"
 
 namespace palpate::cli {
 
@@ -187,17 +188,12 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
     file_ = stdout;
     return;
   }
-  std::error_code error;
   path_ = behindLinks(path_);
-  partial_ = path_;
-  const auto status = std::filesystem::status(path_, error);
-  const bool in_place =
-      std::filesystem::exists(status) && !std::filesystem::is_regular_file(status);
-  if (!in_place) {
-    partial_ += fmt::format(".partial-{}", getpid());
-    addPartial(partial_);
-  }
-  file_ = std::fopen(partial_.c_str(), "wb");
+  checkReplaceable(path_);
+  partial_ = partialOf(path_);
+  addPartial(partial_);
+  const int descriptor = createNewFile(partial_);
+  if (descriptor >= 0) file_ = fdopen(descriptor, "wb");
   if (file_ == nullptr) {
     forgetPartial(partial_);
     throw Error(path_.string(), std::string("it cannot be written (") + std::strerror(errno) + ")",
@@ -208,7 +204,7 @@ WholeFile::WholeFile(std::filesystem::path path) : path_(std::move(path)) {
 WholeFile::~WholeFile() {
   if (file_ == nullptr || file_ == stdout) return;
   std::fclose(file_);
-  if (partial_ != path_) std::remove(partial_.c_str());
+  std::remove(partial_.c_str());
   forgetPartial(partial_);
 }
 
@@ -223,7 +219,7 @@ int WholeFile::descriptor() const {
   return fileno(file_);
 }
 
-const std::filesystem::path& WholeFile::place() const {
+std::filesystem::path WholeFile::place() const {
   if (file_ == stdout) {
     throw Error("standard output", "this cannot be written to it", "give the name of a file");
   }
@@ -238,10 +234,9 @@ void WholeFile::commit() {
   std::FILE* file = std::exchange(file_, nullptr);
   const bool flushed = std::fclose(file) == 0;
   std::error_code error;
-  const bool in_place = partial_ == path_;
-  if (flushed && !in_place) std::filesystem::rename(partial_, path_, error);
+  if (flushed) std::filesystem::rename(partial_, path_, error);
   const bool whole = flushed && !error;
-  if (!whole && !in_place) std::remove(partial_.c_str());
+  if (!whole) std::remove(partial_.c_str());
   forgetPartial(partial_);
   if (!whole) {
     throw Error(path_.string(), "it could not be finished", "check the disk and its permissions");
@@ -255,8 +250,7 @@ WholeFolder::WholeFolder(const std::filesystem::path& path)
   if (std::filesystem::exists(std::filesystem::symlink_status(path_, error))) {
     throw Error(path.string(), "it is there already", "remove it, or name another folder");
   }
-  partial_ = path_;
-  partial_ += fmt::format(".partial-{}", getpid());
+  partial_ = partialOf(path_);
   std::filesystem::create_directory(partial_, error);
   if (error) {
     partial_.clear();

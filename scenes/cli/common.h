@@ -60,12 +60,12 @@ extern volatile std::sig_atomic_t interrupted;
 /// Throws Error where something of this name is no file, which a file would replace.
 void checkReplaceable(const std::filesystem::path& file);
 
-/// A file that appears whole or not at all: written beside its place and renamed by commit().
-/// `-` is standard output; a pipe or device that is there already is written to as it is.
+/// A file that appears whole or not at all: written beside its place, as a new file of a name that
+/// nobody has taken, and renamed by commit(). `-` is standard output.
 class WholeFile {
  public:
   /// Opens at once, so that a path that cannot be written is known before any work is done. Throws
-  /// Error.
+  /// Error, for a pipe, a device or a folder as well.
   explicit WholeFile(std::filesystem::path path);
   WholeFile(const WholeFile&) = delete;
   WholeFile& operator=(const WholeFile&) = delete;
@@ -74,9 +74,8 @@ class WholeFile {
   void write(const std::string& text);
   /// For a program that writes it by itself.
   [[nodiscard]] int descriptor() const;
-  /// Where it is until commit(), for a library that writes it by its name; throws Error for
-  /// standard output.
-  [[nodiscard]] const std::filesystem::path& place() const;
+  /// A name until commit(), for a library that writes it by name; throws Error for standard output.
+  [[nodiscard]] std::filesystem::path place() const;
   /// Throws Error where the disk is full and the like.
   void commit();
 

@@ -6,6 +6,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/scenes/cli/common.h"
 #include "palpate/scenes/made.h"
+#include "palpate/scenes/new_file.h"
 
 namespace palpate::cli {
 namespace {
@@ -24,7 +25,8 @@ int make(const MakeOptions& options) {
   checkReplaceable(options.out);
   std::function<void(double)> progress = showProgress("making");
   WholeFile file(options.out);
-  const std::vector<MadeGrid> grids = writeMade(options.name, options.voxel, file.place());
+  const std::vector<MadeGrid> grids =
+      writeMade(options.name, options.voxel, nameOfOpen(file.descriptor(), file.place()));
   progress = nullptr;
   file.commit();
 

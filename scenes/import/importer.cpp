@@ -1,11 +1,14 @@
 #include "palpate/scenes/import/importer.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <exception>
 #include <malloc.h>
 #include <span>
 #include <string_view>
+#include <unistd.h>
 #include <utility>
 
 #include <fmt/format.h>
@@ -20,6 +23,7 @@
 #include "palpate/scenes/import/pieces.h"
 #include "palpate/scenes/import/smooth.h"
 #include "palpate/scenes/metadata.h"
+#include "palpate/scenes/new_file.h"
 #include "palpate/scenes/suggest.h"
 #include "palpate/scenes/write_grids.h"
 
@@ -284,7 +288,13 @@ void writeVdb(const std::filesystem::path& file, Step& step, const std::string& 
   {
     openvdb::GridCPtrVec grids;
     for (const Imported& imported : step.grids) grids.push_back(imported.made.grid);
-    writeGrids(file, grids);
+    const int descriptor = createNewFile(file);
+    if (descriptor < 0) {
+      throw Error(file.string(), fmt::format("it cannot be written ({})", std::strerror(errno)),
+                  "choose another place");
+    }
+    writeGrids(nameOfOpen(descriptor, file), grids);
+    close(descriptor);
   }
   step.grids.clear();
   const auto refused = [&](const std::string& what, const std::string& refusal) {

@@ -1,7 +1,9 @@
 /// `palpate-import`: what scanners and solvers write becomes a .vdb that can be felt.
 #include <algorithm>
+#include <cerrno>
 #include <charconv>
 #include <cmath>
+#include <cstring>
 #include <exception>
 #include <filesystem>
 #include <fstream>
@@ -22,6 +24,7 @@
 #include "palpate/scenes/import/importer.h"
 #include "palpate/scenes/import/mpi_crew.h"
 #include "palpate/scenes/import/report.h"
+#include "palpate/scenes/new_file.h"
 
 namespace palpate::importer {
 namespace {
@@ -47,13 +50,6 @@ std::vector<std::size_t> stepsOf(const std::string& time, std::size_t count) {
   return {step};
 }
 
-/// A place beside the file, that is renamed to it when all is well.
-fs::path partialOf(const fs::path& file) {
-  fs::path partial = file;
-  partial += fmt::format(".partial-{}", getpid());
-  return partial;
-}
-
 /// The scene, or a note why there is none.
 std::string writeScene(const Options& options, const fs::path& vdb, Step& step, Teller& teller) {
   teller.stage("scene");
@@ -72,13 +68,16 @@ std::string writeScene(const Options& options, const fs::path& vdb, Step& step, 
   const fs::path partial = partialOf(options.scene);
   teller.file(partial, options.scene);
   // The parent makes it whole: there is no second partial file for it to know of.
-  std::ofstream file(partial, std::ios::binary);
-  file << scene << std::flush;
-  if (!file) {
-    throw Error(options.scene.string(), "it cannot be written",
-                "choose another place, or make room");
+  const int descriptor = createNewFile(partial);
+  if (descriptor >= 0) {
+    std::ofstream file(nameOfOpen(descriptor, partial), std::ios::binary);
+    file << scene << std::flush;
+    close(descriptor);
+    if (file) return scene;
   }
-  return scene;
+  throw Error(options.scene.string(),
+              fmt::format("it cannot be written ({})", std::strerror(errno)),
+              "choose another place, or make room");
 }
 
 /// The scene that was made, and what to do with what was made; a line each.

@@ -809,6 +809,7 @@ class Feel(Case):
         self.refused("feel", ball, "--device", "hid", says="add --realtime")
         self.refused("feel", ball, "--device", "pid", says="is not in this version")
         self.refused("feel", ball, "--device", "path:/none.csv", says="/none.csv")
+        self.refused("feel", ball, "--device", "path:/dev/zero", says="it is a pipe or a device")
         self.refused("feel", ball, "--device", "path:-", says="empty")
         self.refused("feel", ball, "--rate", 0, says="--rate")
         self.refused("feel", ball, "--trace", ball, says="it is an input")
@@ -838,16 +839,37 @@ class Feel(Case):
             self.assertEqual(len(done.stderr.splitlines()), 1, done.stderr)
 
     @suite.smoke
-    def test_devices_and_links_are_written_through(self):
+    def test_links_are_written_through_and_devices_refused(self):
+        ball = str(self.dir / "ball.vdb")
         link = self.dir / "link.csv"
         link.symlink_to(self.dir / "behind.csv")
-        run("feel", self.dir / "ball.vdb", "--seconds", 1, "--trace", link, "--summary",
-            "/dev/null")
+        run("feel", ball, "--seconds", 1, "--trace", link)
         self.assertTrue(link.is_symlink())
         self.assertTrue((self.dir / "behind.csv").read_text().startswith("t,probe_x"))
-        self.assertFalse(Path("/dev/null").is_file())
         os.remove(link)
         os.remove(self.dir / "behind.csv")
+        pipe = self.dir / "pipe"
+        os.mkfifo(pipe)
+        for place in ("/dev/null", pipe):
+            for what in ("--trace", "--summary"):
+                self.refused("feel", ball, "--seconds", 1, what, place,
+                             says="it is a pipe or a device")
+        os.remove(pipe)
+
+    def test_no_output_goes_through_a_planted_link(self):
+        place = self.dir / "shared"
+        place.mkdir()
+        precious = self.dir / "precious"
+        precious.write_text("precious")
+        # An attacker can guess the process' number, but not the rest of the name.
+        for pid in range(os.getpid(), os.getpid() + 2000):
+            (place / f"t.csv.partial-{pid}").symlink_to(precious)
+        run("feel", self.dir / "ball.vdb", "--seconds", 1, "--trace", place / "t.csv")
+        self.assertEqual(precious.read_text(), "precious")
+        self.assertTrue((place / "t.csv").read_text().startswith("t,probe_x"))
+        self.assertFalse((place / "t.csv").is_symlink())
+        shutil.rmtree(place)
+        os.remove(precious)
 
     @suite.smoke
     def test_what_can_hardly_be_meant_is_said(self):
