@@ -38,6 +38,10 @@ std::istream& openInput(const std::string& file, std::ifstream& holder) {
   if (std::filesystem::is_directory(file, error)) {
     throw Error(file, "it is a folder", "give a file");
   }
+  // A device may never end, and a pipe may never begin.
+  if (std::filesystem::exists(file, error) && !std::filesystem::is_regular_file(file, error)) {
+    throw Error(file, "it is a pipe or a device", "give a file, or - for standard input");
+  }
   holder.open(file, std::ios::binary);
   if (!holder) {
     throw Error(file, std::string("it cannot be read (") + std::strerror(errno) + ")",

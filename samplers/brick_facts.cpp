@@ -24,6 +24,8 @@ using Json = nlohmann::ordered_json;
 constexpr std::string_view kMagic = "PALPBRK1";
 constexpr int kVersion = 1;
 constexpr const char* kRemedy = "copy or write it again";
+/// A manifest's JSON [bytes]: what reads it takes some twenty times as much.
+constexpr std::size_t kMostText = 1U << 16U;
 /// Voxels are so far from the origin at most: sums of a few stay numbers of 32 bits.
 constexpr std::int32_t kFarthest = 1 << 30;
 /// Bricks of a level at most: each is looked at once.
@@ -244,6 +246,10 @@ BrickFacts::BrickFacts(const BrickInput& input, const BrickOptions& options) {
                       {"count", level.count}});
   }
   facts_["levels"] = std::move(levels);
+  constexpr std::size_t kStatistics = 1U << 12U;  // setStatistics adds this
+  if (textOf(facts_).size() > kMostText - kStatistics) {
+    refuse("its name, source and metadata are more than 60 kB", "leave some of them out");
+  }
 }
 
 void BrickFacts::setEntries(std::int32_t level, std::vector<BrickEntry> entries) {
@@ -368,6 +374,7 @@ BrickManifest BrickFacts::parse(std::span<const std::byte> bytes, const std::str
   (void)take(kMagic.size());
   std::uint32_t size = 0;
   std::memcpy(&size, take(sizeof size).data(), sizeof size);
+  if (size > kMostText) refuse("what it says of itself is more than 64 kB");
   const auto text = take(size);
 
   BrickManifest manifest;

@@ -26,6 +26,7 @@ namespace {
 
 const char* const kSubject = "--igtl";
 constexpr std::size_t kMostClients = 4;
+constexpr std::size_t kMostWaiting = 16;         ///< Further clients, which can only cut.
 constexpr int kBacklog = 128;                    ///< Connections that wait to be taken in.
 constexpr int kMostAtOnce = 64;                  ///< Connections that are taken in, in one round.
 constexpr std::size_t kPiece = 1U << 16U;        ///< Read of a client in one round [bytes].
@@ -71,7 +72,7 @@ bool begins(const std::string& text, const char* with) {
 
 struct IgtlServer::Counts {
   std::atomic<std::int64_t> connections{0};
-  std::atomic<std::int64_t> refused{0};  ///< Of these.
+  std::atomic<std::int64_t> refused{0};  ///< Connections that had to wait.
   std::atomic<std::int64_t> ended{0};    ///< By the server: they sent no message, or took none.
   std::atomic<std::int64_t> sent{0};     ///< Rounds of messages, by client.
   std::atomic<std::int64_t> skipped{0};  ///< Of these: the client had not taken the one before.
@@ -99,6 +100,7 @@ struct IgtlServer::Client {
   std::size_t out_at = 0;
   std::int64_t took = 0;  ///< When it took something last [ns].
   bool wants_status = true;
+  bool waits = false;  ///< All places are taken: the server accepts only a cut from it.
 
   Client(int s, std::string p) : socket(s), peer(std::move(p)) {}
   ~Client() {
@@ -280,6 +282,12 @@ void IgtlServer::round() {
     send();
   }
   std::erase_if(clients_, [](const auto& client) { return client->socket < 0; });
+  // The clients that connected first get the free places.
+  for (std::size_t i = 0; i < std::min(clients_.size(), kMostClients); ++i) {
+    if (std::exchange(clients_[i]->waits, false)) {
+      greetings_.say("igtl: " + clients_[i]->peer + " is connected");
+    }
+  }
 }
 
 void IgtlServer::accept() {
@@ -294,18 +302,27 @@ void IgtlServer::accept() {
       return;
     }
     ++counts_->connections;
-    if (clients_.size() >= kMostClients) {
+    const auto waits = [](const auto& client) { return client->waits && client->socket >= 0; };
+    const auto served = [](const auto& client) { return !client->waits && client->socket >= 0; };
+    const bool crowded = std::count_if(clients_.begin(), clients_.end(), served) >=
+                         static_cast<std::ptrdiff_t>(kMostClients);
+    if (crowded) {
       ++counts_->refused;
-      close(socket);
-      complaints_.say(fmt::format("igtl: {} is refused: {} are connected: close one",
+      complaints_.say(fmt::format("igtl: {} waits: {} are connected: close one",
                                   shownPlace(from, size), kMostClients));
-      continue;
+      // The client that has waited longest has had time to send a cut.
+      if (std::count_if(clients_.begin(), clients_.end(), waits) >=
+          static_cast<std::ptrdiff_t>(kMostWaiting)) {
+        drop(**std::find_if(clients_.begin(), clients_.end(), waits), "");
+      }
     }
     const int yes = 1;
     setsockopt(socket, IPPROTO_TCP, TCP_NODELAY, &yes, sizeof yes);
     setsockopt(socket, SOL_SOCKET, SO_SNDBUF, &kSocketBuffer, sizeof kSocketBuffer);
     clients_.push_back(std::make_unique<Client>(socket, shownPlace(from, size)));
     clients_.back()->took = nowNs();
+    clients_.back()->waits = crowded;
+    if (crowded) continue;
     greetings_.say("igtl: " + clients_.back()->peer + " is connected");
   }
 }
@@ -391,9 +408,9 @@ void IgtlServer::feed(Client& client, ByteView bytes) {
 void IgtlServer::beginBody(Client& client) {
   client.head = readIgtlHead(client.head_bytes);
   const IgtlHead& head = client.head;
-  const bool image = head.type == "IMAGE";
+  const bool image = head.type == "IMAGE" && !client.waits;
   const bool busy = image && full();
-  const bool kept = image || head.type == "TRANSFORM" || head.type == "STRING";
+  const bool kept = image || (head.type == "TRANSFORM" && !client.waits) || head.type == "STRING";
   constexpr int kNewest = 3;
   if (head.version < 1 || head.version > kNewest || head.type.empty()) {
     throw Error("a message", "it does not begin as one of OpenIGTLink", "speak that");
@@ -439,6 +456,7 @@ void IgtlServer::endBody(Client& client) {
     return reply(client, client.answer, client.why);
   }
   if (!kept) {
+    if (client.waits) return;
     if (head.type == "GET_STATUS") return reply(client, IgtlCode::kOk, "palpate");
     if (head.type == "GET_CAPABIL") {
       const Bytes answer = igtlCapability("Palpate", sinceEpoch(), kTypes);
@@ -552,7 +570,7 @@ void IgtlServer::send() {
   }
   const Bytes told = igtlString("PalpateStatus", at, status_);
   for (const auto& client : clients_) {
-    if (client->socket < 0) continue;
+    if (client->socket < 0 || client->waits) continue;
     // Of what it has not taken there would only be more.
     if (client->out_at < client->out.size()) {
       ++counts_->skipped;

@@ -910,6 +910,14 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
   newer[7] = std::byte{'2'};
   CHECK_THAT(refusal(newer), Contains("it is of another version of palpate: read it by that one"));
 
+  // Reading such JSON would take twenty times its size.
+  CHECK_THAT(refusal(forged(whole, [](Json& facts) { facts["source"] = std::string(70000, 'x'); })),
+             Contains("more than 64 kB"));
+  BrickInput wordy = fogOf(2);
+  wordy.source = std::string(70000, 'x');
+  CHECK_THAT(errorOf([&] { (void)writeBricks(folder / "wordy", wordy); }),
+             Contains("more than 60 kB: leave some of them out"));
+
   // Its checksum right, what it says wrong.
   const std::vector<std::pair<const char*, Json>> wrong{
       {"bricks", 2},
@@ -968,7 +976,7 @@ TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
   CHECK_THAT(table(24, std::uint32_t{0}), Contains("a brick of it cannot be"));
   CHECK_THAT(table(32, std::nanf("")), Contains("a brick of it cannot be"));
   CHECK_THAT(table(8 + 36 + 8, std::int32_t{0}), Contains("a brick of it cannot be"));
-  const auto deep = std::string(200'000, '[');
+  const auto deep = std::string(60'000, '[');
   Bytes nested(whole.begin(), whole.begin() + 8);
   const auto size = static_cast<std::uint32_t>(deep.size());
   nested.resize(12 + deep.size() + 4);

@@ -485,6 +485,24 @@ class IgtlTest(unittest.TestCase):
         self.assertEqual(summary["faults"], {})
         self.assertLess(summary["late_ticks"], 0.005 * summary["ticks"])
 
+    def test_silent_connections_keep_no_cut_out(self):
+        run = self.start(device="simulated")
+        silent = [self.connect(run) for _ in range(4)]
+        silent[0].until("TRANSFORM", "PalpateProxy")
+        # The server closes the clients that have waited longest when too many wait.
+        waiting = [self.connect(run) for _ in range(20)]
+        self.assertTrue(all(one.ended() for one in waiting[:4]))
+        late = waiting[-1]
+        late.send("TRANSFORM", "PalpateSteer", transform(0, 0, 0))
+        late.send("STRING", "PalpateCommand", string("cut"))
+        # The server answers a waiting client and sends it nothing else.
+        self.assertEqual(late.next()[0], "STATUS")
+        self.assertEqual(json.loads(silent[0].state("cut"))["hands"][0]["state"], "cut")
+        # When a client leaves, the server serves the one that has waited longest.
+        silent[1].socket.close()
+        waiting[4].until("TRANSFORM", "PalpateProxy")
+        run.end()
+
     def test_thousands_of_connections(self):
         run = self.start(device="simulated")
         good = self.connect(run)
