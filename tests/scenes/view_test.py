@@ -597,8 +597,10 @@ class Drawn(Window):
         self.env["PALPATE_VIEW_PATIENCE"] = "1e-6"
         feel = self.start("--seconds", str(PATIENCE))
         window = self.window()
-        for step in range(4):
-            self.until("at rest", lambda told: not told["coarse"])
+        # Each move of the view may draw it coarser once. On a busy machine the window can miss a move.
+        for step in range(40):
+            if self.until("at rest", lambda told: not told["coarse"])["detail"] == 4:
+                break
             self.do("mousemove", "--window", window, 300, 300 + step, "mousedown", 2, "mousemove", "--window",
                     window, 310, 300, "mouseup", 2)
             time.sleep(0.5)
