@@ -158,8 +158,10 @@ void FarBricks::State::get(Fetch& fetch, const std::string& object, std::size_t 
   }
   if (fetch.request == nullptr) fetch.request = store->make();
   ObjectRequest& request = *fetch.request;
-  for (int i = 0; i < kTries; ++i) {
+  const Clock::time_point begun = Clock::now();
+  for (int i = 0; i < kTries && Clock::now() - begun < params.opened; ++i) {
     request.ask(limit);
+    request.last = begun;  // StoreParams::opened is for all tries together
     store->get(object, request);
     if (request.status != BrickStatus::kUnreadable || request.code != 0) return;
   }

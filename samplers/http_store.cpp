@@ -111,8 +111,10 @@ class HttpStore final : public ObjectStore {
   void get(const std::string& name, ObjectRequest& of) noexcept override {
     auto& request = static_cast<HttpRequest&>(of);
     CURL* const easy = request.easy.get();
-    // What is long may take long, while it goes on, and not for ever.
-    curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, static_cast<long>(params_.opened.count()));
+    // A long object may take long while it goes on, but all tries together end in time.
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(
+        params_.opened - (std::chrono::steady_clock::now() - request.last));
+    curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, std::max(1L, static_cast<long>(left.count())));
     const auto seconds = std::chrono::ceil<std::chrono::seconds>(params_.stalled).count();
     curl_easy_setopt(easy, CURLOPT_LOW_SPEED_LIMIT, 1'000L);
     curl_easy_setopt(easy, CURLOPT_LOW_SPEED_TIME, std::max(1L, static_cast<long>(seconds)));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstring>
@@ -24,6 +25,7 @@
 #include <tbb/global_control.h>
 
 #include "palpate/engine/error.h"
+#include "palpate/samplers/far_bricks.h"
 #include "palpate/samplers/make_volume.h"
 #include "palpate/samplers/vdb_field.h"
 #include "palpate/samplers/volume_grid.h"
@@ -880,6 +882,38 @@ TEST_CASE("values that are no numbers do not come out of a brick", "[bricks]") {
   const BrickArrival arrival = source.read(id, chunk);
   CHECK(arrival.status == BrickStatus::kDamaged);
   CHECK_THAT(arrival.why, Contains("it holds values that are no numbers"));
+}
+
+TEST_CASE("all tries for a manifest together have one deadline", "[bricks]") {
+  // It fails each time, after 30 ms.
+  struct Slow final : ObjectStore {
+    int& tries;
+    explicit Slow(int& counts) : tries(counts) {}
+    std::unique_ptr<ObjectRequest> make() override { return std::make_unique<ObjectRequest>(); }
+    void get(const std::string& /*name*/, ObjectRequest& request) noexcept override {
+      ++tries;
+      std::this_thread::sleep_for(std::chrono::milliseconds(30));
+      request.fail("it fails");
+    }
+    bool begin(const std::string& /*name*/, ObjectRequest& /*request*/) noexcept override {
+      return false;
+    }
+    void drop(ObjectRequest& /*request*/) noexcept override {}
+    ObjectRequest* ended(std::chrono::milliseconds /*patience*/) noexcept override {
+      return nullptr;
+    }
+    void wake() noexcept override {}
+  };
+  const auto tries = [](std::chrono::milliseconds opened) {
+    int count = 0;
+    StoreParams params;
+    params.opened = opened;
+    CHECK_THAT(errorOf([&] { FarBricks("there", std::make_unique<Slow>(count), params); }),
+               Contains("it does not come (it fails)"));
+    return count;
+  };
+  CHECK(tries(std::chrono::minutes(1)) == 3);
+  CHECK(tries(std::chrono::milliseconds(40)) <= 2);
 }
 
 TEST_CASE("a manifest that is not whole is refused with one line", "[bricks]") {
