@@ -232,6 +232,8 @@ TEST_CASE("two hands never get more than their tanks began with, whatever the ne
 TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
   // One hand swings, so that the force on the other turns; that one creeps with the force within a
   // step of its encoders, where no reading shows it.
+  constexpr double kDelay = 0.005;  // [s]
+  constexpr double kSwing = 5.0;    // [Hz]
   for (const double step : {0.0, 5e-6, 30e-6, 100e-6, 200e-6}) {
     LinkParams params;
     params.step = step;
@@ -258,12 +260,12 @@ TEST_CASE("what readings do not show of a hand is paid for", "[loop][link]") {
       }
       if (n % 4 == 0) {
         for (std::size_t i = 0; i < 2; ++i) {
-          ways[1 - i].emplace(now + 0.02, links[i].word(read[i]));
+          ways[1 - i].emplace(now + kDelay, links[i].word(read[i]));
         }
       }
       const double f = force[0].x();
       const double creeps = std::abs(f) > 0.05 ? std::copysign(0.49 * step, f) : x[0];
-      const double swings = 0.02 * std::sin(2.0 * M_PI * 2.0 * (now + kDt));
+      const double swings = 0.02 * std::sin(2.0 * M_PI * kSwing * (now + kDt));
       work += f * (creeps - x[0]) + force[1].x() * (swings - x[1]);
       x = {creeps, swings};
       most = std::max(most, work);
