@@ -29,8 +29,8 @@ while [ $# -gt 0 ]; do
 done
 
 if [ -z "$install_only" ]; then
-    echo "test.sh: builds three presets and runs every test: some 25 minutes on two cores where the compiler cache"
-    echo "         knows the sources, else 75. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
+    echo "test.sh: builds three presets and runs every test: some 45 minutes on two cores where the compiler cache"
+    echo "         knows the sources, else some 110. Logs: build/PRESET/build.log, build/PRESET/runs/*/console.log"
 fi
 .ci/install build vtk python test
 [ -z "$install_only" ] || exit 0
