@@ -46,9 +46,8 @@ bool PluginServer::isSound(const PluginOrder& order, std::int64_t now) noexcept 
   // A force grows with the time between two ticks, and a tick may be so late before it is a fault.
   constexpr double kLate = 0.005;  // [s]: WatchLimits::late
   const double most = slew_ * kLate;
-  const std::int64_t since = ordered_at_ == 0 ? 0 : now - ordered_at_;
-  room_ =
-      ordered_at_ == 0 ? most : std::min(room_, most) + 1e-9 * slew_ * static_cast<double>(since);
+  const double grown = 1e-9 * slew_ * static_cast<double>(now - ordered_at_);
+  room_ = ordered_at_ == 0 ? most : std::min(room_, most) + grown;
   room_ -= std::max(0.0, size - std::exchange(size_, size));
   constexpr double kRounding = 1e-9;
   // Comparisons are false for NaN.

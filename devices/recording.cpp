@@ -318,7 +318,7 @@ OrderedJson parsed(const std::string& line) {
 }
 
 /// A file, copied to memory: a file that is mapped may be cut by anybody, and reading on ends the
-/// program by SIGBUS. A recording that is cut meanwhile counts as torn.
+/// program by SIGBUS. A recording that is cut during the copy counts as torn.
 std::span<const std::byte> copied(const std::filesystem::path& file) {
   const auto fail = [&](const std::string& why) {
     throw Error(file.string(), why, "give a file of palpate feel --record");

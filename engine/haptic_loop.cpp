@@ -40,8 +40,8 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
 
-/// The position of the last tick's hand that is given once more, whatever the device says of it: it
-/// has grown older with the time `dt` since. Of a new one the age only varies.
+/// True where the device repeats the last tick's position, even if it calls it fresh: its age has
+/// grown by the time `dt` since then. The age of a new position only varies.
 bool isOlder(const HandState& hand, const HandState& before, double dt) noexcept {
   return hand.age - before.age > 0.5 * dt && hand.position == before.position;
 }
@@ -138,7 +138,7 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (time.late > late_) return Fault::kLate;
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
-  // A recorded path may do what no hand can, and hurts none.
+  // A recorded path may jump: it moves no arm that could hurt a hand.
   if (!device_.info().hand) return hand.fault;
   Fault wrong = watch_.look(hand, time.now);
   // Homing may put the arm anywhere: after a tick without force a jump is a new beginning.

@@ -120,7 +120,7 @@ void BrickFolder::write(const std::string& name, std::span<const std::byte> byte
       std::string(kPartial) + "/" + std::to_string(writer_) + "." + std::to_string(number++);
   int error = 0;
   {
-    // A killed run left such a file, or somebody planted a link: remove it, and create a new one.
+    // Remove the file of a killed run or a planted link, and create a new file.
     ::unlinkat(folder_, partial.c_str(), 0);
     Opened file(::openat(folder_, partial.c_str(),
                          O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,

@@ -111,7 +111,7 @@ class HttpStore final : public ObjectStore {
   void get(const std::string& name, ObjectRequest& of) noexcept override {
     auto& request = static_cast<HttpRequest&>(of);
     CURL* const easy = request.easy.get();
-    // A long object may take long while it goes on, but all tries together end in time.
+    // A long object may take long while bytes arrive, but all tries share one deadline.
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(
         params_.opened - (std::chrono::steady_clock::now() - request.last));
     curl_easy_setopt(easy, CURLOPT_TIMEOUT_MS, std::max(1L, static_cast<long>(left.count())));

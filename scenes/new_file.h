@@ -1,4 +1,4 @@
-/// Output files that are nobody else's.
+/// Output files that only this process opens.
 #pragma once
 
 #include <fcntl.h>
@@ -9,7 +9,7 @@
 
 namespace palpate {
 
-/// A name beside `file` that nobody knows before, for what is renamed to it when all is well.
+/// Returns an unpredictable name beside `file`. The caller renames the finished output to `file`.
 [[nodiscard]] inline std::filesystem::path partialOf(const std::filesystem::path& file) {
   std::random_device random;
   std::filesystem::path partial = file;
@@ -17,17 +17,17 @@ namespace palpate {
   return partial;
 }
 
-/// Creates a file of that name to write to. A file or a link that is there already is not opened:
-/// who may write in the folder could have put it there, for another's file to be overwritten.
+/// Creates and opens a file. It never opens an existing file or link: an attacker who may write in
+/// the folder could have planted a link to the user's file.
 ///
-/// @return  Its descriptor; -1 with errno where there is something, or none can be made.
+/// @return  The descriptor; -1 with errno if the name exists or the file cannot be created.
 [[nodiscard]] inline int createNewFile(const std::filesystem::path& path) noexcept {
   return ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
 }
 
-/// The name of an open file for libraries of this process that open by name: the same file,
-/// whatever became of the name under which it was created. Where the kernel does not let it be
-/// opened so, as in a program with capabilities of its own, that name.
+/// Returns a name in /proc of an open file, for libraries that open by name: it leads to that file
+/// even if another one now has the name `created`. Returns `created` where the kernel forbids this,
+/// as in a program with file capabilities.
 [[nodiscard]] inline std::filesystem::path nameOfOpen(int descriptor,
                                                       const std::filesystem::path& created) {
   const std::filesystem::path open = "/proc/self/fd/" + std::to_string(descriptor);
