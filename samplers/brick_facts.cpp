@@ -27,7 +27,7 @@ constexpr const char* kRemedy = "copy or write it again";
 /// A manifest's JSON [bytes]: what reads it takes some twenty times as much.
 constexpr std::size_t kMostText = 1U << 16U;
 /// Voxels are so far from the origin at most: sums of a few stay numbers of 32 bits.
-constexpr std::int32_t kFarthest = 1 << 30;
+constexpr std::int32_t kFarthestVoxel = 1 << 30;
 /// Bricks of a level at most: each is looked at once.
 constexpr std::uint64_t kMostBricks = std::uint64_t{1} << 32U;
 /// The coarsest level has so many bricks at most.
@@ -111,7 +111,7 @@ class Reading {
   }
   static std::int32_t whole(const Json& json) {
     const double v = number(json);
-    if (!(std::abs(v) <= kFarthest) || v != std::floor(v)) {
+    if (!(std::abs(v) <= kFarthestVoxel) || v != std::floor(v)) {
       throw std::range_error("a whole number is none");
     }
     return static_cast<std::int32_t>(v);
@@ -162,7 +162,8 @@ bool isMap(const Mat3& linear, const Vec3& origin) {
 bool isExtent(const VoxelAt& lower, const VoxelAt& upper) {
   double bricks = 1.0;
   for (std::size_t a = 0; a < 3; ++a) {
-    if (lower[a] > upper[a] || lower[a] < -kFarthest || upper[a] > kFarthest) return false;
+    if (lower[a] > upper[a] || lower[a] < -kFarthestVoxel || upper[a] > kFarthestVoxel)
+      return false;
     bricks *= (static_cast<double>(upper[a]) - lower[a]) / kBrickSide + 2.0;
   }
   return bricks <= static_cast<double>(kMostBricks);

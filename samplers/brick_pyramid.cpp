@@ -12,9 +12,9 @@ namespace {
 /// A halved brick's edge.
 constexpr int kHalf = kBrickSide / 2;
 /// The signs about a voxel of the apron are looked at so far.
-constexpr int kReach = 3;
+constexpr int kPyramidReach = 3;
 /// A brick with that about it: what is looked at.
-constexpr int kAround = kBrickApron + kReach;
+constexpr int kAround = kBrickApron + kPyramidReach;
 constexpr int kBlock = kBrickSide + 2 * kAround;
 
 constexpr std::size_t blockNumber(int i, int j, int k) noexcept {
@@ -44,13 +44,14 @@ std::array<VoxelAt, 64> placesBelow(const BrickManifest& manifest, std::int32_t 
   return places;
 }
 
-/// Every byte or-ed with those up to kReach away along an axis of the block.
+/// Every byte or-ed with those up to kPyramidReach away along an axis of the block.
 void spread(std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, std::size_t stride) {
   std::copy(from.begin(), from.end(), to.begin());
   const std::size_t size = from.size();
-  for (std::size_t s = 1; s <= kReach; ++s) {
+  for (std::size_t s = 1; s <= kPyramidReach; ++s) {
     const std::size_t by = s * stride;
-    // What comes round an edge of the block stays within kReach of it, which nobody looks at.
+    // What comes round an edge of the block stays within kPyramidReach of it, which nobody looks
+    // at.
     for (std::size_t n = 0; n + by < size; ++n) to[n] |= from[n + by];
     for (std::size_t n = by; n < size; ++n) to[n] |= from[n - by];
   }
@@ -217,7 +218,7 @@ bool coarserBrick(HalvedBricks& finer, const VoxelAt& at, bool level_set, Coarse
   std::fill(active.begin(), active.end(), std::uint8_t{0});
   for (int i = -kBrickApron; i < kBrickSide + kBrickApron; ++i) {
     for (int j = -kBrickApron; j < kBrickSide + kBrickApron; ++j) {
-      const std::size_t from = blockNumber(i + kAround, j + kAround, kReach);
+      const std::size_t from = blockNumber(i + kAround, j + kAround, kPyramidReach);
       const std::size_t to = BrickView::numberOf(i, j, -kBrickApron);
       std::copy_n(space.values.data() + from * components, kBrickEdge * components,
                   values.data() + to * components);

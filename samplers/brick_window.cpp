@@ -28,7 +28,7 @@ using Word = std::uint32_t;
 /// Below this many slots beside the coarsest level a hand's neighbourhood does not fit.
 constexpr std::uint64_t kLeastSlots = 27;
 /// Bricks farther than this from where a hand is are not wanted [bricks of a level],
-constexpr double kReach = 2.0;
+constexpr double kReachHere = 2.0;
 /// nor farther than this from where it will be.
 constexpr double kReachAhead = 1.0;
 /// What is wanted is chosen anew when a hand is so far from where it was then [voxels],
@@ -422,10 +422,10 @@ void BrickWindow::Loader::choose() {
     if (!heard[h].alive) continue;
     const auto aim = pool.hands[h].read();
     if (!aim || !aim->probe.allFinite()) continue;
-    if (aim->proxy.allFinite()) places.push_back({aim->proxy, 0.0, kReach});
+    if (aim->proxy.allFinite()) places.push_back({aim->proxy, 0.0, kReachHere});
     const Vec3& v = aim->velocity;
     const Vec3 way = v.allFinite() ? Vec3(horizon * v) : Vec3(Vec3::Zero());
-    places.push_back({aim->probe, 0.0, kReach});
+    places.push_back({aim->probe, 0.0, kReachHere});
     const double length = way.norm() / kBrickSide;
     const int ahead = static_cast<int>(std::min<double>(kMostAhead, std::ceil(length)));
     for (int i = 1; i <= ahead; ++i) {

@@ -7,7 +7,7 @@ namespace {
 
 constexpr int kLeaf = 8;
 constexpr std::size_t kMostBlocks = std::size_t{1} << 22;
-constexpr std::uint8_t kFarthest = std::numeric_limits<std::uint8_t>::max();
+constexpr std::uint8_t kFarthestCell = std::numeric_limits<std::uint8_t>::max();
 
 /// Rounded down to a multiple.
 std::int64_t floorTo(std::int64_t x, std::int64_t edge) {
@@ -72,7 +72,7 @@ FreeMap::FreeMap(std::span<const Voxels> data) {
   }
   edge_ = static_cast<double>(edge);
   per_edge_ = 1.0 / edge_;
-  distance_.assign(size_[0] * size_[1] * size_[2], kFarthest);
+  distance_.assign(size_[0] * size_[1] * size_[2], kFarthestCell);
   for (const Voxels& box : data) {
     std::array<std::size_t, 3> first{};
     std::array<std::size_t, 3> last{};

@@ -283,12 +283,12 @@ void overlapThroughFile(Matter& a, Matter& b) {
   const Mat3 b_from_file = b.part().linear.inverse();
   const Mat3 turn = b_from_file * a.part().linear;
   const Vec3 shift = b_from_file * (a.part().origin - b.part().origin);
-  constexpr double kFarthest = 1e9;  // no index is beyond it, and an int holds it
+  constexpr double kFarthestIndex = 1e9;  // no index is beyond it, and an int holds it
   Coord last = Coord::max();
   Matter::Block there;
   const auto look = [&](const Segment& segment, const Vec3& p_I) {
     const Vec3 nearest = (turn * p_I + shift + Vec3::Constant(0.5)).array().floor();
-    if (!(nearest.cwiseAbs().maxCoeff() < kFarthest)) return;
+    if (!(nearest.cwiseAbs().maxCoeff() < kFarthestIndex)) return;
     const Coord at(static_cast<int>(nearest.x()), static_cast<int>(nearest.y()),
                    static_cast<int>(nearest.z()));
     const Coord leaf = at >> kEdges[0];
@@ -353,9 +353,9 @@ double shareBeyond(const Volume& of, const Volume& other, double level) {
         ++surface;
         const Vec3 p = from_file * (part.toFile(Vec3(at.x(), at.y(), at.z())) - there.origin);
         const Vec3 nearest = (p + Vec3::Constant(0.5)).array().floor();
-        constexpr double kFarthest = 1e9;  // no index is beyond it, and an int holds it
+        constexpr double kFarthestIndex = 1e9;  // no index is beyond it, and an int holds it
         const bool on =
-            nearest.cwiseAbs().maxCoeff() < kFarthest &&
+            nearest.cwiseAbs().maxCoeff() < kFarthestIndex &&
             data.isValueOn(Coord(static_cast<int>(nearest.x()), static_cast<int>(nearest.y()),
                                  static_cast<int>(nearest.z())));
         beyond += on ? 0 : 1;

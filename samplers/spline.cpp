@@ -19,7 +19,7 @@ namespace {
 using openvdb::Coord;
 
 /// Beyond so many voxels the filter has forgotten: |pole|^16 < 1e-9 for the cubic, the slower one.
-constexpr int kReach = 16;
+constexpr int kSplineReach = 16;
 
 /// Of the recursion that undoes a spline's samples.
 double poleOf(int degree) {
@@ -99,7 +99,7 @@ std::vector<std::vector<typename TreeT::LeafNodeType*>> runsAlong(TreeT& tree, i
   for (Leaf* leaf : leaves) {
     const std::array<int, 3> here = key(leaf);
     const bool goes_on = !runs.empty() && here[0] == last[0] && here[1] == last[1] &&
-                         here[2] - last[2] <= static_cast<int>(Leaf::DIM) + kReach;
+                         here[2] - last[2] <= static_cast<int>(Leaf::DIM) + kSplineReach;
     if (!goes_on) runs.emplace_back();
     runs.back().push_back(leaf);
     last = here;

@@ -38,7 +38,7 @@ constexpr std::int64_t kLook = kSecond / 10;
 constexpr std::int64_t kPatience = 5 * kSecond;  ///< A message may take so long,
 constexpr std::int64_t kByte = 1000;             ///< and so long for each byte [ns]: 1 MB/s.
 constexpr std::int64_t kStuck = 5 * kSecond;     ///< A client that takes nothing is left.
-constexpr double kFarthest = 1e9;                ///< Of a led hand [mm].
+constexpr double kFarthestHand = 1e9;            ///< Of a led hand [mm].
 constexpr std::array<const char*, 6> kTypes{"TRANSFORM", "STRING",     "IMAGE",
                                             "STATUS",    "GET_STATUS", "GET_CAPABIL"};
 
@@ -488,7 +488,7 @@ void IgtlServer::endBody(Client& client) {
   if (!led_) {
     return reply(client, IgtlCode::kDisabled, "no hand is led: add --device igtl");
   }
-  if (place.lpNorm<Eigen::Infinity>() > kFarthest) {
+  if (place.lpNorm<Eigen::Infinity>() > kFarthestHand) {
     throw Error("PalpateSteer", "it is beyond 1000 km", "send millimetres");
   }
   (void)stage_.refresh();

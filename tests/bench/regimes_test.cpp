@@ -7,7 +7,7 @@
 
 #include "tests/support/regime_rows.h"
 
-using namespace palpate::bench;
+namespace palpate::bench::regimes_test {
 
 namespace {
 
@@ -64,3 +64,5 @@ TEST_CASE("regime: scenes that change under the hand", "[stability]") {
 TEST_CASE("regime: devices that are broken", "[stability]") {
   judge(brokenDevices());
 }
+
+}  // namespace palpate::bench::regimes_test

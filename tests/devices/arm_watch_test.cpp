@@ -10,7 +10,7 @@
 
 #include <catch2/catch.hpp>
 
-using namespace palpate;
+namespace palpate::arm_watch_test {
 using Catch::Contains;
 
 namespace {
@@ -148,3 +148,5 @@ TEST_CASE("what is watched is counted beyond its ends, from home where it was fi
   CHECK_THAT(first(R"("home_at_open": true, "home_words": "in the middle", )", over),
              Contains(" 1e-05"));
 }
+
+}  // namespace palpate::arm_watch_test

@@ -13,7 +13,7 @@
 #include "palpate/engine/haptic_loop.h"
 #include "tests/support/counters.h"
 
-using namespace palpate;
+namespace palpate::devices_test {
 using Catch::Contains;
 
 namespace {
@@ -241,3 +241,5 @@ TEST_CASE("reading and writing a device allocates and locks nothing", "[simulate
   CHECK(counts.allocations == 0);
   CHECK(counts.locks == 0);
 }
+
+}  // namespace palpate::devices_test

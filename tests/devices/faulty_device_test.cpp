@@ -15,7 +15,7 @@
 #include "palpate/engine/haptic_loop.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::faulty_device_test {
 using palpate::test::ballField;
 using palpate::test::ballScene;
 using palpate::test::ballSpec;
@@ -236,3 +236,5 @@ TEST_CASE("a thousand scenes a second are felt without a kick", "[fault]") {
   // The last one is.
   CHECK(std::abs(pressed.force.norm() - before) < 0.1 * before);
 }
+
+}  // namespace palpate::faulty_device_test

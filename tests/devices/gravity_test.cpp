@@ -19,7 +19,7 @@
 #include "palpate/engine/limit_force.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::gravity_test {
 using Catch::Contains;
 
 namespace {
@@ -395,3 +395,5 @@ TEST_CASE("no motor that carries weight becomes hotter than it may, whatever for
     CHECK((whole > cases / 2) == (holds > 0.2));
   }
 }
+
+}  // namespace palpate::gravity_test

@@ -10,7 +10,7 @@
 #include "tests/devices/vm/vm_arm.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::hid_descriptor_test {
 using Catch::Contains;
 using Way = DescribedReport::Way;
 
@@ -259,3 +259,5 @@ TEST_CASE("a profile is told what the device has otherwise, and what to write", 
   CHECK_THAT(said, Contains("8 of 1 byte, ..., and this has no number: write the number of"));
   CHECK(said.size() < 250);
 }
+
+}  // namespace palpate::hid_descriptor_test

@@ -25,7 +25,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/thinned.h"
 
-using namespace palpate;
+namespace palpate::hid_device_test {
 using namespace std::chrono_literals;
 using Catch::Contains;
 
@@ -1592,3 +1592,5 @@ TEST_CASE("the whole loop on an arm: felt, unplugged, back, and gentle again",
   }
   CHECK(arm.driven() == std::array<int, 3>{0, 0, 0});
 }
+
+}  // namespace palpate::hid_device_test

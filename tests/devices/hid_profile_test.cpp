@@ -28,7 +28,7 @@
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::hid_profile_test {
 using Catch::Contains;
 using Json = nlohmann::json;
 
@@ -961,3 +961,5 @@ TEST_CASE("whoever plays effects on a device has it", "[profile][pid]") {
   close(ready[1]);
   CHECK_NOTHROW(refuseEffects("/dev/hidraw3", {node}));
 }
+
+}  // namespace palpate::hid_profile_test

@@ -11,7 +11,7 @@
 
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::hid_report_test {
 using palpate::test::Random;
 
 namespace {
@@ -125,3 +125,5 @@ TEST_CASE("a counter is followed beyond its ends", "[hid]") {
     CHECK(std::abs(truth) > 10.0 * range);
   }
 }
+
+}  // namespace palpate::hid_report_test

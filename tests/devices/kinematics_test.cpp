@@ -13,7 +13,7 @@
 #include "palpate/engine/error.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::kinematics_test {
 using palpate::test::Random;
 
 namespace {
@@ -218,3 +218,5 @@ TEST_CASE("geometries that are none are refused", "[kinematics]") {
   CHECK_THROWS_AS(makeChain(std::vector<ChainLink>(7)), DeviceError);
   CHECK_THROWS_AS(makeChain(std::vector<ChainLink>(3), {0, std::nan(""), 0}), DeviceError);
 }
+
+}  // namespace palpate::kinematics_test

@@ -21,7 +21,7 @@
 #include "tests/support/pid_model.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::pid_test {
 using namespace std::chrono_literals;
 using Catch::Contains;
 using test::PidModel;
@@ -690,3 +690,5 @@ TEST_CASE("any bytes are a PID device or none, and whatever it says is survived"
   }
   CHECK(20 * opened > cases - 100);
 }
+
+}  // namespace palpate::pid_test

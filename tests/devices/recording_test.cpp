@@ -36,7 +36,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::recording_test {
 using Catch::Contains;
 using palpate::test::ballField;
 using palpate::test::ballSpec;
@@ -529,3 +529,5 @@ TEST_CASE("a replayed hand is where it was, from any time on", "[replay]") {
   CHECK(nameAt("a@b@1.5").name == "a@b");
   CHECK_THROWS_WITH(openReplay("none.rec"), Contains("it cannot be read"));
 }
+
+}  // namespace palpate::recording_test

@@ -13,7 +13,7 @@
 #include "palpate/engine/limit_force.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::self_test_test {
 using Catch::Contains;
 
 namespace {
@@ -294,3 +294,5 @@ TEST_CASE("new positions are counted, and their pauses", "[hid]") {
   CHECK(result.noise == 0.0);
   CHECK_THAT(result.problems.back(), Contains("ended early"));
 }
+
+}  // namespace palpate::self_test_test

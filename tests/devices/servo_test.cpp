@@ -10,7 +10,7 @@
 #include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 
-using namespace palpate;
+namespace palpate::servo_test {
 
 namespace {
 
@@ -197,3 +197,5 @@ TEST_CASE("a servo's tick takes no memory, and numbers that are none are refused
   weak.limits.peak = 0.0;
   CHECK_THROWS_AS(Servo(weak, 1000.0), DeviceError);
 }
+
+}  // namespace palpate::servo_test

@@ -10,7 +10,7 @@
 #include "palpate/devices/stability.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::stability_map_test {
 
 namespace {
 
@@ -121,3 +121,5 @@ TEST_CASE("what lies among equals is as they are", "[stability]") {
   }
   CHECK(other == 0);
 }
+
+}  // namespace palpate::stability_map_test

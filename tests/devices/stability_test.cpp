@@ -13,7 +13,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/thinned.h"
 
-using namespace palpate;
+namespace palpate::stability_test {
 using test::Random;
 
 namespace {
@@ -441,3 +441,5 @@ TEST_CASE("the friction that would make a coupling passive is found, however muc
     arm.viscous = ArmParams{}.viscous;
   }
 }
+
+}  // namespace palpate::stability_test

@@ -12,7 +12,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::broad_phase_test {
 using palpate::test::CountScope;
 using palpate::test::Random;
 
@@ -150,3 +150,5 @@ TEST_CASE("more boxes in one place than are asked for: it says so", "[broad]") {
   // The hand goes on into the crowd.
   CHECK(near.near(heap, boxAt({0.005, 0, 0}, Vec3::Constant(1e-3))).size() == NearBoxes::kMost);
 }
+
+}  // namespace palpate::broad_phase_test

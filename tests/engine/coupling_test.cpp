@@ -8,7 +8,7 @@
 
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::coupling_test {
 using palpate::test::Random;
 
 TEST_CASE("the coupling is a spring and a damper from probe to proxy", "[coupling][eq3]") {
@@ -58,3 +58,5 @@ TEST_CASE("the rate of a length is that over two milliseconds, however long tick
     CHECK(steady.next(7.0 + 1.0 / rate, 1.0 / rate) == Approx(1.0));
   }
 }
+
+}  // namespace palpate::coupling_test

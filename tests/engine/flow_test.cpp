@@ -9,7 +9,7 @@
 
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::flow_test {
 using namespace palpate::test;
 
 namespace {
@@ -114,3 +114,5 @@ TEST_CASE("what has no direction or is no number is said so", "[flow]") {
   CHECK(unit({nan, 1, 0}) == Vec3::Zero());
   CHECK(unit({1, infinite, 0}) == Vec3::Zero());
 }
+
+}  // namespace palpate::flow_test

@@ -12,7 +12,7 @@
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 
-using namespace palpate;
+namespace palpate::friction_test {
 using palpate::test::CountScope;
 using palpate::test::Random;
 
@@ -713,3 +713,5 @@ TEST_CASE("the forces of a balance add up to the spring's, each within its set",
     }
   }
 }
+
+}  // namespace palpate::friction_test

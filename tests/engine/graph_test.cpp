@@ -8,7 +8,7 @@
 #include "palpate/samplers/analytic_field.h"
 #include "tests/support/counters.h"
 
-using namespace palpate;
+namespace palpate::graph_test {
 using Catch::Contains;
 using palpate::test::CountScope;
 
@@ -234,3 +234,5 @@ TEST_CASE("the nearest name is suggested, a far one is not", "[graph]") {
   CHECK(nearestName("denisty", {"heat", "density"}) == "density");
   CHECK(nearestName("velocity", {"heat", "density"}).empty());
 }
+
+}  // namespace palpate::graph_test

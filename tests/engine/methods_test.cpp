@@ -20,7 +20,7 @@
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 
-using namespace palpate;
+namespace palpate::methods_test {
 using namespace palpate::methods;
 using palpate::bench::BalanceProblem;
 using palpate::bench::Family;
@@ -348,3 +348,5 @@ TEST_CASE("every method follows the probe when nothing pulls, and allocates noth
     for (const Balance& b : answers) CHECK(b.offset.norm() < 1e-10);
   }
 }
+
+}  // namespace palpate::methods_test

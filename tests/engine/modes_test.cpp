@@ -17,7 +17,7 @@
 #include "tests/support/reference_solver.h"
 #include "tests/support/thinned.h"
 
-using namespace palpate;
+namespace palpate::modes_test {
 using palpate::test::CountScope;
 using palpate::test::Random;
 
@@ -966,3 +966,5 @@ TEST_CASE("a varying stiffness is passive and changes at a limited rate",
   CHECK(nextStiffness(k, 0.0, Vec3::Zero(), 0.0, kDt).value == k.value);  // no data
   CHECK(nextStiffness(k, std::nan(""), Vec3::Zero(), 0.0, kDt).value == k.value);
 }
+
+}  // namespace palpate::modes_test

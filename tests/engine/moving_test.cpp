@@ -12,7 +12,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::moving_test {
 using palpate::test::CountScope;
 using palpate::test::Random;
 
@@ -467,3 +467,5 @@ TEST_CASE("a scene's time begins when a proxy meets it and goes on through fault
   at(0.101);
   CHECK(state.proxy() == Vec3(0, 0.04, 0));
 }
+
+}  // namespace palpate::moving_test

@@ -11,7 +11,7 @@
 #include "palpate/engine/solver.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::newton_test {
 
 namespace {
 
@@ -194,3 +194,5 @@ TEST_CASE("from a ridge the step goes down, and what does not turn is left alone
   const Vec3 x = Vec3::Zero();
   CHECK(newtonStep(residual, x, x, kStiffness, drag, forces, {}) == residual);
 }
+
+}  // namespace palpate::newton_test

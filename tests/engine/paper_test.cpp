@@ -19,7 +19,7 @@
 #include "tests/support/random.h"
 #include "tests/support/reference_solver.h"
 
-using namespace palpate;
+namespace palpate::paper_test {
 using palpate::methods::Constraint;
 using palpate::methods::constraintProxy;
 using palpate::methods::residualForce;
@@ -540,3 +540,5 @@ TEST_CASE("section 4.3: O(N): the work of a balance grows no faster than its pri
     }
   }
 }
+
+}  // namespace palpate::paper_test

@@ -15,7 +15,7 @@
 #include "tests/support/hand.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::parts_test {
 using palpate::test::CountScope;
 using palpate::test::Hand;
 using palpate::test::Random;
@@ -401,3 +401,5 @@ TEST_CASE("what a part may not have is said", "[scale]") {
   says(guide, {}, "no place of its own");
   CHECK_THROWS_WITH(makeScene({}, {}), Catch::Contains("there is no mode"));
 }
+
+}  // namespace palpate::parts_test

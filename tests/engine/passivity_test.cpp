@@ -13,7 +13,7 @@
 #include "tests/support/passivity_runs.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::passivity_test {
 using bench::Keeper;
 using bench::PassivityResult;
 using bench::PassivityRun;
@@ -717,3 +717,5 @@ TEST_CASE("what was begun anew waits until no force is on its way", "[passivity]
   hand.x() += 1e-3;
   CHECK(tank.pass({0.1, 0, 0}, hand, true, 1e-3, params, kCap) > 0.0);
 }
+
+}  // namespace palpate::passivity_test

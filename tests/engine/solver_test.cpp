@@ -18,7 +18,7 @@
 #include "tests/support/reference_solver.h"
 #include "tests/support/source_dir.h"
 
-using namespace palpate;
+namespace palpate::solver_test {
 using palpate::bench::BalanceProblem;
 using palpate::bench::Family;
 using palpate::test::describe;
@@ -606,3 +606,5 @@ TEST_CASE("solving allocates, locks and throws nothing", "[solver][realtime]") {
   CHECK(counts.locks == 0);
   CHECK(counts.exceptions == 0);
 }
+
+}  // namespace palpate::solver_test

@@ -11,7 +11,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::step_test {
 using palpate::test::Random;
 
 namespace {
@@ -440,3 +440,5 @@ TEST_CASE("the counters count", "[realtime]") {
   CHECK(counts.locks == 1);
 #endif
 }
+
+}  // namespace palpate::step_test

@@ -7,7 +7,7 @@
 
 #include "palpate/engine/error.h"
 
-using palpate::TransferFunction;
+namespace palpate::transfer_test {
 
 TEST_CASE("a number is the same strength for every input", "[transfer]") {
   const TransferFunction f = 1.5;
@@ -52,3 +52,5 @@ TEST_CASE("negative, infinite and disordered curves are refused", "[transfer]") 
   CHECK_THROWS_AS(TransferFunction::piecewise({{1, 0}, {0, 1}}), palpate::SceneError);
   CHECK_THROWS_AS(TransferFunction::piecewise({{0, 0}, {1, -1}}), palpate::SceneError);
 }
+
+}  // namespace palpate::transfer_test

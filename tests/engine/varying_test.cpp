@@ -15,7 +15,7 @@
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
 
-using namespace palpate;
+namespace palpate::varying_test {
 using palpate::test::Random;
 
 namespace {
@@ -369,3 +369,5 @@ TEST_CASE("from strengths and directions that vary Newton's step is of second or
   }
   CHECK(tried > 200);
 }
+
+}  // namespace palpate::varying_test

@@ -9,7 +9,7 @@
 
 #include "palpate/scenes/import/reader.h"
 
-using namespace palpate;
+namespace palpate::series_test {
 using namespace palpate::importer;
 
 namespace {
@@ -156,3 +156,5 @@ TEST_CASE("one volume is no series", "[series]") {
   CHECK(openNrrd(folder.write("a.nrrd", nrrd("2 3 4", "\n"), values))->times().empty());
   CHECK(openNifti(folder.write("a.nii", nifti({2, 3, 4}, 1.0F), values))->times().empty());
 }
+
+}  // namespace palpate::series_test

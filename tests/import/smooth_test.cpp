@@ -14,7 +14,7 @@
 
 #include "palpate/engine/error.h"
 
-using namespace palpate;
+namespace palpate::smooth_test {
 using namespace palpate::importer;
 
 namespace {
@@ -96,3 +96,5 @@ TEST_CASE("an image with holes is not smoothed, and a width beyond any image is"
   image.arrays[0].values.as<float>()[5] = std::nanf("");
   CHECK_THROWS_AS(smoothImage(image, image.arrays[0], 1.0, "x"), VolumeError);
 }
+
+}  // namespace palpate::smooth_test

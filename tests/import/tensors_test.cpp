@@ -12,7 +12,7 @@
 
 #include "palpate/scenes/import/values.h"
 
-using namespace palpate;
+namespace palpate::tensors_test {
 using namespace palpate::importer;
 
 namespace {
@@ -151,3 +151,5 @@ TEST_CASE("values are scaled only where the header says so", "[values]") {
   CHECK(rescaled(values, std::nan(""), 0.0).data() == values.data());
   CHECK(rescaled(values, 2.0, 1.0).at(0, 0) == 15.0);
 }
+
+}  // namespace palpate::tensors_test

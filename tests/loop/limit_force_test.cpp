@@ -10,7 +10,7 @@
 
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::limit_force_test {
 using palpate::test::Random;
 
 namespace {
@@ -184,3 +184,5 @@ TEST_CASE("the tank comes last, and what it leaves is what was sent", "[safety]"
   CHECK(limitForce({nan, 0, 0}, {nan, 0, 0}, 1e-3, limits, state).force == Vec3::Zero());
   CHECK(std::isfinite(state.tank.energy()));
 }
+
+}  // namespace palpate::limit_force_test

@@ -17,7 +17,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-namespace palpate {
+namespace palpate::link_test {
 namespace {
 
 using test::Random;
@@ -523,4 +523,4 @@ TEST_CASE("a tank in debt is let out ever less until it is paid", "[loop][link]"
   CHECK(debt > 2.0 * std::min(first, -2.0 * 3e-3));
 }
 
-}  // namespace palpate
+}  // namespace palpate::link_test

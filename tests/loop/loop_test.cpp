@@ -21,7 +21,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::loop_test {
 using palpate::test::ballField;
 using palpate::test::ballScene;
 using palpate::test::Random;
@@ -1018,3 +1018,5 @@ TEST_CASE("whatever happens, what leaves is finite, bounded and slew-limited, an
   }
   WARN(told);
 }
+
+}  // namespace palpate::loop_test

@@ -17,7 +17,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::mailbox_test {
 
 namespace {
 
@@ -199,3 +199,5 @@ TEST_CASE("publish and refresh take no memory and no lock", "[mailbox]") {
   CHECK(counts.allocations == 0);
   CHECK(counts.locks == 0);
 }
+
+}  // namespace palpate::mailbox_test

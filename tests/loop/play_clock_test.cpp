@@ -10,7 +10,7 @@
 #include "palpate/engine/haptic_loop.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::play_clock_test {
 using namespace palpate::test;
 
 namespace {
@@ -109,3 +109,5 @@ TEST_CASE("two loops of one clock are played alike", "[sequence]") {
   CHECK(one.latest().input.play == Approx(2.499));
   CHECK(alone.latest().input.play == 0.0);
 }
+
+}  // namespace palpate::play_clock_test

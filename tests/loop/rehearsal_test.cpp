@@ -16,7 +16,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::rehearsal_test {
 using palpate::test::ballField;
 using palpate::test::ballScene;
 using palpate::test::ballSpec;
@@ -203,3 +203,5 @@ TEST_CASE("where a tick is too slow, or the force is cut, none is rehearsed", "[
   loop.tick(time);
   CHECK(loop.rehearse(kDt, kLead));
 }
+
+}  // namespace palpate::rehearsal_test

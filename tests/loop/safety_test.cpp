@@ -11,7 +11,7 @@
 
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::safety_test {
 using palpate::test::Random;
 
 namespace {
@@ -187,3 +187,5 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
   fade.forget();
   CHECK(fade.pass(pull, kStep, kTick) == pull);
 }
+
+}  // namespace palpate::safety_test

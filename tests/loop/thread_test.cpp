@@ -19,7 +19,7 @@
 #include "tests/support/random.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::thread_test {
 using palpate::test::ballField;
 using palpate::test::ballScene;
 
@@ -306,3 +306,5 @@ TEST_CASE("every tick reaches the sink, in order", "[loop][host]") {
   CHECK(counts.last == device.writes - 1);  // the last one is the end's
   CHECK_FALSE(hand.running());
 }
+
+}  // namespace palpate::thread_test

@@ -7,7 +7,7 @@
 #include "tests/support/contact_problems.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::contact_test {
 using namespace palpate::bench;
 
 namespace {
@@ -101,3 +101,5 @@ TEST_CASE("no surface holds more than its strength", "[motion]") {
     CHECK(r.cappedShare() <= 0.02);
   }
 }
+
+}  // namespace palpate::contact_test

@@ -12,7 +12,7 @@
 #include "tests/support/damping_buzz.h"
 #include "tests/support/random.h"
 
-using namespace palpate::bench;
+namespace palpate::bench::rubbing_test {
 
 TEST_CASE("rubbing on a scan buzzes no less if planes may not lift the proxy",
           "[.][data][motion]") {
@@ -111,3 +111,5 @@ TEST_CASE("on a CT's skin the proxy is quieter than penalty forces", "[.][data][
     }
   }
 }
+
+}  // namespace palpate::bench::rubbing_test

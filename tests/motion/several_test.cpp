@@ -15,7 +15,7 @@
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
 
-using namespace palpate;
+namespace palpate::several_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
@@ -487,3 +487,5 @@ TEST_CASE("a tick that has used up its iterations reads no more, and the rest wa
   CHECK(readingsWith(1) <= 10);
   CHECK(readingsWith(StepParams{}.max_iterations) >= 20);
 }
+
+}  // namespace palpate::several_test

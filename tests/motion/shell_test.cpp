@@ -15,7 +15,7 @@
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::shell_test {
 using namespace palpate::bench;
 
 namespace {
@@ -190,3 +190,5 @@ TEST_CASE("whoever presses hard enough comes through, however rough and thin the
     }
   }
 }
+
+}  // namespace palpate::shell_test

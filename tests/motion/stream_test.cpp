@@ -12,7 +12,7 @@
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::stream_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
@@ -216,3 +216,5 @@ TEST_CASE("axes that point into one face from both sides end a stream and hold n
     }
   }
 }
+
+}  // namespace palpate::stream_test

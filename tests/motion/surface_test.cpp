@@ -12,7 +12,7 @@
 #include "tests/support/motion_problems.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::surface_test {
 using namespace palpate::bench;
 
 namespace {
@@ -243,3 +243,5 @@ TEST_CASE("at any speed the work on the hand is at most what was counted", "[mot
     }
   }
 }
+
+}  // namespace palpate::surface_test

@@ -22,7 +22,7 @@
 #include "tests/support/random.h"
 #include "tests/support/theorem.h"
 
-using namespace palpate;
+namespace palpate::warp_test {
 using namespace palpate::bench;
 using palpate::test::Random;
 
@@ -673,3 +673,5 @@ TEST_CASE("a guide in what deforms is refused", "[motion][warp]") {
   CHECK_THROWS_WITH(sceneOf({isosurface(3.0), guide}, ball, motion),
                     Catch::Matchers::Contains("/modes/1/in: \"ball\" deforms"));
 }
+
+}  // namespace palpate::warp_test

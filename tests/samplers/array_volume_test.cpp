@@ -12,7 +12,7 @@
 #include "palpate/engine/error.h"
 #include "palpate/samplers/vdb_field.h"
 
-using namespace palpate;
+namespace palpate::array_volume_test {
 using Catch::Matchers::Contains;
 
 namespace {
@@ -177,3 +177,5 @@ TEST_CASE("an array that cannot be felt is refused by its name", "[volume]") {
   std::fill(values.begin(), values.end(), 3.0F);
   CHECK_THAT(refusal(array), Contains("no active voxel"));
 }
+
+}  // namespace palpate::array_volume_test

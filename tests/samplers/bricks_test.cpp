@@ -34,7 +34,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::bricks_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Coord;
@@ -1157,3 +1157,5 @@ TEST_CASE("a volume larger than what memory may be had is written", "[bricks]") 
   CAPTURE(most, kWhole);
   CHECK(most < kMost * kWhole);
 }
+
+}  // namespace palpate::bricks_test

@@ -22,7 +22,7 @@
 #include "tests/support/thread_crew.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::crew_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Coord;
@@ -234,3 +234,5 @@ TEST_CASE("a rank that fails ends all, one tells, and the next crew goes on", "[
   // Finished: left as it is, by all.
   CHECK(by(2, [](Crew&, BrickInput&, BrickOptions&) {}) == std::pair(why, std::uint64_t{0}));
 }
+
+}  // namespace palpate::crew_test

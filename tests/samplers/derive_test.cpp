@@ -15,7 +15,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::derive_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Coord;
@@ -249,3 +249,5 @@ TEST_CASE("deriving while sampling allocates nothing", "[samplers][derive][realt
   CHECK(std::isfinite(sum));
   CHECK(allocations == 0);
 }
+
+}  // namespace palpate::derive_test

@@ -18,7 +18,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::free_space_test {
 using namespace palpate::test;
 using openvdb::Coord;
 using openvdb::math::Transform;
@@ -413,3 +413,5 @@ TEST_CASE("parts whose boxes meet and whose data do not cost no sample", "[scale
   for (int i = 0; i < 2000; ++i) (void)a.step(wander(i * 5e-4, 0.11));
   CHECK(CountScope::counts().allocations == 0);
 }
+
+}  // namespace palpate::free_space_test

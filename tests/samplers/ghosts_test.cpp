@@ -13,7 +13,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::ghosts_test {
 using namespace palpate::test;
 using openvdb::Coord;
 using openvdb::CoordBBox;
@@ -504,3 +504,5 @@ TEST_CASE("a surface that moves farther than its band is beyond the other frame'
   CHECK(share > 0.3);
   CHECK(share < 0.8);
 }
+
+}  // namespace palpate::ghosts_test

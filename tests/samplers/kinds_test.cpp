@@ -16,7 +16,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::kinds_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Coord;
@@ -406,3 +406,5 @@ TEST_CASE("a spline passes through the faces of large tiles", "[samplers][kinds]
     }
   }
 }
+
+}  // namespace palpate::kinds_test

@@ -12,7 +12,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::press_test {
 using namespace palpate::test;
 
 namespace {
@@ -125,3 +125,5 @@ TEST_CASE("aswf_sphere.vdb pressed along 1,000 directions", "[.][data]") {
   CHECK(pressed.magnitude_max < 0.005);
   CHECK(pressed.leaves_rms < 0.0025);
 }
+
+}  // namespace palpate::press_test

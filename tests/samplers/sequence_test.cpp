@@ -20,7 +20,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::sequence_test {
 using namespace palpate::test;
 using Catch::Contains;
 
@@ -656,3 +656,5 @@ TEST_CASE("what is no sequence is refused", "[sequence]") {
   frames.clear();
   CHECK_THAT(refused({}), Contains("no frame"));
 }
+
+}  // namespace palpate::sequence_test

@@ -11,7 +11,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::thickness_test {
 using namespace palpate::test;
 using openvdb::Coord;
 using openvdb::Vec3d;
@@ -309,3 +309,5 @@ TEST_CASE("only trilinear scalars are looked at for thin places", "[samplers][mo
       3, Transform::createLinearTransform(), [](const Vec3d& p) { return openvdb::Vec3s(p); }));
   CHECK_FALSE(measureThickness(flow, {}, 1.0, Solid::kAbove).has_value());
 }
+
+}  // namespace palpate::thickness_test

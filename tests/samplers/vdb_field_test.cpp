@@ -18,7 +18,7 @@
 #include "tests/support/random.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::vdb_field_test {
 using namespace palpate::test;
 using openvdb::Coord;
 using openvdb::Vec3d;
@@ -688,3 +688,5 @@ TEST_CASE("reading allocates, locks and throws nothing, cold cells included",
   CHECK(counts.locks == 0);
   CHECK(counts.exceptions == 0);
 }
+
+}  // namespace palpate::vdb_field_test

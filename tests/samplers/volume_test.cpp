@@ -27,7 +27,7 @@
 #include "tests/support/thinned.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::volume_test {
 using namespace palpate::test;
 using Catch::Contains;
 using openvdb::Vec3d;
@@ -661,3 +661,5 @@ TEST_CASE("a loop that is given up leaves no work within it half done", "[volume
                   VolumeError);
   CHECK(begun < 1000);
 }
+
+}  // namespace palpate::volume_test

@@ -17,7 +17,7 @@
 #include "tests/support/thinned.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::way_test {
 using namespace palpate::test;
 using openvdb::Vec3d;
 using openvdb::math::Transform;
@@ -300,3 +300,5 @@ TEST_CASE("ways allocate nothing", "[samplers][motion][realtime]") {
   }
   CHECK(CountScope::counts().allocations == 0);
 }
+
+}  // namespace palpate::way_test

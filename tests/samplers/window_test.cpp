@@ -24,7 +24,7 @@
 #include "tests/support/thinned.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::window_test {
 using namespace palpate::test;
 using Catch::Contains;
 
@@ -601,3 +601,5 @@ TEST_CASE("what cannot be had is tried again ever more rarely", "[bricks]") {
   CHECK(of.may(7, begin));
   CHECK(of.failed(7, now));
 }
+
+}  // namespace palpate::window_test

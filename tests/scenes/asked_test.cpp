@@ -23,7 +23,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::asked_test {
 using cli::dial;
 using cli::idsOf;
 using cli::inOrder;
@@ -418,3 +418,5 @@ TEST_CASE("dials stay with their modes while a file is edited under them", "[dia
   CHECK(said.times("the scene before it goes on") == 2);
   CHECK(watcher.refused() == 3);
 }
+
+}  // namespace palpate::asked_test

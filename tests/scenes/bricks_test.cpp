@@ -22,7 +22,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::bricks_test {
 using namespace palpate::test;
 using Catch::Contains;
 using Json = nlohmann::json;
@@ -292,3 +292,5 @@ TEST_CASE("a volume sixteen times its window is felt as the whole", "[.][data][b
   CHECK(step <= 2.0 + 1e-9);  // 2,000 N/s
 }
 #endif
+
+}  // namespace palpate::bricks_test

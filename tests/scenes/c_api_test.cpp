@@ -14,7 +14,7 @@
 #include "tests/support/counters.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::c_api_test {
 
 namespace {
 
@@ -169,3 +169,5 @@ TEST_CASE("a host in C may go to another folder after it has loaded", "[c]") {
   CHECK(palpate_reload(host.hand, "no_such.vdb", error, sizeof error) == -1);
   CHECK(palpate_explain(host.hand, at, push, nullptr, 0) > 100);
 }
+
+}  // namespace palpate::c_api_test

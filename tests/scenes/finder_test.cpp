@@ -8,7 +8,7 @@
 #include "palpate/engine/step.h"
 #include "palpate/samplers/analytic_field.h"
 
-using namespace palpate;
+namespace palpate::finder_test {
 
 namespace {
 
@@ -202,3 +202,5 @@ TEST_CASE("where there is nothing to feel the hand looks, and that is bounded", 
   CHECK(search.reads < 1200000);
   for (double t = 0.0; t <= 10.0; t += 0.01) REQUIRE(target.at(t).norm() <= kRadius);
 }
+
+}  // namespace palpate::finder_test

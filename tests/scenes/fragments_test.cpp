@@ -19,7 +19,7 @@
 #include "palpate/scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::fragments_test {
 using namespace palpate::test;
 using Catch::Matchers::Contains;
 using openvdb::Coord;
@@ -228,3 +228,5 @@ TEST_CASE("what cannot be broken is refused, whoever cancels is heard", "[scale]
       strewFragments(*loadVolume(folder / "a.vdb", "bone"), someOrder(), folder / "nowhere"),
       Contains("cannot be written"));
 }
+
+}  // namespace palpate::fragments_test

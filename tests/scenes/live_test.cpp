@@ -17,7 +17,7 @@
 #include "palpate/scenes/cli/touch.h"
 #include "tests/support/counters.h"
 
-using namespace palpate;
+namespace palpate::live_test {
 
 namespace {
 
@@ -157,3 +157,5 @@ TEST_CASE("what is no loop's memory is refused, and the memory cannot be cut", "
   share.block().magic = 7;
   CHECK_THAT(refusal(dup(share.descriptor())), Catch::Contains("is no loop's memory"));
 }
+
+}  // namespace palpate::live_test

@@ -13,7 +13,7 @@
 #include "palpate/samplers/volume.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::made_test {
 using Catch::Matchers::Contains;
 
 namespace {
@@ -235,3 +235,5 @@ TEST_CASE("what cannot be made is refused", "[made]") {
                     Contains("cannot be written"));
   CHECK_FALSE(std::filesystem::exists(folder / "a.vdb"));
 }
+
+}  // namespace palpate::made_test

@@ -20,7 +20,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::memory_test {
 using palpate::test::FailScope;
 namespace fs = std::filesystem;
 
@@ -98,3 +98,5 @@ TEST_CASE("memory that is not there while a scene is loaded leaves the one that 
   CHECK(load(&cache) != nullptr);
   fs::remove_all(folder);
 }
+
+}  // namespace palpate::memory_test

@@ -18,7 +18,7 @@
 #include "tests/support/source_dir.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::scene_test {
 using namespace palpate::test;
 using Catch::Contains;
 using Json = nlohmann::json;
@@ -1066,3 +1066,5 @@ TEST_CASE("the size of a scene changes no transfer function's input", "[scene][g
   }
   CHECK(inside > 1000);
 }
+
+}  // namespace palpate::scene_test

@@ -13,7 +13,7 @@
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::sequence_test {
 using namespace palpate::test;
 using Catch::Contains;
 using Json = nlohmann::json;
@@ -194,3 +194,5 @@ TEST_CASE("a sequence is kept from scene to scene, and coarsely is its first fra
   CHECK(at_rest.sequences.empty());
   CHECK(surfaceAt(at_rest, 0.3) == Approx(10.0).margin(0.02));
 }
+
+}  // namespace palpate::sequence_test

@@ -22,7 +22,7 @@
 #include "tests/support/scenes.h"
 #include "tests/support/vdb_files.h"
 
-using namespace palpate;
+namespace palpate::shared_scene_test {
 using Catch::Matchers::Contains;
 using test::Random;
 
@@ -476,3 +476,5 @@ TEST_CASE("a site feels edits that its scene can have, each whole", "[site]") {
   CHECK(known.at({"modes", "skin", "0"}).stamp == SharedStamp{6, "uppsala"});
   CHECK(known.at({"modes", "bone", "0"}).stamp == SharedStamp{5, "boston"});
 }
+
+}  // namespace palpate::shared_scene_test

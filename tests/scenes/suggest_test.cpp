@@ -19,7 +19,7 @@
 #include "palpate/scenes/scene_file.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::suggest_test {
 using namespace palpate::guess;
 using namespace palpate::test;
 using Catch::Contains;
@@ -949,3 +949,5 @@ TEST_CASE("skin and bone of VTK's head are found near 500 and 1150", "[.][data]"
   CHECK(surfaces[0]["value"].get<double>() == Approx(500.0).margin(100.0));
   CHECK(surfaces[1]["value"].get<double>() == Approx(1150.0).margin(50.0));
 }
+
+}  // namespace palpate::suggest_test

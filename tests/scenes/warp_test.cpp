@@ -16,7 +16,7 @@
 #include "tests/support/json_schema.h"
 #include "tests/support/vdb_grids.h"
 
-using namespace palpate;
+namespace palpate::warp_test {
 using namespace palpate::test;
 using Catch::Contains;
 using Json = nlohmann::json;
@@ -203,3 +203,5 @@ TEST_CASE("displacements of many files carry what is placed like what they defor
   const BuiltScene again = built(scene, folder.path(), &cache);
   CHECK(again.motions.at("ball")->warp() == motion.warp());
 }
+
+}  // namespace palpate::warp_test

@@ -126,9 +126,9 @@ Force penalty(const std::shared_ptr<const ScalarField>& field, double level, dou
 }
 
 /// The whole tick.
-class Engine {
+class SteppedEngine {
  public:
-  Engine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
+  SteppedEngine(const std::shared_ptr<const ScalarField>& field, double level, bool above) {
     SurfaceMotion motion;
     motion.field = field;
     motion.level = level;
@@ -216,7 +216,7 @@ std::vector<Buzzes> feelBuzz(const std::shared_ptr<const ScalarField>& field, co
     Buzzes one;
     one.polynomial = buzzOf(forcesAlong(path, way.hand, penalty(field, way.level, sign, true)));
     one.continuous = buzzOf(forcesAlong(path, way.hand, penalty(field, way.level, sign, false)));
-    Engine engine(field, way.level, way.above);
+    SteppedEngine engine(field, way.level, way.above);
     one.engine =
         buzzOf(forcesAlong(path, way.hand, [&](const Vec3& probe) { return engine.force(probe); }));
     one.clicks = engine.clicks();

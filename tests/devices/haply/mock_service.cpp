@@ -16,7 +16,7 @@
 namespace palpate::test {
 namespace {
 
-std::int64_t monotonic() {
+std::int64_t monotonicNs() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
   return now.tv_sec * 1'000'000'000LL + now.tv_nsec;
@@ -135,7 +135,7 @@ struct MockService::Inside {
 
   /// Keeps what a message says.
   void understand(const std::string& bytes, int connection) {
-    const std::int64_t when = monotonic();
+    const std::int64_t when = monotonicNs();
     const auto json = nlohmann::json::parse(bytes, nullptr, false);
     bool known = false;
     if (json.is_object() && json.contains("session")) {
@@ -177,7 +177,7 @@ struct MockService::Inside {
   }
 
   int writable(lws* wsi, Session& session) {
-    if (session.waiting.empty() || session.waiting.front().due > monotonic()) return 0;
+    if (session.waiting.empty() || session.waiting.front().due > monotonicNs()) return 0;
     const bool full = session.waiting.front().full;
     session.waiting.pop_front();
     bool binary = false;
@@ -204,7 +204,7 @@ struct MockService::Inside {
         session = sessions.back().second.get();
         const std::lock_guard lock(mutex);
         session->number = ++heard.connections;
-        if (!mute && !shy) session->waiting.push_back({monotonic() + delay, true});
+        if (!mute && !shy) session->waiting.push_back({monotonicNs() + delay, true});
         break;
       }
       case LWS_CALLBACK_RECEIVE: {
@@ -214,7 +214,7 @@ struct MockService::Inside {
         const long asked = heard.asked_for_all;
         understand(session->partial, session->number);
         session->partial.clear();
-        if (!mute) session->waiting.push_back({monotonic() + delay, heard.asked_for_all > asked});
+        if (!mute) session->waiting.push_back({monotonicNs() + delay, heard.asked_for_all > asked});
         break;
       }
       case LWS_CALLBACK_SERVER_WRITEABLE:
@@ -265,7 +265,7 @@ void MockService::Inside::run() {
   port = lws_get_vhost_listen_port(lws_get_vhost_by_name(context, "default"));
   listens = true;
   while (!ends) {
-    const std::int64_t now = monotonic();
+    const std::int64_t now = monotonicNs();
     for (auto& [wsi, session] : sessions) {
       if (!session->waiting.empty() && session->waiting.front().due <= now) {
         lws_callback_on_writable(wsi);

@@ -27,7 +27,7 @@
 #include "tests/fuzz/plugin_entry.h"
 #include "tests/support/random.h"
 
-using namespace palpate;
+namespace palpate::plugin_test {
 using namespace palpate::test;
 
 namespace {
@@ -493,3 +493,5 @@ TEST_CASE("a value between two processes is whole or the last", "[plugin]") {
   CHECK(whole);
   CHECK(rises);
 }
+
+}  // namespace palpate::plugin_test

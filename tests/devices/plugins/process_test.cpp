@@ -26,7 +26,7 @@
 #include "tests/devices/plugins/odd_arm.h"
 #include "tests/support/scenes.h"
 
-using namespace palpate;
+namespace palpate::process_test {
 using namespace palpate::test;
 
 namespace {
@@ -509,3 +509,5 @@ PALPATE_TROUBLE("unpowered", kTick, Fault::kPower)
 PALPATE_TROUBLE("open", kTick, Fault::kSwitch)
 PALPATE_TROUBLE("held", kTick, Fault::kNone)
 #undef PALPATE_TROUBLE
+
+}  // namespace palpate::process_test

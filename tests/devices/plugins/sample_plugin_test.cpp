@@ -13,12 +13,12 @@ using palpate::test::PluginHost;
 namespace {
 
 const std::string kSample = PALPATE_PLUGINS "/sample.so";
-constexpr std::int64_t kMs = 1'000'000;
+constexpr std::int64_t kMillisecond = 1'000'000;
 
 /// Goes on by milliseconds, reads, and writes that force again each time.
 void goOn(PluginHost& host, int ms, double x, double y, double z) {
   for (int i = 0; i < ms; ++i) {
-    PluginHost::now() += kMs;
+    PluginHost::now() += kMillisecond;
     REQUIRE(host.read() == PALPATE_PLUGIN_OK);
     REQUIRE(host.write(x, y, z) == PALPATE_PLUGIN_OK);
   }
@@ -26,7 +26,7 @@ void goOn(PluginHost& host, int ms, double x, double y, double z) {
 
 /// Where the force has it, without the hand's path.
 double pushed(const PluginHost& host) {
-  const double t = 1e-9 * static_cast<double>(host.reading.taken - 1000 * kMs);
+  const double t = 1e-9 * static_cast<double>(host.reading.taken - 1000 * kMillisecond);
   return host.reading.position[0] - 0.02 * std::sin(0.5 * t);
 }
 
@@ -65,21 +65,21 @@ TEST_CASE("the sample reads a thousand times a second of the host's time", "[plu
   PluginHost host(kSample);
   REQUIRE(host.open("S1"));
   CHECK(host.read() == PALPATE_PLUGIN_NOTHING);
-  PluginHost::now() += kMs + 1000;
+  PluginHost::now() += kMillisecond + 1000;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.taken == PluginHost::now() - 1000);
   CHECK(host.reading.state == 0U);  // not prepared
   CHECK(host.read() == PALPATE_PLUGIN_NOTHING);
   REQUIRE(host.prepare() == PALPATE_PLUGIN_OK);
-  PluginHost::now() += kMs;
+  PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.state == PALPATE_PLUGIN_READY);
   // A host that has slept an hour gets an answer at once, of now: the arm has stood still for most
   // of it, and has not yet come back from where it was pushed.
   goOn(host, 1000, 0.6, 0.0, 0.0);
-  PluginHost::now() += 3600 * 1000 * kMs;
+  PluginHost::now() += 3600 * 1000 * kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
-  CHECK(PluginHost::now() - host.reading.taken < kMs);
+  CHECK(PluginHost::now() - host.reading.taken < kMillisecond);
   CHECK(std::abs(pushed(host)) > 1e-4);
 }
 
@@ -127,12 +127,12 @@ TEST_CASE("the sample's watchdog takes the force off where none has come", "[plu
   CHECK(host.facts().watchdog == Approx(0.05));
   goOn(host, 1000, 0.6, 0.0, 0.0);
   for (int i = 0; i < 49; ++i) {
-    PluginHost::now() += kMs;
+    PluginHost::now() += kMillisecond;
     REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   }
   CHECK(pushed(host) == Approx(0.02).margin(1e-4));
   for (int i = 0; i < 1000; ++i) {
-    PluginHost::now() += kMs;
+    PluginHost::now() += kMillisecond;
     REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   }
   CHECK(pushed(host) == Approx(0.0).margin(1e-4));
@@ -150,7 +150,7 @@ TEST_CASE("the sample carries its weight from the next write on", "[plugin]") {
   goOn(host, 1000, 0.0, 0.0, 0.0);
   CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));  // 0.3 N by 30 N/m
   weight->carry(host.arm, 1.0);
-  PluginHost::now() += kMs;
+  PluginHost::now() += kMillisecond;
   REQUIRE(host.read() == PALPATE_PLUGIN_OK);
   CHECK(host.reading.position[2] == Approx(-0.01).margin(1e-4));
   goOn(host, 1000, 0.0, 0.0, 0.0);
@@ -188,14 +188,14 @@ TEST_CASE("the sample lives with older and newer hosts", "[plugin]") {
   CHECK(host.entry->init(larger.get()) == 0);
 
   REQUIRE(host.open("S1"));
-  PluginHost::now() += kMs;
+  PluginHost::now() += kMillisecond;
   constexpr std::size_t kRoom = offsetof(palpate_plugin_reading, orientation);
   Other<palpate_plugin_reading> smaller(kRoom);
   CHECK(host.arm->read(host.arm, smaller.get()) == PALPATE_PLUGIN_OK);
   CHECK(smaller.get()->size == kRoom);
   CHECK(smaller.get()->taken == PluginHost::now());
   CHECK(smaller.untouchedFrom(kRoom));
-  PluginHost::now() += kMs;
+  PluginHost::now() += kMillisecond;
   Other<palpate_plugin_reading> newer(sizeof(palpate_plugin_reading) + 32);
   CHECK(host.arm->read(host.arm, newer.get()) == PALPATE_PLUGIN_OK);
   CHECK(newer.get()->size == sizeof(palpate_plugin_reading) + 32);
@@ -210,7 +210,7 @@ TEST_CASE("the sample's tick allocates nothing and takes no lock", "[plugin][rea
   {
     const CountScope scope;
     for (int i = 0; i < 1000; ++i) {
-      PluginHost::now() += kMs;
+      PluginHost::now() += kMillisecond;
       well += host.read() == PALPATE_PLUGIN_OK && host.write(0.1, 0.0, 0.0) == PALPATE_PLUGIN_OK;
       host.arm->stop(host.arm);
     }
