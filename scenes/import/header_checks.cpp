@@ -45,7 +45,20 @@ double bytesOf(const std::filesystem::path& header, const std::vector<double>& s
   return bytes;
 }
 
-double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data) {
+double sizeOfData(const std::filesystem::path& header, const std::filesystem::path& data,
+                  bool follow) {
+  // Who gives somebody a header is not to choose which of his files are read.
+  std::error_code unread;  // the size below is refused where there is no file
+  const std::filesystem::path folder =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(header).parent_path(), unread);
+  const std::filesystem::path named =
+      std::filesystem::weakly_canonical(std::filesystem::absolute(data), unread)
+          .lexically_relative(folder);
+  if (!follow && (named.empty() || *named.begin() == "..")) {
+    throw VolumeError(header.string(),
+                      fmt::format("it names a data file in another folder, {}", data.string()),
+                      "put the file beside it, or add --follow");
+  }
   std::error_code error;
   const auto size = std::filesystem::file_size(data, error);
   if (error || !std::filesystem::is_regular_file(data, error)) {

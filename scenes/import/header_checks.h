@@ -19,9 +19,10 @@ namespace palpate::importer {
 [[nodiscard]] double bytesOf(const std::filesystem::path& header, const std::vector<double>& sizes,
                              double bytes);
 
-/// The size of a data file [bytes]. Throws VolumeError, of `header`, where there is none.
+/// The size of a data file [bytes]. Throws VolumeError, of `header`, where there is none, and where
+/// it lies in another folder than the header's (or one within), also by a link, unless `follow`.
 [[nodiscard]] double sizeOfData(const std::filesystem::path& header,
-                                const std::filesystem::path& data);
+                                const std::filesystem::path& data, bool follow);
 
 /// Throws VolumeError, of `header`, where less than so many bytes are held in a data file, perhaps
 /// the header's own.

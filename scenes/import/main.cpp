@@ -295,6 +295,9 @@ int main(int argc, char** argv) {
                  "What the volumes of a 4-D NIfTI are, or a MetaImage's channels: vector (3) or "
                  "tensor (6)")
       ->check(CLI::IsMember({"vector", "tensor"}));
+  app.add_flag(
+      "--follow", request.follow,
+      "NRRD, MetaImage: read data files that a header names in other folders than its own");
   app.add_option("--solution", request.solution, "PLOT3D: the Q file of the grid IN");
   app.add_option("--raw", request.raw,
                  "Layout of raw values: JSON or a file of it; keys: size, type, endian, "

@@ -42,9 +42,9 @@ struct Part {
 /// What the text of a header says.
 class Header {
  public:
-  explicit Header(const fs::path& file) : file_(file) {
+  explicit Header(const Request& request) : file_(request.file), follow_(request.follow) {
     constexpr std::size_t kLongest = 1U << 20U;
-    std::ifstream in(file, std::ios::binary);
+    std::ifstream in(file_, std::ios::binary);
     std::string line;
     std::size_t length = 0;
     while (std::getline(in, line)) {
@@ -268,7 +268,7 @@ class Header {
     for (const std::string& data : files) {
       const bool local = data == "LOCAL" || data == "Local" || data == "local";
       Part part{local ? file_ : file_.parent_path() / data, local ? offset_ : 0};
-      const double size = sizeOfData(file_, part.file);
+      const double size = sizeOfData(file_, part.file, follow_);
       double least = share;
       if (isTrue({"CompressedData"})) least = leastDeflated(share);
       if (isText()) least = leastText(share / type().bytes);
@@ -318,6 +318,7 @@ class Header {
   }
 
   fs::path file_;
+  bool follow_;
   std::map<std::string, std::string> fields_;
   std::vector<std::string> list_;
   std::vector<Part> parts_;
@@ -326,7 +327,7 @@ class Header {
 
 class MetaImageReader final : public Reader {
  public:
-  explicit MetaImageReader(const Request& request) : request_(request), header_(request.file) {}
+  explicit MetaImageReader(const Request& request) : request_(request), header_(request) {}
 
   Content read(std::size_t /*step*/) override {
     Content content;

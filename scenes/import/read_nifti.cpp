@@ -315,7 +315,7 @@ class NiftiReader final : public Reader {
     if (header_.offset < 0) refuse("its voxels begin nowhere", kMendHeader);
     const fs::path data = dataFile();
     const double least = bytes + header_.offset;
-    checkHeld(request_.file, data, sizeOfData(request_.file, data),
+    checkHeld(request_.file, data, sizeOfData(request_.file, data, true),
               isGzip(data) ? leastDeflated(least) : least);
   }
 

@@ -468,7 +468,7 @@ class NrrdReader final : public Reader {
     part_values_ = count / parts_.size();
     const double bytes = static_cast<double>(part_values_ * nrrdElementSize(nrrd_.get()));
     for (const Part& part : parts_) {
-      const double size = sizeOfData(request_.file, part.file);
+      const double size = sizeOfData(request_.file, part.file, request_.follow);
       double least = bytes;
       if (state_->encoding == nrrdEncodingGzip) least = leastDeflated(bytes);
       if (state_->encoding == nrrdEncodingAscii) {

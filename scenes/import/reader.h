@@ -117,6 +117,7 @@ struct Request {
   std::string raw;                  ///< Layout of a raw file: JSON, or a file of it.
   std::string series;               ///< DICOM: number or identity of one of several.
   std::string as;                   ///< "", "vector" or "tensor": what a series of 3 or 6 steps is.
+  bool follow = false;              ///< Headers may name data files in other folders.
   Progress progress;
   /// Where not all slices of an image are wanted: which, of one of that size and place. A reader
   /// that can takes these alone (Piece::held).

@@ -257,6 +257,21 @@ class Nrrd(Case):
         path = self.write("a.nhdr", nrrd("data file: part%03d.raw 1 6 1").replace("\n", "\r\n"))
         self.holds(self.convert(path), "density", IDENTITY, (0, 0, 0), scalar)
 
+    def test_a_header_leads_to_no_other_folder(self):
+        (self.dir / "within").mkdir()
+        (self.dir / "headers" / "x").mkdir(parents=True)
+        (self.dir / "headers" / "link.raw").symlink_to("../a.raw")
+        self.write("a.raw", SHORTS)
+        self.write("within/b.raw", SHORTS)
+        for name in ("within/b.raw", "./within/../a.raw", f"{self.dir}/a.raw"):
+            self.convert(self.write("a.nhdr", nrrd(f"data file: {name}")))
+        for name in ("../a.raw", f"{self.dir}/a.raw", "x/../../a.raw", "link.raw", "LIST\n../a.raw"):
+            for header in (self.write("headers/a.nhdr", nrrd(f"data file: {name}")),
+                           self.write("headers/a.mhd", meta(data=name))):
+                with self.subTest(name=name, header=header.name):
+                    self.refused(header, "it names a data file in another folder")
+                    self.convert(header, "--follow")
+
     @suite.smoke
     def test_vectors_turn_with_their_space(self):
         fields = ("space: left-posterior-superior", ORIGIN)
@@ -455,7 +470,7 @@ class Nrrd(Case):
                             ("%0999999d 1 2 1", "pattern"), ("a%d 1 9 0", "never ends"),
                             ("a%d 1 2000000000 1", "never ends"), ("a%d 1 7 1", "divide"),
                             ("/dev/zero", "cannot be read")):
-            self.refused(self.write("a.nhdr", nrrd(f"data file: {field}")), says)
+            self.refused(self.write("a.nhdr", nrrd(f"data file: {field}")), says, "--follow")
         self.refused(self.write("a.nhdr", nrrd("byte skip: 100", "data file: a.raw")), "")
         self.refused(self.write("a.nhdr", nrrd("line skip: 100000", "data file: a.raw")), "")
         self.refused(self.write("a.nhdr", nrrd("byte skip: -500", "data file: a.raw")), "too short")
