@@ -51,7 +51,6 @@ bool FaultyDevice::troubled() const noexcept {
 void FaultyDevice::hold(HandState& hand, std::int64_t old) const noexcept {
   hand.position = whole_.position;
   hand.age = whole_.age + static_cast<double>(old) / rate_;
-  hand.fresh = old == 0 && whole_.fresh;
 }
 
 HandState FaultyDevice::read() noexcept {

@@ -14,6 +14,7 @@
 #include <sys/socket.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <utility>
 
 #include "palpate/engine/error.h"
 #include "palpate/engine/realtime.h"
@@ -29,7 +30,9 @@ struct Guardian::Shared {
   };
   std::array<Loop, kMostLoops> loops;
   std::atomic<std::uint32_t> stops{0};
-  std::atomic<bool> over{false};  ///< The program has ended.
+  std::atomic<std::uint64_t> pulse{0};  ///< Of the process that starts watchers.
+  std::atomic<bool> over{false};        ///< The program has ended.
+  std::atomic<bool> punctual{false};    ///< The guardian has a real-time priority.
   static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 };
 
@@ -105,8 +108,8 @@ bool aboveStandard(std::array<int, 2>& ends) noexcept {
   return good;
 }
 
-/// Nothing that is meant for the program ends its guardian.
-void standApart(int socket) noexcept {
+/// Nothing that is meant for the program ends its guardian. True if it got a real-time priority.
+bool standApart(int socket) noexcept {
   setsid();
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGTSTP, SIGTTIN, SIGTTOU, SIGPIPE,
                            SIGXCPU, SIGUSR1, SIGUSR2}) {
@@ -119,12 +122,14 @@ void standApart(int socket) noexcept {
   if (own > 3) close_range(3, own - 1, 0);
   close_range(own + 1, ~0U, 0);
   // Above the loop, which keeps its core when it hangs; as high as is permitted.
-  for (int priority = kMostPriority + 5; priority > 0; priority -= 5) {
+  bool punctual = false;
+  for (int priority = kMostPriority + 5; priority > 0 && !punctual; priority -= 5) {
     sched_param wanted{};
     wanted.sched_priority = priority;
-    if (sched_setscheduler(0, SCHED_FIFO, &wanted) == 0) break;
+    punctual = sched_setscheduler(0, SCHED_FIFO, &wanted) == 0;
   }
   mlockall(MCL_CURRENT);
+  return punctual;
 }
 
 // What signal handlers know.
@@ -222,7 +227,7 @@ LoopWatch Guardian::watch(const ZeroForce& zero) {
   tell(slot, zero);
   *free = true;
   Shared::Loop& loop = shared_->loops[slot];
-  return {&loop.heart, &shared_->stops, &loop.pulse, &loop.cuts};
+  return {&loop.heart, &shared_->stops, &loop.pulse, &loop.cuts, &shared_->punctual};
 }
 
 void Guardian::renew(const LoopWatch& loop, const ZeroForce& zero) {
@@ -279,16 +284,19 @@ void Guardian::catchSignals(volatile std::sig_atomic_t* interrupted) {
 }
 
 void Guardian::guard(int socket) noexcept {
-  standApart(socket);
+  shared_->punctual = standApart(socket);
   std::array<pid_t, kMostLoops> watchers{};
-  const auto end = [&](pid_t& watcher) {
-    if (watcher > 0) {
-      kill(watcher, SIGKILL);
-      waitpid(watcher, nullptr, 0);
-    }
+  // Not waited for: it may be stuck in a device's driver, and other arms need this process.
+  const auto end = [](pid_t& watcher) {
+    if (watcher > 0) kill(watcher, SIGKILL);
     watcher = 0;
   };
   for (;;) {
+    constexpr int kLook = 5;  // [ms]
+    shared_->pulse.fetch_add(1, std::memory_order_relaxed);
+    while (waitpid(-1, nullptr, WNOHANG) > 0) continue;
+    pollfd waits{socket, POLLIN, 0};
+    if (poll(&waits, 1, kLook) <= 0) continue;
     Order order;
     int descriptor = -1;
     if (!Message(order).take(socket, descriptor)) break;
@@ -332,16 +340,23 @@ void Guardian::watchOver(int descriptor, std::size_t slot, const std::byte* byte
   constexpr std::int64_t kLook = 1000000;      // [ns]
   constexpr std::int64_t kTries = 1000000000;  // [ns] after the program's end
   constexpr auto kStill = static_cast<std::int64_t>(1e9 * kGuardTime);
+  constexpr std::int64_t kAlone = 25000000;  // [ns] without a pulse of the process that started it
   std::uint64_t beats = loop.heart;
   std::uint32_t stops = shared_->stops;
   bool beating = false;  // since it was last taken off
   bool wanted = false;   // zero is to be written, and has not been taken yet
   std::int64_t alive = nowNs();
+  std::uint64_t pulse = 0;
+  std::int64_t kept_at = alive;
   std::int64_t over_at = 0;
   for (;;) {
     sleepUntil(nowNs() + kLook);
-    loop.pulse.fetch_add(1, std::memory_order_relaxed);
     const std::int64_t now = nowNs();
+    if (std::exchange(pulse, shared_->pulse.load(std::memory_order_relaxed)) != pulse) {
+      kept_at = now;
+    }
+    // Without the other process no arm that is plugged in again is watched: the loop is to know.
+    if (now - kept_at < kAlone) loop.pulse.fetch_add(1, std::memory_order_relaxed);
     if (const std::uint64_t seen = loop.heart.load(std::memory_order_relaxed); seen != beats) {
       beats = seen;
       alive = now;

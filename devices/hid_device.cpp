@@ -481,7 +481,6 @@ HandState HidDevice::read() noexcept {
       if (port) lost();
       if (hand.fault == Fault::kNone) hand.fault = Fault::kGone;
     }
-    hand.fresh = got == Got::kReport || silent();
     if (got == Got::kReport) {
       counted_at_ = now;
       heard_ = true;

@@ -147,7 +147,6 @@ HandState PluginArm::read() noexcept {
   read_at_ = now;
   HandState& hand = hand_;
   hand.fault = Fault::kNone;
-  hand.fresh = false;
   if (const std::uint32_t opening = port_->openings(); opening != opening_) {
     opening_ = opening;
     taken_ = 0;
@@ -204,7 +203,6 @@ void PluginArm::take(std::int64_t now, HandState& hand) noexcept {
   const Vec3 position = vectorOf(reading.position);
   if (position != hand.position) moved_at_ = now;
   hand.position = position;
-  hand.fresh = true;
   Handle& handle = hand.handle;
   if (has(PALPATE_PLUGIN_VELOCITY) && vectorOf(reading.velocity).allFinite()) {
     std::copy_n(std::begin(reading.velocity), 3, handle.velocity.begin());

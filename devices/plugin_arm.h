@@ -28,8 +28,8 @@ namespace palpate {
 /// time, and where the same position comes as new for ever the force fades (StillFade). A write
 /// that is not taken for 20 ms beyond a period is Fault::kWrite, a plug-in that has ended, or whose
 /// arm is unplugged, Fault::kGone; numbers that are not finite are Fault::kNotFinite. Where its
-/// process has taken the force off, having had no order for a while, it is Fault::kLate: a force
-/// that came and went with such pauses would be no force.
+/// process has taken the force off, having had no order for a while, it is Fault::kLate; where it
+/// has refused an order that no gate can have let through, Fault::kWrite.
 class PluginArm final : public Arm {
  public:
   /// Throws DeviceError where its facts will not do (infoFor).

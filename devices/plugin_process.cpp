@@ -31,7 +31,7 @@
 namespace palpate {
 namespace {
 
-constexpr int kLook = 50;         // [ms] between looks at a process
+constexpr int kLook = 10;         // [ms] between looks at a process
 constexpr double kEnds = 1.0;     // [s] that one has to end when it is asked to
 constexpr double kHung = 0.5;     // [s] without a turn of its haptic thread
 constexpr int kTriesAgain = 500;  // [ms] after one that could not be started
@@ -129,9 +129,18 @@ class Child {
   /// True while it lives.
   [[nodiscard]] bool lives() {
     // One that the program has told the kernel to forget is nobody's: its number may be another's.
-    if (process_ > 0 && waitpid(process_, nullptr, WNOHANG) != 0) process_ = -1;
+    int what = 0;
+    const pid_t changed = process_ > 0 ? waitpid(process_, &what, WNOHANG | WUNTRACED) : 0;
+    if (changed > 0 && WIFSTOPPED(what)) {
+      // Stopped, it would leave its last force on the arm.
+      stopped_ = kill(process_, SIGCONT) == 0;
+    } else if (changed != 0) {
+      process_ = -1;
+    }
     return process_ > 0;
   }
+  /// True once after somebody has stopped it; lives() has let it go on.
+  [[nodiscard]] bool wasStopped() noexcept { return std::exchange(stopped_, false); }
   /// Waits for its end, and ends it after `patience` [s]; one that the kernel does not end is left.
   void end(double patience) {
     constexpr double kKernel = 1.0;  // [s]
@@ -145,6 +154,7 @@ class Child {
 
  private:
   pid_t process_ = -1;
+  bool stopped_ = false;
 };
 
 std::vector<std::string> linesOf(const std::string& text) {
@@ -399,10 +409,14 @@ class ProcessPort final : public PluginPort {
       (void)poll(&waits, 1, kLook);
       std::optional<PluginMessage> message;
       bool ended = takeOne(life_->control.get(), message) == Took::kEnd || !life_->child->lives();
+      if (life_->child->wasStopped()) tell("its process was stopped: it goes on");
       if (message && message->kind == PluginMessage::kSay) {
         tell(message->text());
         // No faster than anybody reads.
-        std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+        constexpr int kReads = 5;  // looks
+        for (int i = 0; i < kReads && life_->child->lives(); ++i) {
+          std::this_thread::sleep_for(std::chrono::milliseconds(kLook));
+        }
       }
       if (const std::uint64_t seen = life_->link->heart; seen != heart) {
         heart = seen;

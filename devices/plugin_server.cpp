@@ -74,6 +74,8 @@ void PluginServer::give(std::int64_t now) noexcept {
     const palpate_plugin_force none{sizeof(palpate_plugin_force), 0, {}, {}};
     device_.carry(stopped ? 0.0 : order_.carry);
     news_.wrote = device_.write(stopped ? none : order_.force);
+    // An order that no gate can have let through is not lateness.
+    if (!sound) news_.wrote = -1;
     news_.written = order_.number;
     news_.given = stopped ? 0.0 : device_.given();
     drives_ = !stopped && !zero;

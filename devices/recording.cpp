@@ -122,7 +122,7 @@ std::string chunkOf(ChunkMark mark, std::span<const std::byte> records) {
   FIELD(parts, report.parts, "", true)                  \
   FIELD(left_out, report.left_out, "", true)            \
   FIELD(buttons, input.hand.handle.buttons, "", false)   \
-  FIELD(fresh, input.hand.fresh, "", false)             \
+  FIELD(fresh, report.fresh, "", false)                 \
   FIELD(ready, input.hand.ready, "", false)             \
   FIELD(reported, input.hand.fault, "", false)          \
   FIELD(too_fast, input.hand.too_fast, "", false)       \

@@ -65,7 +65,7 @@ struct RecordedTick {
   std::int32_t parts;                       ///< That were near.
   std::int32_t left_out;                    ///< That were near and had no room.
   std::uint32_t buttons;                    ///< Handle::buttons.
-  std::uint8_t fresh;                       ///< HandState::fresh.
+  std::uint8_t fresh;                       ///< StepReport::fresh.
   std::uint8_t ready;                       ///< HandState::ready.
   std::uint8_t reported;                    ///< HandState::fault.
   std::uint8_t too_fast;                    ///< HandState::too_fast.

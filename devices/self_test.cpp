@@ -117,7 +117,11 @@ Vec3 SelfTest::next(const HandState& hand, double now, const Vec3& sent) noexcep
   ++ticks_;
   velocity_ += (1.0 - std::exp(-dt / kSmooth)) * ((hand.position - before_) / dt - velocity_);
   before_ = hand.position;
-  if (hand.fresh) {
+  // The age is measured a little after `now`.
+  constexpr double kApart = 1e-4;  // [s]
+  const double read_at = now - hand.age;
+  if (positions_ == 0 || read_at > read_at_ + kApart) {
+    read_at_ = read_at;
     ++positions_;
     slowest_ = std::max(slowest_, now - fresh_at_);
     fresh_at_ = now;

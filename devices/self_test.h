@@ -77,7 +77,7 @@ class SelfTest {
  public:
   explicit SelfTest(const SelfTestParams& params = {});  ///< Allocates what next() fills.
 
-  /// The force wanted; zero when it is done. `hand`: position, and whether it is fresh; `now` [s],
+  /// The force wanted; zero when it is done. `hand`: position and its age; `now` [s],
   /// ascending; `sent`: what limitForce let through after the call before [N]; when it acted the
   /// fit finds.
   [[nodiscard]] Vec3 next(const HandState& hand, double now, const Vec3& sent) noexcept;
@@ -152,6 +152,7 @@ class SelfTest {
   Vec3 sum_ = Vec3::Zero();
   double sum2_ = 0.0;
   std::int64_t rest_ = 0;
+  double read_at_ = 0.0;
   double fresh_at_ = 0.0;
   double slowest_ = 0.0;
   std::int64_t positions_ = 0;

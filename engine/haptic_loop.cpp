@@ -40,10 +40,15 @@ void require(const DeviceInfo& info, bool good, const char* what, double value,
   throw DeviceError(info.name, std::string(what) + " is " + std::to_string(value), remedy);
 }
 
-/// True where the device repeats the last tick's position, even if it calls it fresh: its age has
-/// grown by the time `dt` since then. The age of a new position only varies.
-bool isOlder(const HandState& hand, const HandState& before, double dt) noexcept {
-  return hand.age - before.age > 0.5 * dt && hand.position == before.position;
+/// What was wrong in a tick: kLate only if nothing else was.
+Fault worstOf(const TickInput& in) noexcept {
+  Fault worst = Fault::kNone;
+  for (const Fault one : {in.wrong, in.order, in.unsent, in.hand.fault}) {
+    if (worst == Fault::kNone || worst == Fault::kLate) {
+      worst = one != Fault::kNone ? one : worst;
+    }
+  }
+  return worst;
 }
 
 bool noLess(double x) noexcept {
@@ -115,27 +120,44 @@ void HapticLoop::publish(std::shared_ptr<const Scene> scene) noexcept {
   scenes_.draft().reset();
 }
 
-Fault HapticLoop::ordered() const noexcept {
-  const auto more = [](const std::atomic<std::uint32_t>* count, std::uint32_t seen) {
-    return count != nullptr && count->load(std::memory_order_relaxed) != seen;
+double LoopWatch::patience() const noexcept {
+  const bool soon = punctual != nullptr && punctual->load(std::memory_order_relaxed);
+  return soon ? kUnguardedTime : kUnguardedUsual;
+}
+
+void HapticLoop::reengageAfter(double seconds) {
+  constexpr double kLongest = 60.0;
+  require(device_.info(), noLess(seconds) && seconds <= kLongest, "the time to reengage", seconds,
+          "give 0 to 60 s");
+  reengagement_ = Reengagement(seconds);
+}
+
+Fault HapticLoop::ordered() noexcept {
+  const auto count = [](const std::atomic<std::uint32_t>* of, std::uint32_t seen) {
+    return of != nullptr ? of->load(std::memory_order_relaxed) : seen;
   };
-  if (stop_.load(std::memory_order_relaxed) || more(watch_by_.stops, stops_seen_)) {
+  if (stop_.load(std::memory_order_relaxed) || count(watch_by_.stops, stops_seen_) != stops_seen_) {
     return Fault::kStopped;
   }
-  return more(watch_by_.cuts, cuts_seen_) ? Fault::kLate : Fault::kNone;
+  const std::uint32_t cuts = count(watch_by_.cuts, cuts_seen_);
+  return std::exchange(cuts_seen_, cuts) != cuts ? Fault::kLate : Fault::kNone;
 }
 
 Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   if (const Fault order = ordered(); order != Fault::kNone) return order;
+  if (time.late > late_) {
+    // What held the loop up may have held up its guardian as well.
+    guard_.since = time.now;
+    return Fault::kLate;
+  }
   if (heartbeat_ > 0.0 &&
       beat_.still(beats_.load(std::memory_order_relaxed), time.now) > heartbeat_) {
     return Fault::kHeartbeat;
   }
-  if (watch_by_.guard != nullptr &&
-      guard_.still(watch_by_.guard->load(std::memory_order_relaxed), time.now) > kUnguardedTime) {
+  if (watch_by_.guard != nullptr && guard_.still(watch_by_.guard->load(std::memory_order_relaxed),
+                                                 time.now) > watch_by_.patience()) {
     return Fault::kUnguarded;
   }
-  if (time.late > late_) return Fault::kLate;
   const Scene* scene = scenes_.current().get();
   if (scene != nullptr && dataLost(scene->graph)) return Fault::kVolume;
   // A recorded path may jump: it moves no arm that could hurt a hand.
@@ -143,13 +165,14 @@ Fault HapticLoop::whatIsWrong(HandState& hand, const TickTime& time) noexcept {
   Fault wrong = watch_.look(hand, time.now);
   // Homing may put the arm anywhere: after a tick without force a jump is a new beginning.
   if (wrong == Fault::kJump && !hand_.mayPull()) {
+    jumped_ = true;
     watch_.forget();
     wrong = watch_.look(hand, time.now);
   }
   return hand.ready ? wrong : hand.fault;
 }
 
-Fault HapticLoop::withheld(double took, const TickTime& time) const noexcept {
+Fault HapticLoop::withheld(double took, const TickTime& time) noexcept {
   // After a tick that hung, in a device, a user's mode or a stopped process, others have taken the
   // force off meanwhile.
   if (!device_.info().hand) return Fault::kNone;
@@ -161,7 +184,9 @@ void HapticLoop::tick(const TickTime& time) noexcept {
   scenes_.refresh();
   const Scene* scene = scenes_.current().get();
   TickInput& in = told_.input;
-  const HandState before = in.hand;
+  Fault wrong = worstOf(in);
+  if (deaf_) wrong = Fault::kWrite;
+  if (std::exchange(jumped_, false)) wrong = Fault::kJump;
   in = {};
   in.dt = time.dt;
   if (clock_ != nullptr) {
@@ -175,11 +200,14 @@ void HapticLoop::tick(const TickTime& time) noexcept {
     deaf_ = false;
     in.cleared = true;
   }
+  if (reengagement_.look(hand_.state().fault(), wrong, time.now)) {
+    watch_.forget();
+    in.cleared = true;
+  }
 
   const auto begin = std::chrono::steady_clock::now();
   HandState& hand = in.hand;
   hand = device_.read();
-  hand.fresh = hand.fresh && !isOlder(hand, before, time.dt);
   deaf_ = deaf_ || hand.fault == Fault::kWrite || hand.fault == Fault::kGone ||
           hand.fault == Fault::kMiscounted;
   in.wrong = whatIsWrong(hand, time);

@@ -37,13 +37,18 @@ struct LoopWatch {
   const std::atomic<std::uint32_t>* stops = nullptr;  ///< Counts stop orders: each cuts the force
                                                       ///< as HapticLoop::cut.
   const std::atomic<std::uint64_t>* guard = nullptr;  ///< Counts while the guardian looks: where it
-                                                      ///< stands still for kUnguardedTime the force
+                                                      ///< stands still for patience() the force
                                                       ///< is cut.
   const std::atomic<std::uint32_t>* cuts = nullptr;   ///< Counts how often the guardian has cut the
                                                       ///< force: the loop was late.
+  const std::atomic<bool>* punctual = nullptr;  ///< The guardian runs with real-time priority.
+
+  /// Longest pause of the guardian [s].
+  [[nodiscard]] double patience() const noexcept;
 };
 
-inline constexpr double kUnguardedTime = 0.25;  ///< Longest pause of the guardian [s].
+inline constexpr double kUnguardedTime = 0.05;   ///< LoopWatch::patience if punctual [s],
+inline constexpr double kUnguardedUsual = 0.25;  ///< else [s].
 
 /// A counter, and since when it has stood still.
 struct Pulse {
@@ -114,6 +119,10 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
   /// Nobody: they stand at 0.
   void playBy(const PlayClock* clock) noexcept { clock_ = clock; }
 
+  /// Before the first tick: how long after the last late tick the force returns by itself [s], 0
+  /// (never) to 60. Throws DeviceError for another number.
+  void reengageAfter(double seconds);
+
   /// Before the first tick: the hands elsewhere that this one feels. It must outlive the loop.
   void linkBy(HandLinks* links) noexcept { links_ = links; }
 
@@ -134,9 +143,9 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
  private:
   [[nodiscard]] Fault whatIsWrong(HandState& hand, const TickTime& time) noexcept;
   /// Why a force is not sent whose tick took so long [s].
-  [[nodiscard]] Fault withheld(double took, const TickTime& time) const noexcept;
-  /// kStopped where somebody ordered a stop, kLate where the guardian has cut, else kNone.
-  [[nodiscard]] Fault ordered() const noexcept;
+  [[nodiscard]] Fault withheld(double took, const TickTime& time) noexcept;
+  /// kStopped where somebody ordered a stop, kLate (once) where the guardian has cut, else kNone.
+  [[nodiscard]] Fault ordered() noexcept;
   void send(const Vec3& force, bool timed, TickInput& in) noexcept;
 
   Device& device_;
@@ -158,11 +167,13 @@ class HapticLoop {  // NOLINT(clang-analyzer-optin.performance.Padding)
 
   HandWatch watch_;
   HandTick hand_;
+  Reengagement reengagement_{0.0};
   std::unique_ptr<Rehearsal> rehearsal_;  ///< Null: ticks are not rehearsed.
   Telemetry told_;
   std::uint32_t stops_seen_ = 0;  ///< The count of LoopWatch::stops that is taken back.
-  std::uint32_t cuts_seen_ = 0;   ///< The count of LoopWatch::cuts that is taken back.
+  std::uint32_t cuts_seen_ = 0;   ///< The count of LoopWatch::cuts that was followed.
   bool deaf_ = false;             ///< The device takes no writes: it is left to the guardian.
+  bool jumped_ = false;           ///< The position jumped while no force went out.
 
   Pulse beat_;
   Pulse guard_;

@@ -36,6 +36,7 @@ HapticThread::HapticThread(Device& device, const LoopParams& params, TickSink* s
       loop_(device, checked(params), sink, params.heartbeat, params.watch) {
   loop_.playBy(params.clock);
   loop_.linkBy(params.links);
+  loop_.reengageAfter(params.reengage);
   try {
     thread_ = std::thread([this] { run(); });
   } catch (const std::system_error& e) {

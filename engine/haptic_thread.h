@@ -27,6 +27,7 @@ struct LoopParams {
   LoopWatch watch;                   ///< Words shared with a guardian (devices/guardian.h).
   const PlayClock* clock = nullptr;  ///< As HapticLoop::playBy.
   HandLinks* links = nullptr;        ///< As HapticLoop::linkBy.
+  double reengage = 0.0;             ///< As HapticLoop::reengageAfter [s].
 };
 
 /// Renders scenes on one device, in a thread of its own, until destroyed. The smallest use:

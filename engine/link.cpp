@@ -112,7 +112,8 @@ Vec3 Link::pull(const Vec3& proxy, const HandState& hand, double part, double dt
   silence_ += dt;
   const bool there = newest_ != 0 && silence_ < kLinkSilence;
   presence_ = std::clamp(presence_ + (there ? dt : -dt) / kLinkRamp, 0.0, 1.0);
-  if (known_ && !hand.fresh) return force_;
+  const bool fresh = readings_.look(hand);
+  if (known_ && !fresh) return force_;
 
   const bool first = !std::exchange(known_, true);
   const Vec3 way = first ? Vec3::Zero() : Vec3(hand.position - last_);

@@ -134,6 +134,7 @@ class Link {
       0.0;  ///< What the whole spring holds [J]: there is no use for more from elsewhere.
   double presence_ = 0.0;
   double paid_ = 1.0;
+  NewReadings readings_;
   bool known_ = false;         ///< There is a last position.
   Vec3 last_ = Vec3::Zero();   ///< The last position [m].
   double span_ = 0.0;          ///< Time since then [s].

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 namespace palpate {
 
@@ -95,11 +96,37 @@ double StillFade::pass(double force, double still, double friction, double dt) n
   return left_;
 }
 
-Vec3 DataFade::pass(const Vec3& wanted, double step, double dt) noexcept {
+bool Reengagement::look(Fault latched, Fault wrong, double now) noexcept {
+  // The tick that comes late has not been found late yet.
+  const bool paused = now - std::exchange(last_, now) > kPause;
+  others_ = paused || (others_ && latched != Fault::kNone);
+  if (latched == Fault::kNone || wrong != Fault::kNone) good_since_ = now;
+  const auto late = [](Fault f) { return f == Fault::kLate || f == Fault::kNone; };
+  others_ = others_ || !late(latched) || !late(wrong);
+  if (!(after_ > 0.0) || others_ || now - good_since_ < after_) return false;
+  if (now - returned_[next_] < kWithin) return false;
+  returned_[next_] = now;
+  next_ = (next_ + 1) % kMost;
+  return true;
+}
+
+bool NewReadings::look(const HandState& hand) noexcept {
+  const bool again = known_ && hand.position == position_ && hand.age > age_;
+  known_ = true;
+  position_ = hand.position;
+  age_ = hand.age;
+  return !again;
+}
+
+Vec3 DataFade::pass(const Vec3& wanted, double step, const Vec3& eased, double dt) noexcept {
   if (known_ && (wanted - wanted_).squaredNorm() > step * step) left_ = kEnd;
   left_ = dt > 0.0 ? left_ - dt : 0.0;
-  const double held = left_ > 0.0 ? std::exp(-dt * kEnd / (kBegin * left_)) : 0.0;
-  out_ = held > 0.0 ? Vec3(wanted + held * (out_ - wanted)) : wanted;
+  const Vec3 held = out_ - wanted;
+  const double most = held.norm();
+  const double share = left_ > 0.0 ? std::exp(-dt * kEnd / (kBegin * left_)) : 0.0;
+  const double follows = most > 0.0 ? std::max(0.0, eased.dot(held)) / most : 0.0;
+  const double keeps = std::min(share * most, most - follows);
+  out_ = keeps > 0.0 ? Vec3(wanted + (keeps / most) * held) : wanted;
   wanted_ = wanted;
   known_ = true;
   return out_;

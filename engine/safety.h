@@ -3,6 +3,7 @@
 /// again, by an engagement (limit_force.h).
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
@@ -48,10 +49,9 @@ inline constexpr std::size_t kFaults = 16;  ///< Number of values of Fault, kNon
 /// One reading of the hand.
 struct HandState {
   Vec3 position = Vec3::Zero();  ///< The probe in W [m].
-  double age = 0.0;    ///< Age of `position` [s]: an arm that is slower than the loop gives
-                       ///< the same position again, older.
-  bool fresh = true;   ///< The position was read since the last HandState. Whatever is
-                       ///< counted by paths and times (the energy tank) relies on this.
+  double age = 0.0;    ///< Time since `position` was read [s]: an arm that is slower than the loop
+                       ///< gives the same position again, older. Whatever is counted by paths and
+                       ///< times (the energy tank) relies on this: see NewReadings.
   bool ready = true;   ///< The arm is homed, and its dead-man switch held, where it has them. Else
                        ///< no force goes out, and an engagement begins when it is ready.
   double still = 0.0;  ///< How long its counters have stood still, to the last count [s]; 0 where
@@ -65,6 +65,21 @@ struct HandState {
   Vec3 velocity = Vec3::Zero();  ///< Velocity of the hand [m/s].
   bool too_fast = false;         ///< The hand is faster than `max_speed` and to be braked.
   double max_speed = 0.0;        ///< WatchLimits::max_speed [m/s].
+};
+
+/// Tells new readings from repeated ones: a repeated position has the same bits and a greater age.
+/// A new reading of the same bits that happens to be older than the last one counts as repeated:
+/// then the hand rests, and the next one counts for the whole time.
+class NewReadings {
+ public:
+  /// True if the position was read since the last call, or this is the first call. RT: no
+  /// allocation.
+  [[nodiscard]] bool look(const HandState& hand) noexcept PALPATE_NONBLOCKING;
+
+ private:
+  bool known_ = false;
+  Vec3 position_ = Vec3::Zero();
+  double age_ = 0.0;
 };
 
 /// What a hand may do. The defaults are safe for any desktop arm.
@@ -107,6 +122,35 @@ class HandWatch {
   double fast_since_ = -1.0;  ///< Since when the hand is too fast [s]; below 0: it is not.
 };
 
+/// Returns the force after a cut whose only cause was late ticks, as on a loaded machine. Any other
+/// fault stays latched until the application clears it, and so does a pause of more than kPause: a
+/// program that was stopped, or a machine that slept.
+class Reengagement {
+ public:
+  /// @param after  Time without a late tick before the force returns [s]; 0: it never returns.
+  explicit Reengagement(double after) noexcept : after_(after) { returned_.fill(-kWithin); }
+
+  /// Returns true if the loop shall clear the fault now; an engagement then ramps the force up.
+  ///
+  /// @param latched  The latched fault; kNone: the force is not cut.
+  /// @param wrong    Fault condition since the last call: kLate only if there was no other.
+  /// @param now      Time [s], of any clock that does not go back, >= 0.
+  /// RT: no allocation.
+  [[nodiscard]] bool look(Fault latched, Fault wrong, double now) noexcept PALPATE_NONBLOCKING;
+
+  static constexpr std::size_t kMost = 3;  ///< Most returns
+  static constexpr double kWithin = 60.0;  ///< within this time [s].
+  static constexpr double kPause = 0.5;    ///< [s]
+
+ private:
+  double after_;
+  double last_ = 0.0;  ///< Time of the last call [s].
+  double good_since_ = 0.0;
+  bool others_ = false;                   ///< Another fault condition occurred since the cut.
+  std::array<double, kMost> returned_{};  ///< Times of the last returns [s].
+  std::size_t next_ = 0;
+};
+
 /// Takes the force off an arm that does not move under the force. Firmware that sends its last
 /// counters again and again would keep whatever force was right when it stopped to read them.
 ///
@@ -140,16 +184,20 @@ class StillFade {
 ///
 /// From such a step on the force follows what is wanted, by df/dt = (wanted - f) / (kBegin (1 -
 /// t/kEnd)): never more than what was wanted since, nor otherwise directed, and after kEnd all of
-/// it.
+/// it. The part held back, h = f - wanted, also falls by k for each metre that the hand moves along
+/// it, as the coupling spring's force does. So it does at most |h|^2 / (2 k) of work on the hand,
+/// the energy that the spring held.
 class DataFade {
  public:
   /// The force that is let out [N].
   ///
   /// @param wanted  The spring's force in this tick [N].
   /// @param step    A step by more than this is the data's [N]; infinite: they have not changed.
+  /// @param eased   k times the hand's displacement since the last tick [N].
   /// @param dt      Time since the last tick [s]; without time nothing is held back.
   /// RT: no allocation.
-  [[nodiscard]] Vec3 pass(const Vec3& wanted, double step, double dt) noexcept PALPATE_NONBLOCKING;
+  [[nodiscard]] Vec3 pass(const Vec3& wanted, double step, const Vec3& eased,
+                          double dt) noexcept PALPATE_NONBLOCKING;
   /// To be called where no force goes out, or another one.
   void forget() noexcept { *this = {}; }
 

@@ -98,10 +98,12 @@ StepReport hapticStep(const Scene& scene, Reader& reader, const HandState& hand,
       const Vec3 spring = couplingForce({k, scene.coupling.damping}, offset, rate);
       assert(report.primitives > 0 || spring.isZero(0.0));  // without primitives no force
       // What the hand's own motion can do, and what the limiter lets grow, is none of the data's.
-      const double own = state.gate_.limits.slew * dt + 2.0 * k * (last - before).norm();
+      const Vec3 eased = k * (last - before);
+      const double own = state.gate_.limits.slew * dt + 2.0 * eased.norm();
       constexpr double kAll = std::numeric_limits<double>::infinity();
-      const Vec3 felt = state.gate_.data.pass(spring, changed ? own : kAll, dt);
-      report.wanted = hand.drives * (felt + state.pull_);
+      const Vec3 driven = hand.drives * spring;
+      report.wanted = state.gate_.data.pass(driven, changed ? own : kAll, eased, dt) +
+                      hand.drives * state.pull_;
       const Transfer& stiffness = scene.graph.stiffness;
       if (!stiffness.factors.empty()) {
         state.stiffness_ =
@@ -132,9 +134,10 @@ void ProxyState::gateOut(const HandState& hand, bool good, double dt, StepReport
   }
   // Energy cannot be counted by a position that is no hand's, or not yet that of a homed arm.
   if (!good || !hand.ready) limiter.tank.forget();
+  report.fresh = gate_.readings.look(hand);
   // limitForce is the last gate: nothing after it changes the force.
   const LimitedForce out =
-      limitForce(report.wanted, hand.position, dt, gate_.limits, limiter, hand.fresh);
+      limitForce(report.wanted, hand.position, dt, gate_.limits, limiter, report.fresh);
   if (!out.finite) {
     cut(Fault::kNotFinite);
     report.status = StepStatus::kFault;

@@ -106,6 +106,7 @@ class ProxyState {
 
     ForceLimits limits;
     LimiterState limiter;
+    NewReadings readings;
     StillFade still;
     DataFade data;
     Fault fault = Fault::kNone;

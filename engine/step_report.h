@@ -64,6 +64,7 @@ struct StepReport {
   SolverKind solver = SolverKind::kClosedForm;  ///< The solver's method in the last sub-step.
   StepStatus status = StepStatus::kConverged;   ///< The worst of what happened in the tick.
   bool limited = false;                         ///< limitForce changed the force.
+  bool fresh = true;    ///< The hand's position was read since the last tick (NewReadings).
   double moving = 1.0;  ///< Share of the force that StillFade leaves, since the arm does not move.
   double share = 1.0;   ///< Share of the force that the energy tank can pay for (passivity.h).
   double energy = 0.0;  ///< Energy in the tank [J].

@@ -449,7 +449,7 @@ class GuardianSays {
     if (of(watch_.stops) != stops_) return Fault::kStopped;
     if (of(watch_.cuts) != cuts_) return Fault::kLate;
     const bool still =
-        watch_.guard != nullptr && guard_.still(watch_.guard->load(), now) > kUnguardedTime;
+        watch_.guard != nullptr && guard_.still(watch_.guard->load(), now) > watch_.patience();
     return still ? Fault::kUnguarded : Fault::kNone;
   }
 

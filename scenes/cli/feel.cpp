@@ -234,6 +234,10 @@ void checkOptions(const FeelOptions& options) {
   if (options.watch && !options.realtime) {
     throw Error("--watch", "virtual time is over before a file changes", "add --realtime");
   }
+  if (options.reengage && !options.realtime) {
+    throw Error("--reengage", "in virtual time no tick is late",
+                options.window ? "leave it out" : "add --realtime");
+  }
   if (options.igtl.empty() && options.igtl_rate != kIgtlRate) {
     throw Error("--igtl-rate", "nobody is listened for", "add --igtl 18944");
   }
@@ -533,6 +537,13 @@ void addSite(CLI::App& verb, FeelOptions& options) {
                 "With --site: take no edits of the scene from others, and tell them of none");
 }
 
+void addReengage(CLI::App& verb, FeelOptions& options) {
+  verb.add_option("--reengage", options.reengage,
+                  "After a cut because ticks came late: the force returns after so many seconds "
+                  "without a late one, at most three times a minute; 0: never (default 2)")
+      ->check(CLI::Range(0.0, 60.0));
+}
+
 void addIgtl(CLI::App& verb, FeelOptions& options) {
   verb.add_option("--igtl", options.igtl,
                   "[ADDRESS:]PORT: show the hand to 3D Slicer by OpenIGTLink (usually 18944), and "
@@ -565,6 +576,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
                    "goes)");
   verb->add_flag("--realtime", options->realtime,
                  "On time, in a thread of its own with real-time priority (rate 500 to 20000)");
+  addReengage(*verb, *options);
   addSite(*verb, *options);
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");
@@ -582,7 +594,7 @@ void addFeel(CLI::App& app, std::function<int()>& body) {
   verb->add_flag("-v,--verbose", options->verbose, "Say as well how the coupling's room is known");
   verb->add_flag("--json", options->json, "Print the summary as JSON");
   verb->footer(
-      "Exit status: 4 where nothing was felt, 1 where the force was cut\n\n"
+      "Exit status: 4 where nothing was felt, 1 where the force was cut at its end\n\n"
       "Example:\n  palpate feel head.json --seconds 10 --trace trace.csv --summary "
       "summary.json --picture felt.png");
   verb->callback([=, &body] { body = [=] { return feel(*options); }; });
@@ -606,6 +618,7 @@ void addView(CLI::App& app, std::function<int()>& body) {
   verb->add_option("--seconds", options->seconds,
                    "How long (default: until the window is closed; with --picture 10)");
   verb->add_option("--rate", options->rate, "Ticks a second (default 1000)");
+  addReengage(*verb, *options);
   addSite(*verb, *options);
   verb->add_flag("--passive", options->passive,
                  "Let no energy out that the hand has not put in (docs/passivity.md)");

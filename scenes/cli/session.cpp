@@ -2,12 +2,14 @@
 
 #include <algorithm>
 #include <chrono>
+#include <system_error>
 #include <thread>
 
 #include <fmt/format.h>
 
 #include "palpate/engine/hand_tick.h"
 #include "palpate/engine/haptic_thread.h"
+#include "palpate/scenes/cli/bare_loop.h"
 #include "palpate/scenes/cli/keys.h"
 #include "palpate/scenes/cli/watcher.h"
 
@@ -22,6 +24,7 @@ class OnTime {
     LoopParams params;
     params.rate = run.options.rate;
     params.clock = &clock;
+    params.reengage = run.options.reengage.value_or(kReengage);
     if (run.sites != nullptr && number == 0) params.links = run.sites->links();
     if (run.window != nullptr && number == 0) params.realtime.core = loopsCore();
     const ZeroForce zero = hand_.device->zeroForce();
@@ -43,8 +46,8 @@ class OnTime {
     const Telemetry& now = thread_->latest();
     shown_ = {now.probe, now.report.proxy, now.report.force, now.fault, now.tick > 0};
     if (now.fault != told_ && now.fault != Fault::kNone) {
-      complain(fmt::format("{}: the force is cut: {}: {}", name_, wordsFor(now.fault),
-                           remedyFor(now.fault)));
+      complain(fmt::format("{}: the force is cut: {}: {}{}", name_, wordsFor(now.fault),
+                           remedyFor(now.fault), now.fault == Fault::kLate ? returns() : ""));
     }
     if (now.fault == Fault::kNone && told_ != Fault::kNone)
       complain(name_ + ": the force is on again");
@@ -99,6 +102,18 @@ class OnTime {
   }
 
  private:
+  static constexpr double kReengage = 2.0;  // [s]
+
+  /// When the force returns by itself.
+  [[nodiscard]] std::string returns() const {
+    const double after = run_.options.reengage.value_or(kReengage);
+    if (!(after > 0.0)) return "";
+    return fmt::format(
+        "; if nothing else is wrong it returns {} s after the last late tick, at "
+        "most {} times a minute",
+        after, Reengagement::kMost);
+  }
+
   const Run& run_;
   Hand& hand_;
   std::string name_;
@@ -171,6 +186,23 @@ class Obeyed {
  private:
   IgtlServer* server_;
 };
+
+/// A hand that the engine cuts where a tick comes late.
+bool canBeLate(const Device* device) {
+  constexpr double kAnyTime = 1.0;  // [s]
+  return device->info().hand && device->info().watch.late < kAnyTime;
+}
+
+/// Says what of the ticks' lateness is the machine's own.
+void tellOfMachine(const std::optional<BareLoop::Seen>& seen) {
+  if (!seen || seen->late == 0) return;
+  complain(fmt::format(
+      "feel: this machine woke a thread that does nothing up to {:.1f} ms late, {} times more than "
+      "{:.0f} ms: the force will be cut now and then: end other programs, or give palpate "
+      "real-time "
+      "priority and a core of its own (docs/loop.md)",
+      1e3 * seen->worst, seen->late, 1e3 * WatchLimits{}.late));
+}
 
 /// Shows clients where hands are, and takes what they send.
 void serve(IgtlServer& server, const std::vector<std::unique_ptr<OnTime>>& hands, Watcher& watcher,
@@ -400,12 +432,22 @@ void runOnTime(Run& run, Guardian& guardian) {
   constexpr auto kLook = std::chrono::milliseconds(10);
   constexpr int kWatch = 25;  // looks
   std::chrono::steady_clock::time_point next_image;
+  constexpr double kMeasured = 5.0;  // [s]
+  std::optional<BareLoop> bare;
+  if (std::any_of(devices.begin(), devices.end(), canBeLate)) {
+    try {
+      bare.emplace(kMeasured, RealtimeRequest{}.priority - 1);
+    } catch (const std::system_error&) {
+      bare.reset();  // the hand feels without this measurement
+    }
+  }
   bool feeling = true;
   for (int looks = 0; feeling && interrupted == 0; ++looks) {
     std::this_thread::sleep_for(kLook);
     feeling = false;
     for (const auto& hand : hands) feeling = hand->look() || feeling;
     if (run.sites != nullptr) run.sites->tellNews();
+    if (bare) tellOfMachine(bare->take());
     if (run.window != nullptr) {
       const Asked asked = run.window->look(threads);
       if (asked.closed || run.window->lost()) break;

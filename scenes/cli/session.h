@@ -44,6 +44,7 @@ struct FeelOptions {
   std::optional<double> seconds;
   double rate = 1000.0;
   bool realtime = false;
+  std::optional<double> reengage;  ///< LoopParams::reengage; none: the program's own.
   bool watch = false;
   bool passive = false;
   double refill = 0.0;

@@ -348,7 +348,6 @@ class TroubledDevice final : public Device {
     const auto now_and_then = [&](int each) { return random_.integer(each) == 0; };
     if (now_and_then(3)) {
       hand.position = last_;
-      hand.fresh = false;
       hand.age = 1e-3;
     }
     last_ = hand.position;

@@ -268,7 +268,7 @@ TEST_CASE("positions that come too rarely, and pauses that are too long, are sai
     SelfTest self(params);
     HandState hand;
     for (int i = 0; i < 30000 && !self.done(); ++i) {
-      hand.fresh = i % every == 0;
+      hand.age = 1e-3 * (i % every);
       (void)self.next(hand, 1e-3 * i, Vec3::Zero());
     }
     std::string all;
@@ -285,7 +285,7 @@ TEST_CASE("new positions are counted, and their pauses", "[hid]") {
   SelfTest self;
   HandState hand;
   for (int i = 0; i < 400; ++i) {
-    hand.fresh = i % 4 == 0;
+    hand.age = 1e-3 * (i % 4);
     (void)self.next(hand, 1e-3 * i, Vec3::Zero());
   }
   const SelfTestResult result = self.result();

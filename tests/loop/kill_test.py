@@ -201,19 +201,36 @@ class KillTable(unittest.TestCase):
         victim.close()
 
     def ends_without_force(self, victim, seconds):
-        """Zero at last, and in the last half of the time."""
+        """Zero at last, and in the last half of the time. Returns how long there was a force [s]."""
         start = time.time()
         victim.listen(seconds)
         late = [f for t, f in victim.seen if t > start + seconds / 2]
         self.assertEqual(victim.seen[-1][1], 0.0)
         self.assertEqual(max(late, default=0.0), 0.0)
+        return max((t for t, f in victim.seen if f != 0.0), default=start) - start
+
+    def unguarded(self, victim):
+        """How long a force may last without a guardian [s]."""
+        return 0.2 if os.sched_getscheduler(victim.guardian) == os.SCHED_FIFO else 0.45
 
     def test_a_guardian_that_is_gone_is_noticed(self):
         victim = Victim("nothing")
         try:
             victim.press()
+            limit = self.unguarded(victim)
             os.kill(victim.guardian, signal.SIGKILL)
-            self.ends_without_force(victim, 2.0)
+            self.assertLess(self.ends_without_force(victim, 2.0), limit)
+            self.assertIsNone(victim.program.poll())
+        finally:
+            victim.close()
+
+    def test_a_guardian_that_is_stopped_is_noticed(self):
+        victim = Victim("nothing")
+        try:
+            victim.press()
+            limit = self.unguarded(victim)
+            os.kill(victim.guardian, signal.SIGSTOP)
+            self.assertLess(self.ends_without_force(victim, 1.0), limit)
             self.assertIsNone(victim.program.poll())
         finally:
             victim.close()

@@ -71,6 +71,8 @@ struct End {
   double lowest = 0.0;  ///< Of the tank.
   std::uint64_t lives = 1;
   double next = 0.0;               ///< When it speaks.
+  Vec3 read = Vec3::Zero();        ///< Its hand's position as it was read,
+  double read_at = 0.0;            ///< and when.
   Mat3 drives = Mat3::Identity();  ///< Where its motors push.
 };
 
@@ -87,9 +89,13 @@ struct Session {
         heard[i] = ways[i].begin()->second.proxy;
         ways[i].erase(ways[i].begin());
       }
+      if (ticks % reads == 0) {
+        end.read = end.hand.position;
+        end.read_at = now;
+      }
       HandState hand;
-      hand.position = end.hand.position;
-      hand.fresh = ticks % reads == 0;
+      hand.position = end.read;
+      hand.age = now - end.read_at;
       hand.drives = end.drives;
       if (random.uniform() < rests) {
         // A fault, or no hand: nothing is sent.

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -38,10 +39,12 @@ struct Rig {
   TickTime time;
 
   std::atomic<std::uint64_t> guard{0};
+  std::atomic<bool> punctual{true};
   bool guarded = true;
 
   explicit Rig(double heartbeat = 0.0)
-      : loop(device, 1.0 / kDt, nullptr, heartbeat, {nullptr, nullptr, &guard}) {}
+      : loop(device, 1.0 / kDt, nullptr, heartbeat,
+             {nullptr, nullptr, &guard, nullptr, &punctual}) {}
 
   const Telemetry& tick(double late = 0.0) {
     time.dt = kDt + late;
@@ -303,6 +306,107 @@ TEST_CASE("a volume that is there no more cuts the force, until it is there and 
   rig.tick();
   CHECK(rig.loop.latest().fault == Fault::kNone);
   CHECK(rig.device.sent == Vec3::Zero());
+}
+
+TEST_CASE("a force that was cut for lateness alone returns by itself, three times a minute",
+          "[loop][safety][fault]") {
+  const FieldPtr ball = ballField();
+  constexpr double kAfter = 2.0;  // [s]
+  const auto pressed = [&](Rig& rig, double after) {
+    if (after > 0.0) rig.loop.reengageAfter(after);
+    rig.device.hand.position = kOut;
+    rig.loop.publish(ballScene(ball));
+    rig.run(1.0);
+    REQUIRE(rig.go(kPressed, 0.2).report.force.norm() > 1.0);
+  };
+  const auto late = [](Rig& rig) { CHECK(rig.tick(0.01).fault == Fault::kLate); };
+  {
+    Rig rig;
+    pressed(rig, kAfter);
+    late(rig);
+    CHECK(rig.run(1.5).fault == Fault::kLate);
+    late(rig);  // time begins anew
+    CHECK(rig.run(1.9).fault == Fault::kLate);
+    CHECK(rig.device.sent == Vec3::Zero());
+    CHECK(rig.run(0.2).fault == Fault::kNone);
+    // As after clear(): the proxy begins at the hand, which feels the ball when it comes again.
+    CHECK(rig.device.sent == Vec3::Zero());
+    rig.go(kOut, 0.1);
+    CHECK(rig.go(kPressed, 2.0).report.force.norm() > 1.0);
+    // Twice more, then not until the first return is a minute ago.
+    for (int i = 0; i < 2; ++i) {
+      late(rig);
+      CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
+    }
+    late(rig);
+    CHECK(rig.run(kAfter + 0.1).fault == Fault::kLate);
+    CHECK(rig.run(Reengagement::kWithin).fault == Fault::kNone);
+  }
+  {
+    Rig rig;  // by default it does not
+    pressed(rig, 0.0);
+    late(rig);
+    CHECK(rig.run(10.0).fault == Fault::kLate);
+  }
+  {
+    Rig rig;  // a program that was stopped for a while
+    pressed(rig, kAfter);
+    CHECK(rig.tick(0.6).fault == Fault::kLate);
+    CHECK(rig.run(10.0).fault == Fault::kLate);
+    rig.loop.clear();
+    CHECK(rig.run(1.0).fault == Fault::kNone);
+    late(rig);
+    CHECK(rig.run(kAfter + 0.1).fault == Fault::kNone);
+  }
+  // Other causes stay, also such as come while the force is off, or as are over.
+  const std::vector<std::function<void(Rig&)>> others{[](Rig& rig) { rig.loop.cut(); },
+                                                      [](Rig& rig) {
+                                                        rig.device.hand.fault = Fault::kTemperature;
+                                                        rig.tick();
+                                                        rig.device.hand.fault = Fault::kNone;
+                                                      },
+                                                      [](Rig& rig) {
+                                                        rig.device.hand.position.x() += 0.02;
+                                                        rig.tick();
+                                                        rig.device.hand.position = kPressed;
+                                                      },
+                                                      [](Rig& rig) {
+                                                        rig.guarded = false;
+                                                        rig.run(kUnguardedTime + 0.01);
+                                                        rig.guarded = true;
+                                                      }};
+  for (const auto& other : others) {
+    for (const bool both : {true, false}) {
+      Rig rig;
+      pressed(rig, kAfter);
+      if (both) late(rig);
+      other(rig);
+      CHECK(rig.run(kAfter + 3.0).fault != Fault::kNone);
+      CHECK(rig.device.sent == Vec3::Zero());
+      rig.loop.clear();
+      CHECK(rig.run(kAfter).fault == Fault::kNone);
+    }
+  }
+  // A guardian's cut is lateness too.
+  TestDevice device;
+  std::atomic<std::uint32_t> cuts{0};
+  HapticLoop loop(device, 1000.0, nullptr, 0.0, {nullptr, nullptr, nullptr, &cuts});
+  loop.reengageAfter(kAfter);
+  TickTime time;
+  const auto run = [&](double seconds) {
+    for (int i = 0; i < static_cast<int>(seconds / kDt); ++i) {
+      time.now += kDt;
+      loop.tick(time);
+    }
+    return loop.latest().fault;
+  };
+  CHECK(run(0.1) == Fault::kNone);
+  ++cuts;
+  CHECK(run(1.9) == Fault::kLate);
+  CHECK(run(0.2) == Fault::kNone);
+  for (const double bad : {-1.0, 61.0, std::nan("")}) {
+    CHECK_THROWS_AS(loop.reengageAfter(bad), DeviceError);
+  }
 }
 
 TEST_CASE("orders are taken back as they were when somebody took them back", "[loop][safety]") {
@@ -608,9 +712,8 @@ TEST_CASE("a switch that closes between two positions lets no energy out", "[loo
   int tick = 0;
   const auto go = [&](int ticks, auto speed) {
     for (int end = tick + ticks; tick < end; ++tick) {
-      device.hand.fresh = tick % kEvery == 0;
       device.hand.age = kDt * (tick % kEvery);
-      if (device.hand.fresh) device.hand.position = hand;
+      if (tick % kEvery == 0) device.hand.position = hand;
       time.now += kDt;
       loop.tick(time);
       const Vec3 v = speed(device.sent);
@@ -729,8 +832,7 @@ TEST_CASE("while an arm is not ready its speed is watched, and jumps are not", "
 }
 
 TEST_CASE("a repeated position that grows older does not count as fresh", "[loop][safety]") {
-  // The driver of a 125 Hz arm fills in `age` but not `fresh`. Its switch closes between two
-  // positions of a sweep.
+  // An arm of 125 Hz. Its switch closes between two positions of a sweep.
   Windy arm;
   constexpr int kEvery = 8;
   int tick = 0;
@@ -739,7 +841,7 @@ TEST_CASE("a repeated position that grows older does not count as fresh", "[loop
       if (tick % kEvery == 0) arm.device.hand.position = Vec3(arm.x, 0.0, 0.0);
       arm.device.hand.age = kDt * (tick % kEvery);
       arm.tick(speed);
-      CHECK(arm.loop->latest().input.hand.fresh == (tick % kEvery == 0));
+      CHECK(arm.loop->latest().report.fresh == (tick % kEvery == 0));
     }
   };
   arm.device.hand.ready = false;

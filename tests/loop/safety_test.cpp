@@ -147,23 +147,23 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
   constexpr double kStep = 2.0;   // [N] a tick
   constexpr double kStand = std::numeric_limits<double>::infinity();
   // Where a hand lets go itself, and by less than may be, at once.
-  CHECK(fade.pass(pull, kStand, kTick) == pull);
-  CHECK(fade.pass(none, kStand, kTick) == none);
-  CHECK(fade.pass(0.5 * pull, kStep, kTick) == 0.5 * pull);
-  CHECK(fade.pass(none, kStep, kTick) == none);
+  CHECK(fade.pass(pull, kStand, none, kTick) == pull);
+  CHECK(fade.pass(none, kStand, none, kTick) == none);
+  CHECK(fade.pass(0.5 * pull, kStep, none, kTick) == 0.5 * pull);
+  CHECK(fade.pass(none, kStep, none, kTick) == none);
   // A surface that vanishes: from what was, at any rate to the same in the same time, to nothing.
   for (const double tick : {1e-3, 2.5e-4}) {
-    (void)fade.pass(pull, kStand, tick);
+    (void)fade.pass(pull, kStand, none, tick);
     double last = 3.0;
     double most = 0.0;
     for (double t = tick; t < 0.05 + 0.5 * tick; t += tick) {
-      const double out = fade.pass(none, kStep, tick).y();
+      const double out = fade.pass(none, kStep, none, tick).y();
       most = std::max(most, last - out);
       last = out;
     }
     CHECK(last == Approx(3.0 * std::pow(0.5, 5.0)).margin(0.02));
     CHECK(most < 0.06 * 3.0 * tick / 1e-3);
-    for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, tick).y();
+    for (double t = 0.0; t < 0.05 + tick; t += tick) last = fade.pass(none, kStep, none, tick).y();
     CHECK(last == 0.0);
   }
   // However it comes and goes: between what was wanted, and never otherwise directed.
@@ -173,19 +173,57 @@ TEST_CASE("what data do to a force at once is let out little by little", "[safet
     const double up = i % 2000 < 1000 ? 3.0 : 0.7;
     wanted += wanted > 5.0 ? -5.0 * random.uniform() : up * random.uniform();
     wanted = std::max(wanted, 0.0);
-    const double out = fade.pass({0.0, wanted, 0.0}, kStep, kTick).y();
+    const double out = fade.pass({0.0, wanted, 0.0}, kStep, none, kTick).y();
     REQUIRE(out >= 0.0);
     REQUIRE(out <= 8.0);
   }
   // Forgotten, without time, and with what is no number.
-  (void)fade.pass(pull, kStand, kTick);
+  (void)fade.pass(pull, kStand, none, kTick);
   fade.forget();
-  CHECK(fade.pass(none, kStep, kTick) == none);
-  (void)fade.pass(pull, kStand, kTick);
-  CHECK(fade.pass(none, kStep, 0.0) == none);
-  (void)fade.pass(Vec3::Constant(std::nan("")), kStep, kTick);
+  CHECK(fade.pass(none, kStep, none, kTick) == none);
+  (void)fade.pass(pull, kStand, none, kTick);
+  CHECK(fade.pass(none, kStep, none, 0.0) == none);
+  (void)fade.pass(Vec3::Constant(std::nan("")), kStep, none, kTick);
   fade.forget();
-  CHECK(fade.pass(pull, kStep, kTick) == pull);
+  CHECK(fade.pass(pull, kStep, none, kTick) == pull);
+}
+
+TEST_CASE("a surface that is gone does no more work than the spring could", "[safety]") {
+  constexpr double kTick = 1e-3;        // [s]
+  constexpr double kStiffness = 500.0;  // [N/m]
+  const Vec3 none = Vec3::Zero();
+  const Vec3 pull(0.0, 5.0, 0.0);
+  const double spring = pull.squaredNorm() / (2.0 * kStiffness);  // 25 mJ
+  // A hand that goes with the force, at a speed of its own or as a mass that the force drives.
+  for (const double mass : {0.0, 0.02, 0.2, 2.0}) {
+    for (double speed : {0.0, 0.1, 0.5, 2.0}) {
+      if (mass == 0.0 && speed == 0.0) continue;
+      CAPTURE(mass, speed);
+      DataFade fade;
+      (void)fade.pass(pull, 1e9, none, kTick);
+      double work = 0.0;
+      double step = 0.0;
+      Vec3 way = none;
+      for (int i = 0; i < 200; ++i) {
+        const Vec3 out = fade.pass(none, 1.0, kStiffness * way, kTick);
+        REQUIRE(out.y() >= 0.0);
+        if (mass > 0.0) speed += out.y() / mass * kTick;
+        way = Vec3(0.0, speed * kTick, 0.0);
+        work += out.dot(way);
+        step = std::max(step, way.y());
+      }
+      // A sampled force lags the way by a tick.
+      CHECK(work <= spring + 0.5 * pull.y() * step);
+    }
+  }
+  // Against the force and across it the hand takes nothing off it.
+  DataFade with;
+  DataFade without;
+  for (DataFade* fade : {&with, &without}) (void)fade->pass(pull, 1e9, none, kTick);
+  for (int i = 0; i < 50; ++i) {
+    const Vec3 out = with.pass(none, 1.0, {3.0, -1.0, 2.0}, kTick);
+    CHECK(out == without.pass(none, 1.0, none, kTick));
+  }
 }
 
 }  // namespace palpate::safety_test

@@ -400,11 +400,16 @@ std::vector<Take> takes() {
       take("stiffness-varies", inRoom(100, 15), makeScene(varying, formulas(), {300.0, 1.0})));
   Take uneven = skin("uneven-ticks", ballGrid(14.0), 3.0, 100, 18.0, 0.3);
   uneven.limits = {5.0, 2000.0};
-  uneven.event = [](Moment& now) {
+  uneven.event = [last = Vec3(Vec3::Zero())](Moment& now) mutable {
     constexpr std::array kSpans{1e-3, 0.7e-3, 1.4e-3, 1e-3, 0.0, 3e-3};
     now.in.dt = kSpans[static_cast<std::size_t>(now.tick % 6)];
     now.in.hand.ready = now.tick % 500 < 450;
-    now.in.hand.fresh = now.tick % 3 != 1;
+    // Each third position is the last one again.
+    if (now.tick % 3 == 1) {
+      now.in.hand.position = last;
+      now.in.hand.age = 1e-3;
+    }
+    last = now.in.hand.position;
     now.in.hand.too_fast = now.tick % 400 > 380;
     now.in.hand.velocity = Vec3(0.5, 0.2, 0.0);
     now.in.hand.max_speed = 0.3;

@@ -159,6 +159,26 @@ class Kill(unittest.TestCase):
         print(f"{name:8} no force after {1e3 * took:6.2f} ms", flush=True)
         self.assertLessEqual(took, LIMIT + SLICE)
 
+    def test_a_plugins_process_that_is_stopped_goes_on(self):
+        with self.pressed("good") as (arm, program, ours):
+            (process,) = ours
+            for _ in range(5):
+                os.kill(process, signal.SIGSTOP)
+                read_at = time.monotonic()
+                reads, longest, end = arm.reads, 0.0, read_at + 0.3
+                while time.monotonic() < end:
+                    if arm.reads != reads:
+                        longest = max(longest, time.monotonic() - read_at)
+                        reads, read_at = arm.reads, time.monotonic()
+                    time.sleep(0.0005)
+                longest = max(longest, time.monotonic() - read_at)
+                print(f"SIGSTOP of the plug-in's process: nothing is read for {1e3 * longest:.1f} ms",
+                      flush=True)
+                self.assertLessEqual(longest, 0.05 + SLICE)
+            os.kill(program.pid, signal.SIGTERM)
+            self.assertIn(b"its process was stopped: it goes on",
+                          program.communicate(timeout=20)[1])
+
     def test_a_program_dies_while_its_plugin_hangs(self):
         took = self.blow("SIGKILL", "stuck")
         print(f"SIGKILL while write hangs: no force after {1e3 * took:6.2f} ms", flush=True)

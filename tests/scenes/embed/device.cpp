@@ -8,7 +8,8 @@
 
 // What stands for a driver: an arm that comes down to 38 mm above the ball's centre, 10 mm/s.
 struct Driver {
-  bool counts(int out[3]) {
+  bool counts(int out[3], double& age) {
+    age = 0.0;
     out[0] = out[1] = 0;
     out[2] = std::max(4200 - ticks_++, 3800);
     return true;
@@ -36,7 +37,7 @@ class MyArm final : public palpate::Device {
   palpate::HandState read() noexcept override {
     palpate::HandState hand;
     int counts[3] = {0, 0, 0};
-    if (!driver_.counts(counts)) hand.fault = palpate::Fault::kGone;
+    if (!driver_.counts(counts, hand.age)) hand.fault = palpate::Fault::kGone;
     hand.position = palpate::Vec3(counts[0], counts[1], counts[2]) * 1e-5;  // 10 um a count
     return hand;
   }
