@@ -48,8 +48,9 @@ if cmake -S "$hosts/host_c" -B "$place/no_c" -DCMAKE_PREFIX_PATH="$place/usr" >"
 fi
 grep -q "install the package palpate" "$place/log"
 
-# As a folder: it builds what it links and nothing else. What that is, is not compiled once more here.
-configure host folder "$3" -DPALPATE="$2"
+# As a folder a host builds only the libraries that it links. This lists their sources, one by one, and
+# compiles none.
+configure host folder "$3" -DPALPATE="$2" -DPALPATE_TOGETHER=1
 grep -q "CMAKE_BUILD_TYPE:STRING=$" "$place/folder/CMakeCache.txt"
 sources=$(ninja -C "$place/folder" -t commands all | grep -o -- ' -c [^ ]*' | sed "s| -c $2/||")
 echo "$sources" | wc -l
