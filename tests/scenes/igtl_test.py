@@ -268,11 +268,19 @@ class IgtlTest(unittest.TestCase):
 
     def test_what_is_sent_is_what_was_felt(self):
         trace = self.folder / "trace.csv"
-        run = self.start("--trace", trace, device="simulated")
+        # The machine may be late: then the force is cut, and returns.
+        run = self.start("--trace", trace, "--reengage", "0.1", device="simulated")
         client = self.connect(run)
         told = []
         begin = time.monotonic()
+
+        def pressed():
+            return sum(any(map(float, got.split())) for _, name, got in told if name == "PalpateForce")
+
         while time.monotonic() < begin + 2:
+            told.append(client.next())
+        shown = sum(name == "PalpateHand" for _, name, _ in told)
+        while pressed() <= 5 and time.monotonic() < begin + 10:
             told.append(client.next())
         summary = run.end()
         with open(trace, encoding="utf-8") as file:
@@ -280,9 +288,9 @@ class IgtlTest(unittest.TestCase):
         hands = [got for kind, name, got in told if name == "PalpateHand"]
         proxies = [got for kind, name, got in told if name == "PalpateProxy"]
         forces = [got for kind, name, got in told if name == "PalpateForce"]
-        self.assertEqual(summary["faults"], {})
-        self.assertGreater(sum(any(map(float, force.split())) for force in forces), 5)
-        self.assertTrue(20 <= len(hands) <= 66, len(hands))  # 30 a second, on a busy machine less
+        self.assertLessEqual(set(summary["faults"]), {"late"})
+        self.assertGreater(pressed(), 5)
+        self.assertTrue(20 <= shown <= 66, shown)  # 30 a second, on a busy machine less
         ticks = {}
         for row in rows:
             probe = in_file(*(float(row["probe_" + a]) for a in "xyz"))
