@@ -294,7 +294,10 @@ void Guardian::guard(int socket) noexcept {
   for (;;) {
     constexpr int kLook = 5;  // [ms]
     shared_->pulse.fetch_add(1, std::memory_order_relaxed);
-    while (waitpid(-1, nullptr, WNOHANG) > 0) continue;
+    // The number of a process that is gone may become another's.
+    for (pid_t gone = 0; (gone = waitpid(-1, nullptr, WNOHANG)) > 0;) {
+      std::replace(watchers.begin(), watchers.end(), gone, pid_t{0});
+    }
     pollfd waits{socket, POLLIN, 0};
     if (poll(&waits, 1, kLook) <= 0) continue;
     Order order;

@@ -213,27 +213,22 @@ class KillTable(unittest.TestCase):
         """How long a force may last without a guardian [s]."""
         return 0.2 if os.sched_getscheduler(victim.guardian) == os.SCHED_FIFO else 0.45
 
-    def test_a_guardian_that_is_gone_is_noticed(self):
+    def notices(self, blow, seconds):
         victim = Victim("nothing")
         try:
             victim.press()
             limit = self.unguarded(victim)
-            os.kill(victim.guardian, signal.SIGKILL)
-            self.assertLess(self.ends_without_force(victim, 2.0), limit)
+            os.kill(victim.guardian, blow)
+            self.assertLess(self.ends_without_force(victim, seconds), limit)
             self.assertIsNone(victim.program.poll())
         finally:
             victim.close()
 
+    def test_a_guardian_that_is_gone_is_noticed(self):
+        self.notices(signal.SIGKILL, 2.0)
+
     def test_a_guardian_that_is_stopped_is_noticed(self):
-        victim = Victim("nothing")
-        try:
-            victim.press()
-            limit = self.unguarded(victim)
-            os.kill(victim.guardian, signal.SIGSTOP)
-            self.assertLess(self.ends_without_force(victim, 1.0), limit)
-            self.assertIsNone(victim.program.poll())
-        finally:
-            victim.close()
+        self.notices(signal.SIGSTOP, 1.0)
 
     def test_a_guardian_that_is_stopped_still_watches(self):
         victim = Victim("nothing")
